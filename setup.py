@@ -1,6 +1,7 @@
-"""Makes wheels: of pure Python or, with TCA_COMPILED=1, with central's core as machine code, too.
+"""Build wheels: of pure Python or, with TCA_COMPILED=1, with central's core compiled to machine
+code.
 
-That takes mypy (mypyc) and a C compiler, and is never needed: the same core, about three times as
+Compiling needs mypy (mypyc) and a C compiler. It is optional: the same core, about three times as
 fast.
 """
 
@@ -10,12 +11,14 @@ from pathlib import Path
 from setuptools import setup
 
 PURE = {"__init__", "__main__", "events", "loading"}
-"""Modules that stay Python: msgspec makes the classes of events itself."""
+"""Modules that stay Python: msgspec creates the classes of events itself."""
 
 
 def core() -> list[str]:
-    """The files of central without its shell and the images of its state, which look at all classes
-    from outside.
+    """Return the files of central that are compiled.
+
+    Its shell stays Python, and so do the images of its state, which inspect all classes from
+    outside.
     """
     files = sorted(Path("tca_central").rglob("*.py"))
     return [

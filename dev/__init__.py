@@ -1,1 +1,1 @@
-"""For developers only: benchmarks, attacks with random bytes, scripts. No wheel has this."""
+"""For developers only: benchmarks, fuzzing, invariants, scripts. No wheel contains this."""

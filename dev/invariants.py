@@ -1,8 +1,9 @@
-"""Invariants of central between two events: the Z schemas of the TCA paper and our own bookkeeping.
+"""Invariants of central between two events: the Z schemas of the TCA paper, and our own
+bookkeeping.
 
-Costs a walk over everything. The schemas are those of the paper's section "Design and Analysis
-Tools"; where the scan contradicts itself (a child's constraints inside its parent's) we take what
-TCA did: children inherit.
+A check walks over everything. The schemas are from the paper's section "Design and Analysis Tools".
+The scan contradicts itself on a child's constraints inside its parent's; like TCA, this lets
+children inherit.
 """
 
 from collections import Counter, defaultdict
@@ -42,10 +43,19 @@ def check_invariants(central: State) -> None:
         _check_suspension(central, task)
         _check_state(task)
     for check in (
-        _check_watches, _check_resources, _check_stranded, _check_claims_of_tasks, _check_what_lies_ahead,
-        _check_connections, _check_waits, _check_variables, _check_kept, _check_routes, _check_budget,
+        _check_watches,
+        _check_resources,
+        _check_stranded,
+        _check_claims_of_tasks,
+        _check_what_lies_ahead,
+        _check_connections,
+        _check_waits,
+        _check_variables,
+        _check_kept,
+        _check_routes,
+        _check_budget,
         _check_observers,
-    ):  # fmt: skip
+    ):
         check(central)
 
 
@@ -54,17 +64,15 @@ def _is_alive(central: State, task: Task | Delivery) -> bool:
 
 
 def _check_waits(central: State) -> None:
-    """Check that blocked connections have open requests, and that a coroutine's waits are
-    complete.
-    """
+    """Check that blocked connections have open requests, and a coroutine's waits are complete."""
     connections = central.registry.connections.values()
     assert {one for one in connections if one.waits} == set(central.blocked), (
-        "who blocks is not who waits"
+        "blocked connections differ from waiting ones"
     )
     for connection in central.blocked:
         for number, wait in connection.waits.items():
             assert number in connection.outstanding, (
-                f"{connection.session} blocks for {number}, which is answered"
+                f"{connection.session} blocks for the answered request {number}"
             )
             others = {connection.waits.get(other) for other in wait.together}
             assert others <= {wait}, (
@@ -73,7 +81,7 @@ def _check_waits(central: State) -> None:
 
 
 def _check_watches(central: State) -> None:
-    """Exactly those monitors are known that watch, or are still to."""
+    """Check that exactly the monitors that watch, or will watch, are registered."""
     watches = (task.watch for task in central.tree.tasks.values() if task.watch is not None)
     assert central.watches == {
         watch.task.id: watch for watch in watches if not (watch.is_over or watch.task.killed)
@@ -81,15 +89,16 @@ def _check_watches(central: State) -> None:
 
 
 def _check_state(task: Task) -> None:
-    """A living task is in a state of its life cycle that is no end, and is accepted only where a
-    handler had it.
+    """Check the state of a living task.
+
+    It is in the life cycle and not final. It is accepted only if a handler has had the task.
     """
     cycle = task.message.life_cycle
     asked, newest = (
         (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
     )
     assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
-    assert not cycle.is_over(task.state), f"{task}: it lives, and is {task.state}"
+    assert not cycle.is_over(task.state), f"{task}: it is alive, and {task.state}"
     assert task.serial or task.state == cycle.initial, (
         f"{task}: it is {task.state}, and has never changed"
     )
@@ -102,35 +111,33 @@ def _check_state(task: Task) -> None:
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
     is_failing = task.retrying or (task.recovery is not None and task.recovery.handler is not None)
     is_asked = task.slot is not None or task.killed or is_failing
-    assert not asked or is_asked, f"{task}: nobody is asked for what clients want"
+    assert not asked or is_asked, f"{task}: requests of clients without a handler"
 
 
 def _check_observers(central: State) -> None:
-    """Observers are those who wait for answers, and those of one task are of a living one."""
+    """Check that observers wait for answers, and those of one task are of a living task."""
     observers, connections = central.observers, central.registry.connections.values()
     found = [one for group in observers.groups.values() for one in group]
     due = [one for connection in connections for one in connection.outstanding.values()]
     assert {one for one in due if isinstance(one, Observation)} == set(found), (
-        "who observes is not who waits"
+        "observers differ from waiting requests"
     )
     assert observers.count == len(found), "the number of observers"
     named = [number for one in found if (number := one.task_id or one.below)]
-    assert all(number in central.tree.tasks for number in named), (
-        "somebody observes a task that has ended"
-    )
+    assert all(number in central.tree.tasks for number in named), "an observed task has ended"
 
 
 def _check_constraints(central: State) -> None:
-    """Tasks are held by what the followers' lists and the timers say, counted anew."""
+    """Count the holds of tasks again, from the followers' lists and the timers."""
     tree = central.tree
     held: dict[int, Counter[int]] = defaultdict(Counter)
     leaders: dict[int, set[tuple[int, int, int]]] = defaultdict(set)
     for task in tree.tasks.values():
         for moment, follower, its_moment, _ in task.followers or ():
             is_known = follower.parent is task.parent or task in tree.across
-            assert is_known, f"{task}: nobody knows that {follower}, no sibling, waits for it"
+            assert is_known, f"{task}: an unregistered follower outside its siblings: {follower}"
             assert not task.reached & moment, (
-                f"{task}: {follower} still waits for a moment that is past"
+                f"{task}: {follower} still waits for a moment that is reached"
             )
             held[follower.id][its_moment] += 1
             leaders[follower.id].add((its_moment, task.id, moment))
@@ -150,13 +157,14 @@ def _check_constraints(central: State) -> None:
     )
     for number in tree.never_began:
         assert number in central.memory.outcomes or tree.tasks[number].killed, (
-            f"task {number} is no killed one"
+            f"task {number} was not killed"
         )
 
 
 def _check_place(central: State, task: Task) -> None:
-    """Task tree schema: every node but the root has one parent, which is a node or the root; the
-    root is no node.
+    """Check the task tree schema.
+
+    Every node but the root has one parent, which is a node or the root; the root is not a node.
     """
     parent, children = task.parent, (task.children or {}).values()
     assert task.id != ROOT, "the root is among the tasks"
@@ -164,7 +172,7 @@ def _check_place(central: State, task: Task) -> None:
     assert _is_alive(central, parent), f"{task}: its parent is not in the tree"
     assert (parent.children or {}).get(task.id) is task, f"{task}: its parent does not know it"
     assert task.depth == parent.depth + 1, f"{task}: {task.depth} deep"
-    assert task.message.message_class.is_task, f"{task}: queries and informs are no tasks"
+    assert task.message.message_class.is_task, f"{task}: queries and informs are not tasks"
     assert (task.recovery.foreign_monitors if task.recovery else 0) == sum(
         child.is_foreign_monitor for child in children
     ), f"{task}: foreign_monitors"
@@ -173,9 +181,7 @@ def _check_place(central: State, task: Task) -> None:
 
 
 def _check_family(task: Task) -> None:
-    """Starts and ends are nested: a child starts after its parent and ends before it. Killed ones
-    just end.
-    """
+    """Check that a child starts after its parent and ends before it. Killed tasks just end."""
     parent = task.parent
     assert parent is not None
     assert task.reached != ALL_MOMENTS, f"{task}: has ended and is still here"
@@ -189,8 +195,9 @@ def _check_family(task: Task) -> None:
 
 
 def _check_order(task: Task) -> None:
-    """Node schema: a command is held until it may be achieved; a goal is handled as soon as it may
-    be planned.
+    """Check the node schema.
+
+    A command is held until it may be achieved; a goal is handled as soon as it may be planned.
     """
     for moment, needed in RULES[task.message.is_goal].order:
         assert not task.reached & moment or task.reached & needed == needed, (
@@ -204,14 +211,13 @@ def _check_order(task: Task) -> None:
         together = bool(task.reached & START_PLANNING) == bool(task.reached & START_ACHIEVING)
         assert together, f"{task}: its planning did not start with its achieving"
     for moment in held_counts(task):
-        is_past = (
-            task.reached & moment and moment != START_HANDLING
-        )  # that comes again when it is handled anew
-        assert task.killed or not is_past, f"{task}: moment {moment} is past, and still held"
+        # START_HANDLING comes again in a retry.
+        is_past = task.reached & moment and moment != START_HANDLING
+        assert task.killed or not is_past, f"{task}: moment {moment} is reached, and still held"
 
 
 def _check_delivery(central: State, task: Task) -> None:
-    """A task is in one place: held by constraints, in a queue, with a handler, or returned."""
+    """Check that a task is held by constraints, queued, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
     is_attended = task.handling_id in central.dispatcher.running
@@ -237,7 +243,7 @@ def _check_delivery(central: State, task: Task) -> None:
             or task.queues is not None
             or is_held(task, START_HANDLING)
         )
-        assert is_decided, f"{task}: nobody handles it"
+        assert is_decided, f"{task}: no handler has it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
@@ -246,7 +252,7 @@ def _check_delivery(central: State, task: Task) -> None:
         task.ignores_parent or parent.reached & moment for moment in starts
     )
     assert may_start == task.requested == (task.queues is not None), (
-        f"{task}: may start, and nobody was asked"
+        f"{task}: may start, but is not requested"
     )
 
 
@@ -258,18 +264,18 @@ def _check_suspension(central: State, task: Task) -> None:
 
 
 def _check_stranded(central: State) -> None:
-    """No exception handler waits until somebody handles it, but while a module is leaving."""
+    """Check that no exception handler waits for a handler, unless a module is leaving."""
     modules = central.registry.modules.values()
     if all(module.handlers for module in modules if module.has_slots):
         for message in central.registry.messages.values():
             waits = [one for one in message.waiting.values() if one.role is Role.EXCEPTION]
             assert not waits, (
-                f"{waits}: nobody handles '{message.name}', and the search does not go on"
+                f"{waits}: no handler of '{message.name}', and the search does not continue"
             )
 
 
 def _check_claims_of_tasks(central: State) -> None:
-    """Claims end with what they were made for."""
+    """Check that claims end with their task or message."""
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
         is_there = holder.handling_id in central.dispatcher.running or _is_alive(central, holder)
@@ -279,11 +285,11 @@ def _check_claims_of_tasks(central: State) -> None:
 
 
 def _check_resources(central: State) -> None:
-    """A resource is never over its capacity, and nothing waits while a slot is free."""
+    """Check that no resource is over its capacity, and nothing waits while a slot is free."""
     attending: Counter[ModuleResource] = Counter()
     slots = set()
     for delivery in central.dispatcher.running.values():
-        assert delivery.slot is not None, f"delivery {delivery.id}: attended by nobody"
+        assert delivery.slot is not None, f"delivery {delivery.id}: without a slot"
         assert delivery.slot.resource is not None
         if not delivery.nested:
             assert delivery.slot not in slots, (
@@ -305,7 +311,7 @@ def _check_resources(central: State) -> None:
         following = central.dispatcher.next_in(resource)
         is_message = isinstance(following, Delivery)
         assert following is None or (is_message and not resource.free), (
-            f"{name}: {following} waits, it could go on"
+            f"{name}: {following} waits, but could be delivered"
         )
         _check_ahead(resource, name)
         _check_limits(resource, name)
@@ -323,11 +329,10 @@ def _check_resources(central: State) -> None:
 
 
 def _check_ahead(resource: ModuleResource, name: str) -> None:
-    """What a slot has ahead waits for nothing else, in its order; the slot is busy, or gives it
-    back.
+    """Check prefetched messages: they are in order, wait for nothing else, and their slot is busy.
 
-    A message that has left a queue is not compared: a slot may give it back, and keep later ones
-    that it has begun.
+    A slot that is recalled is excepted. A message that has left a queue is not compared: a slot may
+    return it, and keep later messages that it has started.
     """
     line = [one for one in resource.in_line() if one in resource.prefetched or not one.ticket]
     assert (
@@ -344,8 +349,8 @@ def _check_ahead(resource: ModuleResource, name: str) -> None:
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
-    """While a resource is locked nobody is in it but who locked it; while it is reserved, only what
-    its owner sent.
+    """Check that a locked resource admits only the holder, a reserved one only its owner's
+    messages.
     """
     assert resource.is_locked or not resource.locked_out_questions, (
         f"{name}: is not locked, but slots of it wait for themselves"
@@ -355,20 +360,18 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
             f"{name}: claim {claim.id} is not known"
         )
         assert claim.slot.outstanding.get(claim.number) is claim, (
-            f"{name}: claim {claim.id} waits for nobody"
+            f"{name}: claim {claim.id} has no waiting request"
         )
     for copy in resource.copies:
-        assert copy.held_by is resource.held_by, f"{name}: its copies are held by different ones"
-        assert set(copy.claims) == set(resource.claims), (
-            f"{name}: its copies are wanted by different ones"
-        )
+        assert copy.held_by is resource.held_by, f"{name}: its copies have different holders"
+        assert set(copy.claims) == set(resource.claims), f"{name}: its copies have different claims"
     if (held_by := resource.held_by) is None:
         return
     assert central.claims.get((held_by.slot, held_by.number)) is held_by, (
-        f"{name}: held by what is not known"
+        f"{name}: held by an unknown claim"
     )
     assert central.registry.connections.get(held_by.slot.id) is held_by.slot, (
-        f"{name}: held by who has gone"
+        f"{name}: its holder is disconnected"
     )
     for delivery in central.dispatcher.running.values():
         if (
@@ -383,9 +386,7 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
 
 
 def _check_what_lies_ahead(central: State) -> None:
-    """Whatever waits for a time or a point is about a living task, which knows it: it goes when
-    that task ends.
-    """
+    """Check that every wait for a time or a point belongs to a living task, which knows it."""
     timers = set(central.clock.pending())
     for task in (central.tree.root, *central.tree.tasks.values()):
         for what, waits_for in task.plans.pending.items() if task.plans is not None else ():
@@ -397,7 +398,7 @@ def _check_what_lies_ahead(central: State) -> None:
         for waiter in task.waiters or ():
             if isinstance(waiter, PendingKill):
                 assert Plans.of(waiter.task).pending[waiter] is task, (
-                    f"{task}: a kill waits for it that nobody knows"
+                    f"{task}: an unregistered kill waits for it"
                 )
             if isinstance(waiter, Watch):
                 assert waiter.is_on, f"{task}: a monitor that is over waits for it"
@@ -418,13 +419,11 @@ def _check_handled_wait(wait: PresenceWait) -> None:
     assert all(wait in message.awaited_by for message in wait.messages), (
         "a wait is known to some of its messages"
     )
-    assert wait.connection.outstanding.get(wait.number) is wait, "a wait that nobody waits for"
+    assert wait.connection.outstanding.get(wait.number) is wait, "a wait without an open request"
 
 
 def _check_limits(resource: ModuleResource, name: str) -> None:
-    """Check that no more messages wait than their pending limit allows, and that it counts those
-    that do.
-    """
+    """Check that the pending limit counts the waiting messages, and is not exceeded."""
     for message, limit in resource.limits.items():
         queued = (delivery for delivery in resource.queued() if delivery not in resource.prefetched)
         waiting = {delivery for delivery in queued if delivery.message.name == message}
@@ -439,14 +438,12 @@ def _check_connections(central: State) -> None:
     known = {one for module in registry.modules.values() for one in module.connections.values()}
     assert known == set(registry.connections.values()), "connections without a module"
     assert all(registry.modules.get(one.module.incarnation) is one.module for one in known), (
-        "a module that has gone"
+        "a module that was removed"
     )
 
 
 def _check_kept(central: State) -> None:
-    """Check that records are of ended tasks that connected modules keep, under parents that
-    exist.
-    """
+    """Check that records are of ended tasks under existing parents, for connected modules."""
     tree, kept, modules = central.tree, central.memory.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
@@ -454,12 +451,14 @@ def _check_kept(central: State) -> None:
         is_there = parent is tree.root or (
             parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent
         )
-        assert is_there, f"record {record.id}: hangs under what is gone"
+        assert is_there, f"record {record.id}: its parent is removed"
         assert record.siblings.get(record.id) is record, (
             f"record {record.id}: its parent does not know it"
         )
-        assert record.keeping.by, f"record {record.id}: nobody keeps it"
-        assert record.keeping.by.keys() <= {*modules}, f"record {record.id}: kept by who is gone"
+        assert record.keeping.by, f"record {record.id}: no module retains it"
+        assert record.keeping.by.keys() <= {*modules}, (
+            f"record {record.id}: retained by a removed module"
+        )
     promises = [(module, number) for module in modules for number in module.keeps]
     for module, number in promises:
         assert module in Retention.of(kept.get(number) or tree.tasks[number]).by, (
@@ -474,40 +473,40 @@ def _check_kept(central: State) -> None:
 
 
 def _check_variables(central: State) -> None:
-    """Values belong to variables, and their size is known; of those that wait for a watcher only
-    the newest does.
-    """
+    """Check that values belong to variables, their size is known, and only the newest waits."""
     held = central.variables
     assert held.bytes == sum(len(value.body) for value in held.values.values()), (
         f"variables hold {held.bytes} bytes?"
     )
     for name in held.values:
         message = central.registry.messages[name]
-        assert message.message_class.keeps_value, f"'{name}' has a value and is no variable"
+        assert message.message_class.keeps_value, f"'{name}' has a value and is not a variable"
         assert not message.waiting, f"variable '{name}': waits for a handler"
         limits = {handler.resource.limits[name].most for handler in message.handlers}
         assert limits <= {1}, f"variable '{name}': older values may wait"
 
 
 def _check_routes(central: State) -> None:
-    """Check that those told of a message's route, or a slot's end, are connected, and that both
-    sides know it.
+    """Check that the senders told of a message's route, or a slot's end, are connected, and vice
+    versa.
     """
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
-        told = {one for one in connections if message in one.routes}
-        assert message.informed_senders.keys() == told, (
-            f"'{message.name}': its senders do not know its route, or are gone"
+        informed = {one for one in connections if message in one.routes}
+        assert message.informed_senders.keys() == informed, (
+            f"'{message.name}': its senders do not know its route, or are removed"
         )
     for slot in connections:
         watching = {one for one in connections if slot in one.watches}
-        assert slot.watchers.keys() == watching, "one who is gone watches a slot, or in vain"
-        assert slot.watches.keys() <= connections, "it watches a slot that is gone"
+        assert slot.watchers.keys() == watching, (
+            "a slot is watched by a removed connection, or by one that does not know it"
+        )
+        assert slot.watches.keys() <= connections, "it watches a removed slot"
 
 
 def _check_budget(central: State) -> None:
-    """What is counted as held is held."""
+    """Check that the counted bytes and objects are the real ones."""
     tasks, registry, running = (
         central.tree.tasks.values(),
         central.registry,

@@ -1,6 +1,6 @@
-"""A goal that expands into commands, done one after the other; and one that fails on the way.
+"""A goal expands into commands that are done one after the other. A second goal fails.
 
-Start ``tca central`` in one terminal and this in another; ``tca tree`` then draws what happened.
+Start ``tca central`` in one terminal and this file in another. ``tca tree`` then draws the tasks.
 """
 
 from tca_module import Command, Failure, Goal, Module, Task, TaskFailed

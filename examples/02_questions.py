@@ -1,4 +1,4 @@
-"""Queries: asked and answered at once, asked now and answered later, asked of everyone."""
+"""Queries: wait for one reply, collect replies later, or ask every module that handles a query."""
 
 from dataclasses import dataclass
 

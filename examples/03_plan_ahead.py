@@ -1,6 +1,4 @@
-"""Planning ahead: the next row is planned while this one is mown, and never more than one row
-ahead.
-"""
+"""Planning ahead: the planner plans one row ahead of the row that is being mown."""
 
 import time
 
@@ -27,7 +25,7 @@ def mow_row(task: Task, row: int) -> None:
 
 @wheels.handles(DRIVE)
 def drive(_: Task, row: int) -> None:
-    time.sleep(0.2)  # it takes a while
+    time.sleep(0.2)  # mowing takes a while
     diary.append(f"mow row {row}")
 
 

@@ -1,6 +1,4 @@
-"""Constraints between any two points: the kettle is on before the cups are laid, and tea waits for
-both.
-"""
+"""Constraints between points: the kettle is on before the table is laid, and tea waits for both."""
 
 from tca_module import Command, Goal, Module, Task, this
 

@@ -1,4 +1,4 @@
-"""A failure ends the top-level task, and says where it happened."""
+"""A failure without an exception handler ends the top-level task. The error names the cause."""
 
 from tca_module import Command, Failure, Goal, Module, Task, TaskFailed
 

@@ -1,5 +1,6 @@
-"""Your tests need no daemon: LocalCentral is the real core in their own process, with a clock that
-they step.
+"""Test without a daemon: a LocalCentral runs central's core in the test's own process.
+
+With ``stepped=True`` the test also advances the clock.
 """
 
 from tca_module import Command, Goal, Module, Outcome, Task, connect

@@ -1,7 +1,6 @@
-"""In every order in which things can happen: the arm never reaches for the cup while the base still
-drives.
+"""Explore all orders of events, to find one in which the arm grasps while the base drives.
 
-``tca explore examples/07_explore.py`` says the same.
+``tca explore examples/07_explore.py`` prints the same report.
 """
 
 from tca_module import Command, Goal
@@ -34,7 +33,7 @@ def fetching(title: str, *, in_sequence: bool) -> Scenario:
     @base.handles(DRIVE)
     @arm.handles(GRASP)
     def act(_: Task) -> None:
-        """Do nothing: only the time when the base and the arm are done matters."""
+        """Do nothing: only the order in which base and arm are done matters."""
 
     @user.does
     def want_a_cup(me: Script) -> None:

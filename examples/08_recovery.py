@@ -1,9 +1,7 @@
-"""A task that fails, and an exception handler, in a module of its own, that lets it try again more
-carefully.
+"""A task fails, and an exception handler in another module retries it with new data.
 
-::
+Output::
 
-    $ python examples/08_recovery.py
     lift to 0.2: hit a rock at 0.3
     lift to 0.4: clear
     done
@@ -13,7 +11,7 @@ from tca_module import Command, ExceptionHandler, Failure, Module, Task, connect
 from tca_module.testing import LocalCentral
 
 LIFT = Command("lift leg", float)
-COLLISION = Failure("terrain collision", float)  # at which height
+COLLISION = Failure("terrain collision", float)  # the height of the obstacle
 HIGHER = ExceptionHandler("lift it higher", float)
 
 legs = Module("legs")
@@ -32,7 +30,7 @@ def lift(_: Task, height: float) -> None:
 def higher(task: Task, rock: float) -> None:
     trouble = task.trouble
     if trouble.attempts > 2:
-        raise trouble.reissue()  # let somebody above decide
+        raise trouble.reissue()  # the search for an exception handler continues above
     trouble.failing.retry(LIFT, rock + 0.1)
 
 

@@ -1,8 +1,9 @@
-"""A check before each move and a cup collector, added to a robot whose modules know of neither.
+"""A wiretap and a monitor extend a robot without changes to its modules.
 
-::
+The wiretap adds a check before each move. The monitor fetches each cup that is seen.
 
-    $ python examples/09_monitors_and_taps.py
+Output::
+
     checked 0.2
     moved 0.2
     checked 0.4

@@ -1,7 +1,6 @@
-"""A goal for every cup seen, and for every cup a monitor that kills its goal when the cup is gone
-(Simmons 1990).
+"""One goal for each cup that is seen, with a monitor that kills the goal when the cup is gone.
 
-::
+After Simmons (1990). Output::
 
     fetch the blue cup
     fetch the red cup
@@ -36,7 +35,7 @@ def look(task: Task) -> None:
 
 @vision.handles(IS_GONE)
 def is_gone(_: Task, cup: str) -> bool:
-    return cup == "blue"  # somebody else picked it up
+    return cup == "blue"  # another person picked it up
 
 
 @robot.handles(FETCH)
@@ -48,7 +47,7 @@ def fetch(task: Task, cup: str) -> None:
 
 @robot.handles(GRASP, resource="arm")
 def grasp(task: Task, cup: str) -> None:
-    while cup == "blue" and not task.cancelled:  # it is not where it was
+    while cup == "blue" and not task.cancelled:  # search until the goal is killed
         time.sleep(0.01)
     print(f"the {cup} cup is gone: given up" if task.cancelled else f"fetched the {cup} cup")
     over.release()

@@ -1,14 +1,13 @@
-"""One recovery after the other: try again, higher each time; then another foothold; then a way
-round the rocks.
+"""Three recoveries in turn: lift the leg higher, try another foothold, then go round the rocks.
 
-`maximum=` says how often an exception handler is called for one task. After that, the next one
-above is called.
+``maximum=`` limits the calls of an exception handler for one task. After that, central calls the
+next exception handler above.
 """
 
 from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Task
 
 STEP, MOVE_LEG, TURN = Goal("take a step", int), Command("move leg", float), Command("turn")
-COLLISION = Failure("terrain collision", float)  # at which height
+COLLISION = Failure("terrain collision", float)  # the height of the leg
 RAISE_LEG, REPLAN = ExceptionHandler("raise the leg", float), ExceptionHandler("replan")
 GO_ROUND = ExceptionHandler("go round")
 
@@ -47,12 +46,13 @@ def replan(task: Task) -> None:
 @expert.handles(GO_ROUND)
 def go_round(task: Task) -> None:
     task.command(TURN)
-    task.trouble.resolved()  # the turn takes the place of the move; this counts when the turn has ended
+    # The turn replaces the move. The failure counts as resolved once the turn is done.
+    task.trouble.resolved()
 
 
 if __name__ == "__main__":
     with planner.running(), legs.running(), expert.running():
-        planner.on_failure(COLLISION, GO_ROUND, of=STEP)  # asked after REPLAN, which is newer
+        planner.on_failure(COLLISION, GO_ROUND, of=STEP)  # called after REPLAN: newer goes first
         planner.on_failure(COLLISION, RAISE_LEG, of=MOVE_LEG, maximum=2)
         planner.on_failure(COLLISION, REPLAN, of=STEP, maximum=1)
         print("the step is", planner.goal(STEP, 1).wait(timeout=10))

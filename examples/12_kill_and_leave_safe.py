@@ -1,5 +1,6 @@
-"""A task is killed from outside. Its running handler is told, not interrupted; what leaves the
-robot safe is done.
+"""Kill a running task and leave the robot safe.
+
+The kill cancels the running handler cooperatively. Then a termination message retracts the drill.
 """
 
 import threading
@@ -30,12 +31,12 @@ def run_drill(task: Task) -> None:
     drilling.set()
     while not task.cancelled:
         time.sleep(0.01)
-    print("told to stop, stopped")
+    print("drilling was cancelled")
 
 
-@drill.handles(
-    RETRACT
-)  # sent at once: it comes after the drilling because the drill handles one message at a time
+# RETRACT is sent at once. It waits for the end of the drilling, because the drill handles one
+# message at a time.
+@drill.handles(RETRACT)
 def retract(_: Task) -> None:
     print("retracted")
 
@@ -48,7 +49,7 @@ def drive_on(_: Task) -> None:
 if __name__ == "__main__":
     with planner.running(), drill.running(), wheels.running():
         digging = planner.goal(DIG)
-        going = planner.command(DRIVE_ON)  # when the digging is over, however it ends
+        going = planner.command(DRIVE_ON)  # starts when the digging ends, whatever its outcome
         drilling.wait(10)
         digging.kill("hit bedrock")
         going.wait(timeout=10)

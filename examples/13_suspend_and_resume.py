@@ -1,6 +1,4 @@
-"""A walk is suspended: the step that runs is finished, the next one keeps its place and starts when
-all goes on.
-"""
+"""Suspend and resume a walk: the running step finishes, the next step starts after the resume."""
 
 import threading
 import time
@@ -22,16 +20,16 @@ def walk(task: Task, steps: int) -> None:
 @legs.handles(STEP)
 def step(task: Task, number: int) -> None:
     stepping.set()
-    while number == 1 and not task.suspended:  # a step takes its time
+    while number == 1 and not task.suspended:  # the step takes until the suspension
         time.sleep(0.01)
-    print(f"step {number}{', suspended meanwhile' if task.suspended else ''}")
+    print(f"step {number}{', while suspended' if task.suspended else ''}")
 
 
 if __name__ == "__main__":
     with planner.running(), legs.running():
         walking = planner.goal(WALK, 3)
         stepping.wait(10)
-        walking.wait_for(walking.handling.end)  # it is planned
+        walking.wait_for(walking.handling.end)  # all steps have been sent
         first, second, _ = walking.children(STEP)
         walking.suspend()
         walking.wait_for(first.achieving.end, timeout=10)

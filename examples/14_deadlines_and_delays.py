@@ -1,4 +1,4 @@
-"""Time in constraints: not before, so long after, and no later than."""
+"""Delays and deadlines: start after a delay, wait after another task, end before a deadline."""
 
 import time
 
@@ -7,11 +7,11 @@ from tca_module import Command, Goal, Module, Task, TaskFailed
 PHOTO, FLASH, CHARGE, DOCK = Goal("photo"), Command("flash"), Command("charge"), Command("dock")
 
 robot, lamp = Module("robot"), Module("lamp")
-began = time.monotonic()
+started = time.monotonic()
 
 
-def say(what: str, no_sooner_than: float) -> None:
-    print(what, "in time" if time.monotonic() - began >= no_sooner_than else "too early")
+def print_timing(action: str, earliest: float) -> None:
+    print(action, "in time" if time.monotonic() - started >= earliest else "too early")
 
 
 @robot.handles(PHOTO)
@@ -23,24 +23,24 @@ def photo(task: Task) -> None:
 
 @lamp.handles(CHARGE)
 def charge(_: Task) -> None:
-    say("charged", 0.2)
+    print_timing("charged", 0.2)
 
 
 @lamp.handles(FLASH)
 def flash(_: Task) -> None:
-    say("flashed", 0.5)
+    print_timing("flashed", 0.5)
 
 
 @lamp.handles(DOCK)
 def dock(task: Task) -> None:
-    while not task.cancelled:  # it does not find the dock
+    while not task.cancelled:  # search for the dock in vain
         time.sleep(0.01)
 
 
 if __name__ == "__main__":
     with robot.running(), lamp.running():
         robot.goal(PHOTO).wait(timeout=10)
-        docking = robot.command(DOCK, deadline=0.2)  # or the failure "timeout" is raised on it
+        docking = robot.command(DOCK, deadline=0.2)  # later: failure "timeout"
         try:
             docking.result(timeout=10)
         except TaskFailed as failed:

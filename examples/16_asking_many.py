@@ -1,6 +1,4 @@
-"""A multi-query asks all who handle it: the replies one by one as they come, the first two, or
-those in time.
-"""
+"""A multi-query asks all its handlers: wait for the first reply, for all in time, or for each."""
 
 import threading
 
@@ -21,7 +19,7 @@ def quick(_: Task, job: str) -> int:
 
 @arms[1].handles(BID)
 def refuses(_: Task, job: str) -> int:
-    raise BUSY(job)  # who fails is left out
+    raise BUSY(job)  # a failure gives no reply
 
 
 @arms[2].handles(BID)

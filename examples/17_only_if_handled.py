@@ -1,6 +1,4 @@
-"""Send a message only if somebody handles it now: an optional part of the robot, there today or
-not.
-"""
+"""Send a message only if a module handles it now: for an optional part of the robot."""
 
 from tca_module import Command, Module, Query, Task, connect
 
@@ -24,5 +22,5 @@ if __name__ == "__main__":
     with connect("user") as user:
         print(user.execute_if_handled(BLINK, "red"), user.execute_if_handled(FORECAST))
         with lights.running(), weather.running():
-            blinking = user.execute_if_handled(BLINK, "green")  # what command() gives
+            blinking = user.execute_if_handled(BLINK, "green")  # as command() returns
             print(blinking and blinking.wait(timeout=10), user.execute_if_handled(FORECAST))

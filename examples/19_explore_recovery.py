@@ -1,8 +1,7 @@
-"""A robot's own handlers, explored: whatever goes wrong, and whenever time is over, the recovery
-comes to an end.
+"""Explore a robot's real handlers: a recovery must end, whatever fails and whenever time runs out.
 
-``tca explore examples/19_explore_recovery.py`` says the same. ``legs`` and ``expert`` are modules
-that could be run.
+``tca explore examples/19_explore_recovery.py`` prints the same report. ``legs`` and ``expert`` are
+modules that could also run on a robot.
 """
 
 from tca_module import Command, ExceptionHandler, Failure, Module, Task
@@ -39,7 +38,7 @@ def higher(task: Task, height: int | None) -> None:
 
 
 def lifting(title: str, height: int) -> Scenario:
-    """Two retries must be enough, unless five seconds are over before."""
+    """Allow two retries within five seconds."""
     scenario = Scenario(
         title, at_most_in_all(2, retried(LIFT)), never(failed(LIFT, height + 40)), never_stuck()
     )

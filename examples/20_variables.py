@@ -1,6 +1,4 @@
-"""Shared variables: central keeps the newest value for all; a slow watcher gets the newest, not
-all.
-"""
+"""Shared variables: central keeps the newest value. A slow watcher skips older values."""
 
 import time
 from dataclasses import dataclass
@@ -23,7 +21,7 @@ shown: list[float] = []
 
 @display.handles(POSITION)
 def show(_: Task, position: Position) -> None:
-    """Slower than the sensor: of what comes meanwhile only the newest waits."""
+    """Take longer than the sensor: only the newest position waits."""
     shown.append(position.x)
     time.sleep(0.1)
 
@@ -31,7 +29,7 @@ def show(_: Task, position: Position) -> None:
 if __name__ == "__main__":
     with sensor.running(), operator.running():
         sensor.set_variable(POSITION, Position(0.0, 0.0))
-        with display.running():  # is shown the position at once
+        with display.running():  # it gets the present position at once
             for step in range(1, 101):
                 sensor.set_variable(POSITION, Position(float(step), 0.0), wait=False)
             while not shown or shown[-1] != 100.0:

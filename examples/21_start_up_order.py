@@ -1,6 +1,4 @@
-"""Programs that start in any order: one waits for what it requires, one is told who comes and
-goes.
-"""
+"""Start programs in any order: one waits for messages it requires, one watches joins and leaves."""
 
 import threading
 
@@ -19,7 +17,7 @@ WHERE, ROUTE = Query("where", reply=int), Query("route", int, reply=int)
 
 map_, guard = Module("map"), Module("guard")
 planner = Module("planner", requires=[WHERE])
-map_is_gone = threading.Event()
+has_map_left = threading.Event()
 
 
 @map_.handles(WHERE)
@@ -38,20 +36,20 @@ def on_change(_: Task, change: HandlerCount) -> None:
 
 
 @guard.handles(MODULE_LEFT)
-def on_leave(_: Task, who: Departure) -> None:
-    if who.module == "map":
-        print(f"{who.module} left: {who.why}")
-        map_is_gone.set()
+def on_leave(_: Task, departure: Departure) -> None:
+    if departure.module == "map":
+        print(f"{departure.module} left: {departure.why}")
+        has_map_left.set()
 
 
 if __name__ == "__main__":
     with connect("user") as user, guard.running():
-        starting = threading.Thread(target=planner.run)  # it waits: nobody handles 'where' yet
+        starting = threading.Thread(target=planner.run)  # waits for a handler of 'where'
         starting.start()
         print("asked too early:", user.execute_if_handled(ROUTE, 10))
         with map_.running():
             user.wait_until_handled(ROUTE, timeout=10)
             print("route:", user.query(ROUTE, 10), "by", user.handlers(ROUTE)[0].module)
-        map_is_gone.wait(10)
+        has_map_left.wait(10)
         planner.stop()
         starting.join()

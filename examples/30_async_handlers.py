@@ -1,4 +1,4 @@
-"""``async def`` handlers: several questions at once, and cleaning up when the task is killed."""
+"""``async def`` handlers: ask several queries at once, and clean up when the task is killed."""
 
 import asyncio
 import time
@@ -19,9 +19,9 @@ def height(_: Task, x: int) -> float:
 
 @eyes.handles(SURVEY)
 async def survey(task: Task) -> None:
-    began = time.monotonic()
+    started = time.monotonic()
     heights = await asyncio.gather(*(task.query_send(HEIGHT, x) for x in range(3)))
-    print("heights:", heights, "in 0.3 s" if time.monotonic() - began > 0.25 else "at once")
+    print("heights:", heights, "in 0.3 s" if time.monotonic() - started > 0.25 else "at once")
     watch = task.command(WATCH)
     await asyncio.sleep(0.1)
     watch.kill("seen enough")

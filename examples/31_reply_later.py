@@ -1,6 +1,4 @@
-"""A device thread answers: the handler starts the motor and returns, the command ends when the
-motor has stopped.
-"""
+"""Reply from another thread: the handler starts a motor, whose thread ends the command later."""
 
 import queue
 import threading
@@ -30,7 +28,7 @@ def drive() -> None:
         if later.cancelled:
             later.reply(0.0)
         elif angle > 1.5:
-            later.fail(STALLED(angle, "it does not go that far"))
+            later.fail(STALLED(angle, "it does not turn that far"))
         else:
             later.reply(angle)
 

@@ -1,6 +1,4 @@
-"""A module's own loop: something every tenth of a second, something when a device speaks, something
-once.
-"""
+"""Callbacks of a module: every tenth of a second, when a device has sent data, and once later."""
 
 import socket
 import threading
@@ -15,19 +13,19 @@ done = threading.Event()
 
 
 @driver.every(0.1)
-def ask() -> None:
+def request_level() -> None:
     cable.send(b"level?\n")
 
 
-def answer(callback: Callback) -> None:
-    """The device speaks; what is sent from here hangs under the root."""
+def read_level(callback: Callback) -> None:
+    """Read what the device has sent, and pass it on."""
     level = int(cable.recv(100))
     callback.inform(BATTERY, level)
     if level <= 80:
         callback.cancel()
 
 
-def play_the_device() -> None:
+def simulate_device() -> None:
     for level in (100, 90, 80):
         device.recv(100)
         device.send(b"%d" % level)
@@ -46,7 +44,7 @@ def leave(_: Sender) -> None:
 
 
 if __name__ == "__main__":
-    threading.Thread(target=play_the_device, daemon=True).start()
-    driver.on_readable(cable, answer)
+    threading.Thread(target=simulate_device, daemon=True).start()
+    driver.on_readable(cable, read_level)
     with panel.running(), driver.running():
         done.wait(10)

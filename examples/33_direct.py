@@ -1,6 +1,4 @@
-"""Messages that go from module to module directly: a map that is asked a thousand times a second,
-and an observer.
-"""
+"""Direct messages skip central. While a wiretap watches them, they go through central again."""
 
 import sys
 import threading
@@ -9,7 +7,7 @@ import time
 from tca_module import Condition, Inform, Module, Query, Task
 
 HEIGHT = Query("height", float, reply=float)
-HEARD = Inform("heard", float)
+ASKED = Inform("asked", float)
 
 ground, planner, observer = Module("ground"), Module("planner"), Module("observer")
 
@@ -19,31 +17,29 @@ def height(_: Task, x: float) -> float:
     return 0.1 * x
 
 
-has_heard = threading.Event()
+was_asked = threading.Event()
 
 
-@observer.handles(HEARD)
-def heard(_: Task, x: float) -> None:
+@observer.handles(ASKED)
+def asked(_: Task, x: float) -> None:
     print("asked for", x)
-    has_heard.set()
+    was_asked.set()
 
 
-def say_how() -> None:
+def print_route() -> None:
     (handler,) = planner.handlers(HEIGHT)
     print("directly" if handler.direct else "through central")
 
 
 if __name__ == "__main__":
     with ground.running(), planner.running(), observer.running():
-        say_how()
-        began = time.monotonic()
+        print_route()
+        started = time.monotonic()
         print("highest:", max(planner.query(HEIGHT, float(x)) for x in range(1001)))
-        print(f"in {time.monotonic() - began:.2f} s", file=sys.stderr)
-        tap = planner.tap(Condition.WHEN_SENT, HEIGHT, HEARD)  # the observer is to hear of it
-        say_how()
+        print(f"in {time.monotonic() - started:.2f} s", file=sys.stderr)
+        tap = planner.tap(Condition.WHEN_SENT, HEIGHT, ASKED)
+        print_route()
         planner.query(HEIGHT, 7.0)
-        has_heard.wait(
-            10
-        )  # an inform comes when it comes: who leaves before it is there does not hear it
+        was_asked.wait(10)  # the inform of the wiretap arrives some time later
         tap.remove()
-        say_how()
+        print_route()

@@ -1,9 +1,7 @@
-"""A scanner needs a body that stands still: it locks the body's controller, and moves wait until it
-is done.
+"""A scanner locks the controller of the body, so that moves wait until the scan is done.
 
-::
+Output::
 
-    $ python examples/34_locks.py
     scan
     scanned
     move 1
@@ -23,9 +21,8 @@ scanning, seen = threading.Event(), threading.Event()
 
 @scanner.handles(SCAN)
 def scan(task: Task) -> str:
-    with task.lock(
-        "controller", timeout=5.0
-    ):  # waits for a move under way; none begins before the end of the block
+    # Waits for a running move. No other move starts before the end of the block.
+    with task.lock("controller", timeout=5.0):
         print("scan")
         scanning.set()
         seen.wait(5)

@@ -1,9 +1,7 @@
-"""Two handlers that ask each other would wait for ever: the second one is told at once, with the
-circle.
+"""Two handlers that query each other would deadlock. The second query raises ``Deadlock`` at once.
 
-::
+The error has the cycle of waits. Output::
 
-    $ python examples/35_deadlock.py
     eyes: where {1} in map waits for the reply to look {2};
           look {2} in eyes waits for the reply to where {3};
           where {3} waits for map, busy with where {1}
@@ -27,9 +25,9 @@ def where(task: Task) -> str:
 def look(task: Task) -> str:
     try:
         return "seen with a map: " + task.query(WHERE)
-    except Deadlock as deadlock:  # let pass, it would be the failure "deadlock"
-        circle = deadlock.text.partition(": ")[2]
-        print("eyes:", circle.replace("; ", ";\n      "))
+    except Deadlock as deadlock:  # if not caught, the failure "deadlock" of this query
+        cycle = deadlock.text.partition(": ")[2]
+        print("eyes:", cycle.replace("; ", ";\n      "))
         return "seen without a map"
 
 

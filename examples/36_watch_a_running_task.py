@@ -1,9 +1,7 @@
-"""A watcher adds a monitor to a walk that runs already and knows nothing of it. It ends with the
-walk.
+"""Add a monitor to a task of another module while it runs. The monitor ends with the task.
 
-::
+Output::
 
-    $ python examples/36_watch_a_running_task.py
     walking
     the battery is low
     stopped

@@ -1,9 +1,7 @@
-"""A camera watches where it is told to, until it is told otherwise: new goals, one too many, and
-the end.
+"""Update and cancel a running task: the camera accepts a new goal, rejects one, then is cancelled.
 
-::
+Output::
 
-    $ python examples/37_follow_and_update.py
     looks at 10.0
     looks at 30.0
     rejected: it turns by 90 degrees at most
@@ -14,7 +12,7 @@ the end.
 from tca_module import Command, Module, Rejected, Task, connect
 from tca_module.testing import LocalCentral
 
-WATCH = Command("watch", float, progress=float)  # an angle; and the angle that is reached
+WATCH = Command("watch", float, progress=float)  # the angle wanted; the angle reached
 
 camera = Module("camera")
 

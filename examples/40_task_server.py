@@ -1,9 +1,7 @@
-"""A task server: tasks as classes with parameters. A mission runs them, or ``tca send oven.Heat
-target=60 --wait``.
+"""A task server offers tasks as classes with parameters.
 
-::
+A mission runs them, or ``tca send oven.Heat target=60 --wait``. Output::
 
-    $ python examples/40_task_server.py
     20 degrees
     switched off
     heated to 26 degrees

@@ -1,8 +1,7 @@
-"""A mission runs the tasks of a cart, and is interrupted when it rains.
+"""A mission runs the tasks of a cart until a condition interrupts it: it rains.
 
-::
+Output::
 
-    $ python examples/41_mission.py
     at 2 m
     at 6 m
     at 1 m

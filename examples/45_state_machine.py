@@ -1,12 +1,10 @@
-"""A patrol as a state machine: it goes round until something is seen, beside it a task looks out in
-the background.
+"""A patrol as a state machine: drive round until a background task sees an intruder.
 
-The machine is a task: ``tca view`` draws it, with the states that are active; so does
-``patrol.draw("patrol.svg")``.
+The machine is a task: ``tca view`` draws it with its active states. ``patrol.draw("patrol.svg")``
+draws it without running it.
 
-::
+Output::
 
-    $ python examples/45_state_machine.py
     drive to the gate
     drive to the pond
     drive to the gate
@@ -37,7 +35,7 @@ class Drive(OnceTask[Cart]):
     def iterate(self) -> None:
         self.env.trips += 1
         print(f"drive to {self.place}")
-        self.sleep(0.1 if self.env.trips < 3 else 10.0)  # the third time somebody stands in the way
+        self.sleep(0.1 if self.env.trips < 3 else 10.0)  # an intruder blocks the third trip
 
 
 class LookOut(PeriodicTask[Cart]):
@@ -55,7 +53,7 @@ class Lights(OnceTask[Cart]):
 
 
 with Sequence("patrol") as patrol:
-    with patrol.concurrence():  # until one of the two has ended; the other one is stopped
+    with patrol.concurrence():  # ends when one of the two ends, and stops the other
         patrol.LookOut(foreground=False)
         with patrol.sequence("round"):
             gate = patrol.Drive()

@@ -1,9 +1,7 @@
-"""Three kinds of tasks, one pattern: a curious robot points at a thing and asks for its name, one
-thing at a time.
+"""Three kinds of tasks with one life cycle: a robot points at a thing and asks for its name.
 
-The first case study of Lütkebohle et al., "The Task-State Pattern" (figure 13)::
+The first case study of Lütkebohle et al., "The Task-State Pattern" (figure 13). Output::
 
-    $ python examples/46_curious_robot_asks.py
     the first question: accepted
     the second question: rejected, dialog is busy
     the thing is a banana
@@ -37,8 +35,8 @@ def ask(task: Task, thing: str) -> str:
 
 @arm.handles(POINT)
 @voice.handles(SAY)
-def act(_task: Task, _what: str) -> None:
-    side_by_side.wait()  # each ends when both have begun
+def act(_task: Task, _target: str) -> None:
+    side_by_side.wait()  # each returns once both have started
 
 
 @human.handles(LISTEN)

@@ -1,5 +1,6 @@
-"""Feedback and corrections while a robot grasps, passed on by a coordinator (Lütkebohle et al.,
-figure 14).
+"""A coordinator passes on feedback and corrections while a robot grasps.
+
+The second case study of Lütkebohle et al., "The Task-State Pattern" (figure 14).
 """
 
 import asyncio
@@ -19,14 +20,14 @@ has_arrived = threading.Event()
 @coordinator.handles(GRASP, takes=["update"])
 async def grasp(task: Task, place: int) -> str:
     hand = task.command(REACH, place)
-    corrections = asyncio.create_task(pass_on(task, hand))
+    corrections = asyncio.create_task(forward_updates(task, hand))
     async for feedback in hand.progress(str):
         task.report(feedback)
     corrections.cancel()
     return str(await hand)
 
 
-async def pass_on(task: Task, hand: SentTask[str]) -> None:
+async def forward_updates(task: Task, hand: SentTask[str]) -> None:
     async for request in task.requests():
         try:
             await hand.update_send(request.goal)

@@ -1,9 +1,8 @@
-"""A robot looks at whom it talks with and at what it grasps, and neither knows of that: its gaze
-observes them.
+"""A robot's gaze observes its tasks: it looks at the face it talks to, and the thing it grasps.
 
-The third case study of Lütkebohle et al., "The Task-State Pattern" (figure 15)::
+Dialog and arm know nothing of the gaze. The third case study of Lütkebohle et al., "The Task-State
+Pattern" (figure 15). Output::
 
-    $ python examples/48_curious_robot_looks.py
     rejected: nobody is there
     looks at a face at 0, 1.7
     it is a banana
@@ -41,9 +40,7 @@ def ask(task: Task, face: Region) -> str:
 def grasp(task: Task, thing: Region) -> None: ...
 
 
-@gaze.observes(
-    LABEL_QUERY, states=["running"]
-)  # once it is accepted, not whenever somebody wants it
+@gaze.observes(LABEL_QUERY, states=["running"])  # only once it is accepted
 @gaze.observes(GRASP, states=["running"])
 def look(change: Change) -> None:
     looked.put(f"looks at {change.goal.what} at {change.goal.x:g}, {change.goal.y:g}")

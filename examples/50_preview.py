@@ -1,6 +1,4 @@
-"""A coordinator looks ahead: the arm moves while the base still drives, to the box that is likely
-to be free.
-"""
+"""A preview: while the base drives, the arm already moves to the box that is likely to be free."""
 
 from tca_behaviours.coordination import (
     Activity,
@@ -14,28 +12,19 @@ from tca_behaviours.coordination import (
 )
 from tca_module import Command, Module, Task, Variable
 
-MOVE_BASE, MOVE_ARM = (
-    Command("move base", str, progress=float),
-    Command("move arm", str, progress=float),
-)
+MOVE_BASE = Command("move base", str, progress=float)
+MOVE_ARM = Command("move arm", str, progress=float)
 DROP, BOX_B_FREE = Command("drop"), Variable("box B is free", bool)
 base, arm, gripper = Agent("base"), Agent("arm"), Agent("gripper")
 
 with Coordination("deliver", facts={"base": "A", "arm": "home"}) as deliver:
     to_b = deliver.state("going to B", Activity(Do(MOVE_BASE, "B", base), makes={"base": "B"}))
-    arm_b = deliver.state(
-        "arm to box B", Activity(Do(MOVE_ARM, "box B", arm), makes={"arm": "box B"})
-    )
+    arm_b = deliver.state("arm to box B", Activity(Do(MOVE_ARM, "B", arm), makes={"arm": "B"}))
     to_c = deliver.state("going to C", Activity(Do(MOVE_BASE, "C", base), makes={"base": "C"}))
-    arm_c = deliver.state(
-        "arm to box C", Activity(Do(MOVE_ARM, "box C", arm), makes={"arm": "box C"})
-    )
-    drop_b = deliver.state(
-        "dropping in B", Activity(Do(DROP, None, gripper), needs={"base": "B", "arm": "box B"})
-    )
-    drop_c = deliver.state(
-        "dropping in C", Activity(Do(DROP, None, gripper), needs={"base": "C", "arm": "box C"})
-    )
+    arm_c = deliver.state("arm to box C", Activity(Do(MOVE_ARM, "C", arm), makes={"arm": "C"}))
+    in_b, in_c = {"base": "B", "arm": "B"}, {"base": "C", "arm": "C"}
+    drop_b = deliver.state("dropping in B", Activity(Do(DROP, None, gripper), needs=in_b))
+    drop_c = deliver.state("dropping in C", Activity(Do(DROP, None, gripper), needs=in_c))
     delivered = deliver.final("delivered")
     to_b.to(arm_b, when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
     to_b.to(to_c, likelihood=Perceived(BOX_B_FREE, negated=True))
@@ -57,14 +46,14 @@ def move_base(task: Task, place: str) -> None:
 
 
 @robot.handles(MOVE_ARM, resource="arm", takes=["cancel"])
-def move_arm(task: Task, place: str) -> None:
-    print("arm begins to move to", place)
-    if place == "box B":
-        task.set_variable(BOX_B_FREE, False)  # somebody puts something there
+def move_arm(task: Task, box: str) -> None:
+    print("arm begins to move to box", box)
+    if box == "B":
+        task.set_variable(BOX_B_FREE, False)  # an object is put there
     if task.wait_for_request(0.2):
-        print("arm stops on its way to", place)
+        print("arm stops on its way to box", box)
         raise task.aborted()
-    print("arm is at", place)
+    print("arm is at box", box)
 
 
 @robot.handles(DROP, resource="gripper")

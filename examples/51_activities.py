@@ -1,9 +1,7 @@
-"""Activities of a balancing robot on processors: the verdict before it runs, a change of the
-allocation while it runs.
+"""Run the activities of a balancing robot on processors.
 
-::
+It prints whether each allocation is schedulable, and changes one while the robot runs. Output::
 
-    $ python examples/51_activities.py
     one_for_all: not schedulable
       all, every 2 ms: no bound
     automatic: schedulable
@@ -20,7 +18,7 @@ from tca_behaviours.activities.components import Component
 
 
 class Robot(Component[list[str]]):
-    """Three regions with a state each. Its data: the turns and steps since the last map."""
+    """Three regions with one state each. The data lists the turns and steps since the last map."""
 
     def __init__(self) -> None:
         super().__init__("robot", list)
@@ -34,11 +32,11 @@ class Robot(Component[list[str]]):
             region.state("on", activity=activity, period=period, estimate=estimate)
 
     def draw_map(self) -> None:
-        self.data.clear()  # safe: no other activity of the robot is ticked meanwhile
+        self.data.clear()  # safe: the robot's activities never run at the same time
         self.maps.release()
 
 
-def tell(application: Application) -> None:
+def print_verdict(application: Application) -> None:
     figures, periods = (
         application.figures(),
         {one.name: one.period for one in application.allocation().processors},
@@ -51,9 +49,9 @@ def tell(application: Application) -> None:
 
 robot = Robot()
 application = Application("balancing robot", [robot])
-tell(application)
+print_verdict(application)
 application.allocate(automatic)
-tell(application)
+print_verdict(application)
 with application.running():
     for turn in range(6):
         robot.maps.acquire()

@@ -1,7 +1,7 @@
-"""A robot, the coordinator of its machine, and a user: each may be a program of its own.
+"""A robot, its coordinator and a user: each may be a program of its own.
 
-Start ``tca central``; then this file with ``robot``, with ``coordinator`` and with ``user``, each
-in another terminal.
+Start ``tca central``. Then start this file with ``robot``, ``coordinator`` and ``user``, each in
+its own terminal.
 """
 
 import sys
@@ -52,7 +52,7 @@ kitchen = Module("coordinator")
 coordinator.handle_in(kitchen)
 
 
-def use() -> None:
+def make_request() -> None:
     with connect("user", patience=2) as user:
         run = user.command(coordinator.message, coordinator.chart)
         user.broadcast(COORDINATION_EVENT, MachineEvent("make tea", "tea is wanted"))
@@ -61,7 +61,7 @@ def use() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:]:
-        {"robot": robot.run, "coordinator": kitchen.run, "user": use}[sys.argv[1]]()
-    else:  # for a first look, all in one
+        {"robot": robot.run, "coordinator": kitchen.run, "user": make_request}[sys.argv[1]]()
+    else:  # all three in one program
         with robot.running(patience=2), kitchen.running():
-            use()
+            make_request()

@@ -1,6 +1,4 @@
-"""Spans of time: lanes in which they have room, how many overlap, how much of a window they cover,
-and which. Pure.
-"""
+"""Spans of time: their lanes, their number at a time, and their cover of a window. Pure."""
 
 import heapq
 from bisect import bisect_right
@@ -16,8 +14,8 @@ _T = TypeVar("_T")
 
 
 class Cover:
-    """Times at which at least *at_least* of some spans go on; of any window it tells, in O(log n),
-    how much that is.
+    """The times at which at least *at_least* spans are active; finds their sum in any window in
+    O(log n).
     """
 
     def __init__(self, spans: Iterable[Span], at_least: int = 1) -> None:
@@ -36,11 +34,11 @@ class Cover:
 
     @property
     def total(self) -> float:
-        """All of it, in seconds."""
+        """The sum of the covered times, in seconds."""
         return self._before[-1]
 
     def within(self, start: float, end: float) -> float:
-        """How many seconds of a window."""
+        """Return the sum of the covered times in a window, in seconds."""
         return self._until(end) - self._until(start) if end > start else 0.0
 
     def _until(self, time: float) -> float:
@@ -51,24 +49,24 @@ class Cover:
 
 
 class Lanes:
-    """Lanes, in each of which no spans overlap. A span gets the first that is free when it
-    begins.
-    """
+    """Lanes in which spans do not overlap; a span gets the first lane free at its start."""
 
     def __init__(self) -> None:
         self._ends: list[float] = []
-        """When the last span of each ended, or will."""
+        """The end of the last span in each lane; inf while it is unknown."""
         self._busy: list[tuple[float, int]] = []
-        """Lanes with the ends of their spans, once these are known."""
+        """The known ends of spans, with their lanes; a heap."""
         self._free: list[int] = []
+        """The free lanes; a heap."""
 
     def assign(self, start: float) -> int:
-        """A lane for what begins at that time."""
+        """Return a lane for a span that starts at a time."""
         while self._busy and self._busy[0][0] <= start:
             heapq.heappush(self._free, heapq.heappop(self._busy)[1])
         if self._free and self._ends[self._free[0]] <= start:
             return heapq.heappop(self._free)
-        for lane in sorted(self._free):  # what is told late began before others ended
+        # A span that is reported late may start before another lane became free
+        for lane in sorted(self._free):
             if self._ends[lane] <= start:
                 self._free.remove(lane)
                 heapq.heapify(self._free)
@@ -77,22 +75,22 @@ class Lanes:
         return len(self._ends) - 1
 
     def release(self, lane: int, end: float) -> None:
-        """Tell when the span of a lane ends."""
+        """Set the end of the last span in a lane."""
         self._ends[lane] = end
         heapq.heappush(self._busy, (end, lane))
 
 
 def lanes(spans: Iterable[Span]) -> Iterator[int]:
-    """The lane of each span, given in the order of their starts."""
-    taken = Lanes()
+    """Yield the lane of each span; the spans are sorted by their starts."""
+    found = Lanes()
     for start, end in spans:
-        lane = taken.assign(start)
-        taken.release(lane, end)
+        lane = found.assign(start)
+        found.release(lane, end)
         yield lane
 
 
 def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
-    """How many of the spans go on, from each time on at which that changes."""
+    """Yield the number of active spans at each time at which it changes."""
     changes = defaultdict[float, int](int)
     for start, end in spans:
         if end > start:
@@ -106,14 +104,12 @@ def levels(spans: Iterable[Span]) -> Iterator[tuple[float, int]]:
 
 
 def most_at_once(spans: Iterable[Span]) -> int:
-    """How many of the spans go on at a time, at the most."""
+    """Return the largest number of spans active at a time."""
     return max((count for _, count in levels(spans)), default=0)
 
 
 class Overlaps(Generic[_T]):
-    """Things with a start and an end; of any window it tells, in O(log n) for each, which of them
-    go on in it.
-    """
+    """Items with spans; finds those active in a window in O(log n) for each of them."""
 
     def __init__(self, things: Iterable[_T], span: Callable[[_T], Span]) -> None:
         spans = sorted(((*span(thing), thing) for thing in things), key=itemgetter(0))
@@ -125,10 +121,11 @@ class Overlaps(Generic[_T]):
         )
         for node in range(self._size - 1, 0, -1):
             last[node] = max(last[2 * node], last[2 * node + 1])
-        self._last = last  # a tree: each node has the last end of all below it, node 1 of all
+        # A binary tree: each node is the latest end of the items below it; node 1 is the root
+        self._last = last
 
     def within(self, start: float, end: float) -> list[_T]:
-        """Those that begin until *end* and are over after *start*, as they begin."""
+        """Return the items that start by *end* and end after *start*, sorted by their starts."""
         begun, found = bisect_right(self._starts, end), list[_T]()
         rest = [(1, 0, self._size)]
         while rest:

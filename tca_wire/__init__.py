@@ -1,3 +1,1 @@
-"""The shared language of modules and central: messages, formats, points, constraints, journal
-records.
-"""
+"""The language of modules and central: messages, formats, points, constraints, journal facts."""

@@ -1,6 +1,4 @@
-"""Temporal constraints: one shape, several good names. What they mean for a running tree is
-central's business.
-"""
+"""Temporal constraints: one shape, and functions that build the usual ones."""
 
 from enum import IntFlag
 
@@ -8,15 +6,14 @@ import msgspec
 
 from tca_wire.points import ROOT, Moment, Point, TaskId
 
-_START_ACHIEVING, _END_ACHIEVING = (
-    Moment.START_ACHIEVING,
-    Moment.END_ACHIEVING,
-)  # to look one up costs two calls
+# Globals, because looking up a member of an IntFlag costs two calls.
+_START_ACHIEVING, _END_ACHIEVING = Moment.START_ACHIEVING, Moment.END_ACHIEVING
 
 
 class Flags(IntFlag):
-    """Constraints of a new task relative to its *last sibling* or to itself (TCA 8.5: the
-    ``tplConstr`` bit mask).
+    """Constraints of a new task relative to its *last sibling* or to itself.
+
+    After the ``tplConstr`` bit mask of TCA 8.5.
     """
 
     NONE = 0
@@ -31,8 +28,8 @@ class Constraint(
 ):
     """Point *after* is reached no earlier than *delay* seconds after point *before*.
 
-    Points of the root stand for the time at which central takes the constraint; in the journal, for
-    its clock's 0.
+    A point of the root stands for the time at which central accepts the constraint; in the journal,
+    for its time 0.
     """
 
     before: Point
@@ -46,34 +43,32 @@ class Constraint(
 
 
 def sequential_achievement(first: TaskId, second: TaskId) -> Constraint:
-    """*second* is not achieved until *first* has been achieved; it may be planned before."""
+    """Achieve *second* only after *first* has been achieved. It may be planned before."""
     return Constraint(Point(first, _END_ACHIEVING), Point(second, _START_ACHIEVING))
 
 
 def sequential_planning(first: TaskId, second: TaskId) -> Constraint:
-    """*second* is not planned until *first* has been planned."""
+    """Plan *second* only after *first* has been planned."""
     return Constraint(Point(first, Moment.END_PLANNING), Point(second, Moment.START_PLANNING))
 
 
 def plan_first(task: TaskId) -> Constraint:
-    """Nothing of *task* is done before all of it has been planned."""
+    """Plan all of *task* before any of it is achieved."""
     return Constraint(Point(task, Moment.END_PLANNING), Point(task, Moment.START_ACHIEVING))
 
 
 def delay_planning(task: TaskId) -> Constraint:
-    """*task* is not planned before it may be achieved."""
+    """Plan *task* only once it may be achieved."""
     return Constraint(Point(task, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))
 
 
 def not_before(task: TaskId, seconds: float) -> Constraint:
-    """*task* is not started, planning included, within *seconds* from now."""
+    """Start *task*, planning included, no earlier than *seconds* from now."""
     return Constraint(
         Point(ROOT, Moment.START_ACHIEVING), Point(task, Moment.START_HANDLING), seconds
     )
 
 
 def plan_ahead(behind: TaskId, task: TaskId) -> Constraint:
-    """*task* is not planned until *behind* is being achieved (bounds how far planning runs
-    ahead).
-    """
+    """Plan *task* only once *behind* is being achieved: this limits how far planning runs ahead."""
     return Constraint(Point(behind, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))

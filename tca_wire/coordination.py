@@ -1,7 +1,6 @@
 """Coordination with a preview, as data: the progress of a coordinator.
 
-It says which state its machine (``charts``) is in, which states it foresees, and which of its tasks
-are early.
+A report has the current state of the machine (``charts``), the foreseen states and the early tasks.
 """
 
 from enum import StrEnum
@@ -16,98 +15,94 @@ class Foreseen(msgspec.Struct, frozen=True):
 
     state: int
     likelihood: float
-    """Probability of the transition that leads to it from the state before, in [0, 1]."""
+    """Probability of the transition to it from the state before, in [0, 1]."""
     probability: float
     """Probability of the whole path up to it, in [0, 1]."""
 
 
 class Reason(StrEnum):
-    """The objection to an activity that would start before its turn."""
+    """The reason why an activity can't start before its turn."""
 
     STEADY = "steady"
-    """The machine is in its state, and no state is foreseen after it."""
+    """No state is foreseen after the current one."""
     NOT_FORESEEN = "not foreseen"
-    """Its state is not on the preview list any more."""
+    """Its state is no longer on the preview list."""
     REPEATED = "repeated"
     """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
     NEEDS = "needs"
-    """A fact that it needs does not hold now, or holds only because of early work that may be in
-    vain.
-    """
+    """A fact that it needs does not hold, or holds only because of early work at risk."""
     CONFLICT = "conflict"
-    """An activity that comes before it, or that runs, makes or needs the same variable; or its
-    tasks of last time have not ended.
+    """An earlier or running activity makes or needs the same fact, or its last tasks have not
+    ended.
     """
     BRANCH = "branch"
-    """On another branch, a state may need what it changes, and it can't be undone."""
+    """A state on another branch may need what it changes, and it can't be undone."""
     AGENT = "agent"
-    """An agent of it has no place left."""
+    """One of its agents can take no more tasks."""
     UTILITY = "utility"
-    """The policy finds it not worth while."""
+    """The policy gives it too small a utility."""
     MISTAKE = "mistake"
-    """Its cost or the policy raised, or gave no number."""
+    """Its cost or the policy raised an error, or returned no number."""
     FAILED = "failed"
-    """It has been tried ahead, and has failed."""
+    """It started early and failed."""
 
 
 class Objection(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The first objection to the activity of a state that is foreseen."""
+    """The first reason why the activity of a foreseen state can't start early."""
 
     state: int
     reason: Reason
     name: str = ""
-    """Of the variable or agent that it is about."""
+    """The fact or agent that it is about."""
     other: int = -1
-    """The other state: of the activity in conflict, where the branch begins, or whose progress the
-    utility counts.
+    """The other state: with the conflicting activity, where the branch begins, or whose progress
+    counts for the utility.
     """
 
 
 class TaskRole(StrEnum):
-    """What a task of a coordinator is to its machine, as the run goes on."""
+    """The role of a coordinator's task in its machine."""
 
     CURRENT = "current"
     """It was sent when its state was entered, as without a preview."""
     AHEAD = "ahead"
     """It was sent before its state was entered."""
     KEPT = "kept"
-    """It was ahead, and its state has been entered: the prediction was right."""
+    """It was sent early, and its state has been entered: the prediction was right."""
     WASTED = "wasted"
-    """It was ahead, and has been stopped or is of no use any more: the prediction was wrong."""
+    """It was sent early, and was stopped or is useless: the prediction was wrong."""
     RESTORING = "restoring"
-    """It undoes what a wasted task has changed."""
+    """It undoes the changes of a wasted task."""
 
 
 class RoleChange(msgspec.Struct, frozen=True):
-    """From now on, a task has this role."""
+    """A task has this role from now on."""
 
     task: int
     """Its id."""
     state: int
-    """The state of whose activity it is."""
+    """The state whose activity it belongs to."""
     agent: str
     role: TaskRole
 
 
 class CoordinationReport(msgspec.Struct, frozen=True):
-    """The progress of a coordinator. One is sent at each change."""
+    """The progress of a coordinator, sent at each change."""
 
     current: int
-    """The state that the machine is in; always one that holds no other."""
+    """The machine's current state, an innermost one."""
     taken: str = ""
-    """The symbol of the transition that was taken just now; "" if the state is the same as
-    before.
-    """
+    """The symbol of the transition taken just now; "" if the state has not changed."""
     before: int = -1
-    """The state that was left by that transition."""
+    """The state that this transition left."""
     preview: list[Foreseen] = []
     """The states that are likely to follow, the next one first."""
     news: list[RoleChange] = []
     """The tasks whose role has changed since the last report."""
     refused: list[Objection] = []
-    """The activities of the preview list that have not started early, and the objections."""
+    """The objections to activities of the preview list that have not started early."""
 
 
 def read_report(body: bytes) -> CoordinationReport | None:
-    """A report of a coordinator; None if the bytes are none."""
+    """Return the report of a coordinator; None for other bytes."""
     return decoded(body, CoordinationReport)

@@ -1,4 +1,4 @@
-"""Central's default address and journal folder: a socket and folders of its user's own."""
+"""Central's default address and journal folder, which belong to the user."""
 
 import os
 import time
@@ -21,15 +21,16 @@ _HERE = (
 
 
 def default_folder() -> Path:
-    """The folder of the default socket: ``$XDG_RUNTIME_DIR/tca``, or ``/tmp/tca-<user id>``. It may
-    not exist.
+    """Return the folder of the default socket: ``$XDG_RUNTIME_DIR/tca``, or ``/tmp/tca-<user id>``.
+
+    It may not exist.
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "tca" if runtime else Path("/tmp") / f"tca-{os.getuid()}"  # noqa: S108
 
 
 def default_endpoint() -> str:
-    """The ZeroMQ address of central: ``$TCA_CENTRAL`` or the default socket."""
+    """Return the ZeroMQ address of central: ``$TCA_CENTRAL`` or the default socket."""
     return os.environ.get(VARIABLE) or f"ipc://{default_folder() / 'central.sock'}"
 
 
@@ -38,7 +39,7 @@ class NoHome(RuntimeError):
 
 
 def home(instead: str) -> Path:
-    """The user's home folder. Raises NoHome, which names the variable that can be set *instead*."""
+    """Return the user's home folder. Raises NoHome, which names the variable to set *instead*."""
     try:
         return Path.home()
     except RuntimeError:
@@ -47,16 +48,18 @@ def home(instead: str) -> Path:
 
 
 def default_journals() -> Path:
-    """The folder that holds a journal per run: ``$XDG_STATE_HOME/tca/journals``, or below
-    ``~/.local/state``.
+    """Return the folder with one journal per run: ``$XDG_STATE_HOME/tca/journals``.
+
+    Without that variable it is below ``~/.local/state``.
     """
     state = os.environ.get("XDG_STATE_HOME") or home("XDG_STATE_HOME") / ".local" / "state"
     return Path(state) / "tca" / "journals"
 
 
 def new_journal() -> Path:
-    """The folder of a run that begins now. Its name begins with a number: a robot's clock may not
-    order runs.
+    """Return the folder for a run that starts now.
+
+    Its name begins with a number, because a robot's clock may jump and so not order the runs.
     """
     folder = default_journals()
     last = max(map(run_number, folder.iterdir()), default=0) if folder.is_dir() else 0
@@ -64,21 +67,23 @@ def new_journal() -> Path:
 
 
 def run_number(folder: Path) -> int:
-    """The number of the run in a folder that ``new_journal`` has named: a later run has a larger
-    one; else 0.
+    """Return the number of the run in a folder from ``new_journal``; later runs have larger ones.
+
+    For other folders it is 0.
     """
     number, _, _ = folder.name.partition("-")
     return int(number) if len(number) >= _DIGITS and number.isdecimal() else 0
 
 
 def by_number(folders: Iterable[Path]) -> list[Path]:
-    """Folders of runs as they began; those without a number come first, by name."""
+    """Sort folders of runs by their start; those without a number come first, by name."""
     return sorted(folders, key=lambda folder: (run_number(folder), folder.name))
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only this machine reaches an address. Names may lead anywhere, so only that of
-    ``localhost`` counts.
+    """Return whether only this machine reaches an address.
+
+    The only name that counts is ``localhost``: other names may resolve to any machine.
     """
     host = address.removeprefix("tcp://").rpartition(":")[0].removeprefix("[").removesuffix("]")
     try:
@@ -88,8 +93,9 @@ def is_loopback(address: str) -> bool:
 
 
 def journal_link(address: str) -> Path:
-    """The link that the central at an address leaves to its journal, if any. All names of a local
-    port are one.
+    """Return the link that the central at an address leaves to its journal, if any.
+
+    All names of a local port share one link.
     """
     host, _, port = address.rpartition(":")
     key = f"port {port}" if host in _HERE else address

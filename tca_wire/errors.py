@@ -1,12 +1,13 @@
 """Errors of the shared language, and the base of all errors that users may catch.
 
-WireError            do not raise or catch this one; it groups the others
-├── ProtocolError    the peer sent bytes that are no legal message
-├── BadData          user data does not fit the format of its message
-├── BadFormat        a type cannot be a message format
-├── KeyRefused       a key file can't be used, or may not be
-└── JournalDamaged   a journal is not one, comes from an earlier version, or is damaged before its
-tail
+::
+
+    WireError            a group: do not raise or catch it.
+    ├── ProtocolError    the peer sent bytes that are not a valid message.
+    ├── BadData          user data does not fit the format of its message.
+    ├── BadFormat        a type cannot be a message format.
+    ├── KeyRefused       a key file is unusable or unsafe.
+    └── JournalDamaged   not a journal, too old, or damaged before its end.
 """
 
 from typing import Any
@@ -20,9 +21,7 @@ class CopyableError(Exception):
 
 
 def _restored(kind: type[BaseException], arguments: tuple[Any, ...]) -> BaseException:
-    """The exception without its attributes. Its constructor may take others than were given to its
-    base's.
-    """
+    """Return the exception without its attributes, and without a call of its constructor."""
     error = kind.__new__(kind)
     error.args = arguments
     return error
@@ -33,7 +32,7 @@ class WireError(CopyableError):
 
 
 class ProtocolError(WireError):
-    """The peer sent bytes that are no legal message."""
+    """The peer sent bytes that are not a valid message."""
 
 
 class BadData(WireError):
@@ -41,12 +40,12 @@ class BadData(WireError):
 
 
 class BadFormat(WireError):
-    """A type that cannot be encoded, so it can't be the format of a message."""
+    """A type can't be encoded, so it can't be the format of a message."""
 
 
 class KeyRefused(WireError):
-    """A key file that can't be used, or may not be: which one, and what to do."""
+    """A key file is unusable or unsafe. The message names it and what to do."""
 
 
 class JournalDamaged(WireError):
-    """A journal cannot be read any further; all read before is good."""
+    """A journal can't be read any further; everything read before is sound."""

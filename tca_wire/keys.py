@@ -1,8 +1,7 @@
-"""Key files: what a program shows a central that other machines can reach, and the one central that
-it trusts.
+"""Key files: the proof of a program's identity, and the one central that it trusts.
 
-A client's file holds its own pair of CURVE keys and the public key of its central. Secret files are
-for nobody else's eyes: one that others may read is refused.
+A client's file holds its own pair of CURVE keys and the public key of its central. A secret file
+that other users may read is refused.
 """
 
 import os
@@ -17,10 +16,10 @@ from tca_wire.errors import KeyRefused
 
 VARIABLE = "TCA_KEY"
 DEFAULT = "default"
-"""The key of programs that are told of none."""
+"""The key of programs that name none."""
 NO_KEY = "none"
 OWNER = "owner"
-"""Who runs central: over its Unix socket, or where no keys are asked for."""
+"""The user of central: over its Unix socket, or where central asks for no keys."""
 SUFFIX = ".key"
 FOLDER_VARIABLE = "TCA_KEYS"
 
@@ -38,11 +37,13 @@ class ClientKey(NamedTuple):
     public: str
     secret: str
     central: str
-    """Central's public key: nobody else is spoken to."""
+    """Central's public key: the program talks to no other central."""
 
 
 def keys_folder() -> Path:
-    """The folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or ``~/.config``.
+    """Return the folder of keys: ``$TCA_KEYS``, or ``tca/keys`` in ``$XDG_CONFIG_HOME`` or
+    ``~/.config``.
+
     It may not exist.
     """
     if named := os.environ.get(FOLDER_VARIABLE):
@@ -52,19 +53,21 @@ def keys_folder() -> Path:
 
 
 def check_name(name: str) -> None:
-    """Raise KeyRefused if no key can be called so."""
+    """Raise KeyRefused if a key can't have this name."""
     if not _NAME.fullmatch(name) or name.endswith((SUFFIX, ".pub")):
-        msg = f"'{name}' can't be the name of a key: use letters, digits, '_', '-' and '.', at most 64"
+        msg = f"'{name}' can't be the name of a key: use up to 64 letters, digits, '_', '-' and '.'"
         raise KeyRefused(msg)
     if name in _RESERVED:
-        msg = f"'{name}' can't be the name of a key: it has a meaning of its own; choose another"
+        msg = f"'{name}' can't be the name of a key: it is reserved; choose another"
         raise KeyRefused(msg)
 
 
 def check_key(text: str) -> None:
-    """Raise KeyRefused if it is not the text of a CURVE key."""
+    """Raise KeyRefused if a text is not a CURVE key."""
     if not _is_key(text):
-        msg = f"{text[:60]!r} is no public key: that has {_LENGTH} characters; 'tca keys list' shows them"
+        msg = (
+            f"{text[:60]!r} is not a public key of {_LENGTH} characters: 'tca keys list' shows them"
+        )
         raise KeyRefused(msg)
 
 
@@ -73,7 +76,7 @@ def _is_key(text: object) -> bool:
 
 
 def read_secret(path: Path, *names: str) -> dict[str, str]:
-    """The texts of these *names* in a secret file, keys and the like. Raises KeyRefused."""
+    """Read texts by *names*, keys and others, from a secret file. Raises KeyRefused."""
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
@@ -82,17 +85,20 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise KeyRefused(f"can't read the key {path}: {why}") from None
     if stat.S_IMODE(mode) & 0o077:
-        msg = f"others may read the key {path}: chmod 600 it, and make a new one if somebody has"
+        msg = f"others may read the key {path}: chmod 600 it, or replace it if they have read it"
         raise KeyRefused(msg)
     for name in names:
         if not _is_key(found.get(name)):
-            msg = f"{path} is no key: it has no '{name}' of {_LENGTH} characters; make one with 'tca keys new'"
+            msg = (
+                f"{path} is not a key: it has no '{name}' of {_LENGTH} characters;"
+                " make one with 'tca keys new'"
+            )
             raise KeyRefused(msg)
     return {name: text for name, text in found.items() if isinstance(text, str)}
 
 
 def read_client_key(path: Path) -> ClientKey:
-    """The key in a client's file. Raises KeyRefused."""
+    """Read the key in a client's file. Raises KeyRefused."""
     found = read_secret(path, "public", "secret", "central")
     return ClientKey(
         found.get("name", path.stem), found["public"], found["secret"], found["central"]
@@ -100,9 +106,10 @@ def read_client_key(path: Path) -> ClientKey:
 
 
 def client_key(address: str) -> ClientKey | None:
-    """The key to show the central at an address: that of ``$TCA_KEY``, a file or a name in the
-    folder of keys, else 'default', if there is one. None over Unix sockets, where the kernel says
-    who comes. Raises KeyRefused.
+    """Return the key to show the central at an address. Raises KeyRefused.
+
+    ``$TCA_KEY`` names it: a file, or a name in the folder of keys. Without it the key is 'default',
+    if that exists. The result is None over Unix sockets, where the kernel identifies the client.
     """
     if not address.startswith("tcp://"):
         return None

@@ -1,6 +1,4 @@
-"""The moments of a task: three intervals with a start and an end each. Knows nothing of order or
-rules.
-"""
+"""The moments of a task: three intervals with a start and an end each."""
 
 from enum import IntFlag, StrEnum
 from typing import NewType
@@ -10,18 +8,18 @@ import msgspec
 TaskId = NewType("TaskId", int)
 
 ROOT = TaskId(0)
-"""The task that every top-level task hangs under; it is always being achieved."""
+"""The parent of every top-level task; it is always being achieved."""
 
 THIS = TaskId(-1)
-"""In the constraints that travel with a message: the task which that message will become."""
+"""In the constraints of a sent message: the task that the message becomes."""
 
 
 class Interval(StrEnum):
     """The intervals of a task (TCA 8.5 manual, temporal constraints): three spans that overlap."""
 
     HANDLING = "handling"  # its handler runs
-    PLANNING = "planning"  # it and everything under it is being expanded into subtasks
-    ACHIEVING = "achieving"  # it and everything under it is being done
+    PLANNING = "planning"  # it and its descendants are being expanded into subtasks
+    ACHIEVING = "achieving"  # it and its descendants are being done
 
 
 class Edge(StrEnum):
@@ -45,9 +43,7 @@ class Moment(IntFlag):
 START_HANDLING, END_HANDLING = int(Moment.START_HANDLING), int(Moment.END_HANDLING)
 START_PLANNING, END_PLANNING = int(Moment.START_PLANNING), int(Moment.END_PLANNING)
 START_ACHIEVING, END_ACHIEVING = int(Moment.START_ACHIEVING), int(Moment.END_ACHIEVING)
-"""The moments as plain integers, for sets of them: combining members of an IntFlag costs a
-microsecond each.
-"""
+"""The moments as plain integers, for sets of moments: ``|`` of two IntFlags costs a microsecond."""
 
 MOMENTS = tuple(Moment)
 ALL_MOMENTS = 63
@@ -58,17 +54,17 @@ _WORDS = {int(moment): str(moment.name).lower().replace("_", " ") for moment in 
 
 
 def moment_of(interval: Interval, edge: Edge) -> Moment:
-    """The moment at which *interval* starts or ends."""
+    """Return the moment at which *interval* starts or ends."""
     return Moment[f"{edge.name}_{interval.name}"]
 
 
 def start_of(moment: int) -> int:
-    """The start of the interval whose start or end a moment is."""
+    """Return the start of the interval that a moment starts or ends."""
     return moment if moment & STARTS else moment >> 1
 
 
 def describe_moments(moments: int) -> list[str]:
-    """The moments in a set, as words: ``["start handling", "start planning"]``."""
+    """Return the moments in a set, as words: ``["start handling", "start planning"]``."""
     bits = int(moments)
     return [words for moment, words in _WORDS.items() if bits & moment]
 

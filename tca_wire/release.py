@@ -6,7 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 @cache
 def release() -> str:
-    """Its version; "unknown" where it runs from a checkout that is not installed."""
+    """Return the version; "unknown" in a checkout that is not installed."""
     try:
         return version("tca-central")
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Standard streams of a program that was started without some of them: ``tca ... 2>&-``."""
+"""Standard streams of a program that started without some of them: ``tca ... 2>&-``."""
 
 import os
 import sys
@@ -6,8 +6,10 @@ from pathlib import Path
 
 
 def replace_closed_streams() -> None:
-    """Let what is written to a closed stream go nowhere. Its number is taken too, or it would be
-    that of the next file or socket, and a C library's complaint would go there.
+    """Connect closed standard streams to the null device.
+
+    This also occupies their file numbers. Otherwise the next file or socket would get them, and a C
+    library would write its complaints there.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -18,4 +20,5 @@ def replace_closed_streams() -> None:
                 os.dup2(nowhere, number)
                 os.close(nowhere)
         if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open("r" if name == "stdin" else "w"))  # noqa: SIM115
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115

@@ -1,18 +1,14 @@
-"""The words that headers and facts share: classes, outcomes, conditions and the like. Knows nothing
-of their use.
-"""
+"""The words that headers and facts share: classes, outcomes, conditions and the like."""
 
 from enum import IntEnum, StrEnum
 from typing import Self
 
 
 class _WithTraits(StrEnum):
-    """Words with traits: the attributes that a class declares are True for the members that name
-    them.
-    """
+    """Words with traits: a declared attribute is True for the members that name it."""
 
     def __new__(cls, word: str, *traits: str) -> Self:
-        """A word with its traits as attributes, True or False."""
+        """Create a word with its traits as attributes, True or False."""
         assert set(traits) <= cls.__annotations__.keys(), f"{word}: unknown trait"
         member = str.__new__(cls, word)
         member._value_ = word
@@ -22,16 +18,14 @@ class _WithTraits(StrEnum):
 
 
 class MessageClass(_WithTraits):
-    """The routing of a message, and whether it becomes a task (TCA 8.5, message classes): one row
-    each.
-    """
+    """The classes of messages, with their traits (TCA 8.5, message classes)."""
 
     is_task: bool
     """It becomes a node of the task tree."""
     is_goal: bool
-    """Such a task expands into others and is planned; other tasks only act."""
+    """It is planned and expands into other tasks; other tasks only act."""
     is_monitor: bool
-    """Central itself carries such a task out."""
+    """Central itself carries it out."""
     has_reply: bool
     """Its handlers answer the sender."""
     fans_out: bool
@@ -39,11 +33,11 @@ class MessageClass(_WithTraits):
     keeps_value: bool
     """Central keeps the newest value: it is set, not sent."""
     may_react: bool
-    """Central may send it for a wiretap, a monitor or a kill."""
+    """A wiretap, a monitor or a kill may send it."""
     has_condition: bool
-    """Such a monitor tests by asking a query; one without is fired from outside."""
+    """It is a monitor that asks a query; other monitors are fired by modules."""
     is_outside_sequence: bool
-    """Such a monitor watches over its siblings: it is in no order with them."""
+    """It is a monitor that watches over its siblings: it is not ordered with them."""
     handles_failures: bool
     """It is attached to tasks, not sent."""
 
@@ -77,24 +71,28 @@ class MessageClass(_WithTraits):
 
     @property
     def only_acts(self) -> bool:
-        """Whether it is a task that a handler carries out, and that expands into no others."""
+        """Whether it is a task that a handler carries out without subtasks."""
         return self.is_task and not self.is_goal and not self.is_monitor
 
 
 class Role(_WithTraits):
-    """Why central made a message itself; "" for what a module sent."""
+    """The reason why central created a message; "" for a module's message."""
 
     is_of_monitor: bool
-    """A monitor sends such messages."""
+    """A monitor sends it."""
     leaves_safe: bool
-    """It brings things to a safe end: it is not suspended with the task above it."""
+    """It leaves things safe: it is not suspended with the task above it."""
     survives: bool
     """It is not killed with the task above it."""
 
     NONE = ""
     EXCEPTION = "exception handler", "survives"  # handles the failure of another task
     LISTENER = "listener"  # of a wiretap
-    TERMINATION = "termination", "leaves_safe", "survives"  # leaves things safe after a kill
+    TERMINATION = (
+        "termination",
+        "leaves_safe",
+        "survives",
+    )  # sent after a kill, to leave things safe
     CONDITION = "condition", "is_of_monitor"
     ACTION = "action", "is_of_monitor"
     SET_UP = "set up", "is_of_monitor"
@@ -105,44 +103,45 @@ class Outcome(StrEnum):
     """The outcome of a message or task."""
 
     DONE = "done"
-    RESOLVED = "done after a failure"  # an exception handler resolved its failure: it did not do what it should
+    RESOLVED = "done after a failure"  # it failed, and an exception handler resolved the failure
     FAILED = "failed"
     KILLED = "killed"
 
     @property
     def lets_successors_continue(self) -> bool:
-        """Whether what follows goes on as planned."""
+        """Whether the successors continue as planned."""
         return self in (Outcome.DONE, Outcome.RESOLVED)
 
 
 class Refusal(StrEnum):
-    """Why central refused a request."""
+    """The reason why central refused a request."""
 
-    PROTOCOL = "protocol"  # illegal here: unknown version, not said hello, no such moment, ...
-    FORMAT = "format"  # the format or class of a message is not the one that others use
+    PROTOCOL = "protocol"  # not allowed here: unknown version, no hello, no such moment, ...
+    FORMAT = "format"  # another module declared the message with another format or class
     UNKNOWN = "unknown"  # no such message, task or resource
     CYCLE = "cycle"  # the constraints could never be met
     TOO_LATE = "too late"  # the point has been reached already
     OVERLOAD = "overload"  # a bounded queue is full
-    DEADLOCK = "deadlock"  # whoever waits would wait for himself, for ever
-    FORBIDDEN = "forbidden"  # whoever asks may not
-    SHUT_OUT = "shut out"  # central lets this connection in no more: its key or user is not allowed
+    DEADLOCK = "deadlock"  # the waiter would wait for itself for ever
+    FORBIDDEN = "forbidden"  # the permissions do not allow it
+    SHUT_OUT = "shut out"  # the key or user of this connection is no longer allowed
 
 
 class Dropping(StrEnum):
-    """The reason for a dropped message, where programs need it too."""
+    """The reason why a message was dropped, where programs need it."""
 
     OTHER = ""
-    GIVEN_UP = "given up"  # its sender waits no longer
-    DEADLOCK = "deadlock"  # its sender would have waited for ever
-    OVERLOAD = "overload"  # too much waited for its handler
-    DISPLACED = "displaced"  # a newer one took its place, as its handler has it (``pending=``)
+    GIVEN_UP = "given up"  # its sender has stopped waiting
+    DEADLOCK = "deadlock"  # its sender would have waited for itself
+    OVERLOAD = "overload"  # the queue of its handler was full
+    DISPLACED = "displaced"  # a newer message took its place (the handler's ``pending=``)
 
 
 class Condition(StrEnum):
-    """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c). *Before* holds the
-    tapped task's interval back until the listener's has ended, *when* holds its end; *while* and
-    *after* hold nothing.
+    """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c).
+
+    *Before* holds the start of the tapped task's interval until the listener's interval has ended;
+    *when* holds its end. *While* and *after* hold nothing.
     """
 
     WHEN_SENT = "when sent"
@@ -168,9 +167,9 @@ class Condition(StrEnum):
 class Scope(StrEnum):
     """The tasks that a kill ends (TCA 8.5: KillTaskTree, KillSubTaskTree; TDL: TERMINATE)."""
 
-    TASK = "task"  # with everything under it
-    DESCENDANTS = "descendants"  # everything under it, not the task itself
-    SIBLINGS = "siblings"  # all other children of its parent, with everything under them
+    TASK = "task"  # with all its descendants
+    DESCENDANTS = "descendants"  # all descendants of the task, not the task itself
+    SIBLINGS = "siblings"  # all other children of its parent, with their descendants
 
 
 class Due(StrEnum):
@@ -178,53 +177,56 @@ class Due(StrEnum):
 
     RELEASE = "release"  # a constraint's delay is over
     DEADLINE = "deadline"  # a task's point should have been reached
-    KILL = "kill"  # a task shall end
-    TEST = "test"  # a polling monitor asks its condition
-    WATCHED = "watched"  # a monitor has watched long enough
+    KILL = "kill"  # a planned kill is due
+    TEST = "test"  # a polling monitor tests its condition
+    WATCHED = "watched"  # the duration of a monitor is over
     LOOK = "look"  # check blocked handlers for deadlocks
-    GRACE = "grace"  # who has not come back to a central that was away is lost
-    HUNG = "hung"  # a handler that nobody waits for should have returned
-    CLAIM = "claim"  # somebody has waited long enough for a lock or reservation
+    GRACE = "grace"  # after a restart: connections that have not come back are lost
+    HUNG = "hung"  # a handler without a waiting sender should have returned
+    CLAIM = "claim"  # the timeout of a wait for a lock or reservation
 
 
 class Party(StrEnum):
-    """Who takes a transition of a life cycle."""
+    """The party that takes a transition of a life cycle."""
 
-    CLIENT = "client"  # whoever wants something of a task
+    CLIENT = "client"  # a module that wants something of a task
     SERVER = "server"  # the task's handler
-    BOTH = "both"  # either of them may
+    BOTH = "both"  # client or server
     CENTRAL = "central"
 
 
 class Busy(StrEnum):
-    """What becomes of a task whose handler is busy with another one."""
+    """The fate of a task whose handler is busy with another task."""
 
-    QUEUE = "queue"  # it waits for its turn
-    PREEMPT = "preempt"  # the newest goes on: the others are cancelled
+    QUEUE = "queue"  # it waits in the queue
+    PREEMPT = "preempt"  # the newest task runs: the others are cancelled
     REJECT = "reject"  # it is rejected
 
 
 class Permission(StrEnum):
-    """What a permissions file may allow, each for names that match its patterns."""
+    """The actions that a permissions file may allow, each for names that match its patterns."""
 
-    SEND = "send"  # messages, and to set variables, fire monitors
-    HANDLE = "handle"  # messages, and to get variables
-    TAP = "tap"  # messages, and to attach exception handlers to all of them, wait for and look at others' tasks
-    LOCK = "lock"  # resources, as "module.resource"
-    KILL = "kill"  # others' tasks of these messages; and to suspend, retry, fail, constrain and extend them
-    ADMINISTER = "administer"  # what the command line does: "unlock", "detach", "status", ...
+    SEND = "send"  # send messages, set variables, fire monitors
+    HANDLE = "handle"  # handle messages, get variables
+    TAP = "tap"  # tap messages, attach exception handlers to all, await and inspect foreign tasks
+    LOCK = "lock"  # lock resources, as "module.resource"
+    KILL = (
+        "kill"  # kill, suspend, retry, fail, constrain and extend foreign tasks of these messages
+    )
+    ADMINISTER = "administer"  # commands of the command line: "unlock", "detach", "status", ...
 
 
 CENTRAL = "central"
 """The sender of central's own messages, and the author of its own actions."""
 
 DISK_FULL = 75
-"""The exit code of a central that could not write for lack of room: started again when there is
-some, it continues.
+"""The exit code of a central that ran out of disk space.
+
+Started again when there is space, it continues.
 """
 
 LONGEST_TIME = 3.2e8
-"""Seconds, ten years: nothing can be asked for later than this."""
+"""Seconds, ten years: no delay or deadline is longer."""
 
 
 class Limit(IntEnum):
@@ -233,16 +235,17 @@ class Limit(IntEnum):
     PACKET = 16 << 20
     BODY = 8 << 20
     HEADER = 1 << 20
-    TOGETHER = 1 << 20  # of a packet to central with several items
+    TOGETHER = 1 << 20  # bytes of a packet to central with several items
     NAME = 128
     TEXT = 16_384
-    ITEMS = 500  # of a packet to central: so long must everybody else wait for it
-    LIST = 1000  # the entries of a list in a header
-    PARTS = 2000  # of a packet to central: the entries of all lists in its headers
+    ITEMS = 500  # in a packet to central: all others wait while it is handled
+    LIST = 1000  # entries of a list in a header
+    PARTS = 2000  # entries of all lists in the headers of a packet to central
 
 
 def is_name(text: str) -> bool:
-    """Whether a text may name a message, module, resource, pool or failure: it is short, and steers
-    no terminal.
+    """Return whether a text may name a message, module, resource, pool or failure.
+
+    A name is short, printable and not blank: it can't steer a terminal.
     """
     return 0 < len(text) <= Limit.NAME and text.isprintable() and not text.isspace()

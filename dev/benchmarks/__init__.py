@@ -1,4 +1,4 @@
-"""The benchmarks for developers; what users ask is in ``messages``."""
+"""The benchmarks for developers; those for users are in ``messages``."""
 
 import argparse
 import time
@@ -13,9 +13,7 @@ BODY = bytes(100)
 
 
 def rounds_of(measure: Callable[[float], dict[str, float]], about: str) -> list[dict[str, float]]:
-    """The results of several rounds of measuring; the command line sets their number, and the
-    seconds of each.
-    """
+    """Return the results of several rounds; the command line sets their number and duration."""
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=1.0)
@@ -24,7 +22,7 @@ def rounds_of(measure: Callable[[float], dict[str, float]], about: str) -> list[
 
 
 def rate(seconds: float, do: Callable[[], int]) -> float:
-    """How often per second; *do* says how much it did."""
+    """Return how often per second *do* acts; it returns its count."""
     done, begin = 0, time.perf_counter()
     while (passed := time.perf_counter() - begin) < seconds:
         done += do()

@@ -1,4 +1,4 @@
-"""All benchmarks for developers, one after the other: ``python -m dev.benchmarks``."""
+"""Run all benchmarks for developers in turn: ``python -m dev.benchmarks``."""
 
 import subprocess
 import sys

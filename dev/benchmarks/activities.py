@@ -1,14 +1,15 @@
-"""How well processors keep time, and what handing on the baton costs.
+"""How well processors keep time, and the cost of passing the baton.
 
     python -m dev.benchmarks.activities [--activities 50] [--rate 100] [--processors 1,5,50]
     [--seconds 5] [--rounds 5]
 
-Each activity does at its rate what a small controller does: a little arithmetic. All are due at the
-same times. It measures by how much the first activity begins after it is due, when the last one
-ends, jitter (how far the beginning of each activity is from its own median), and the processor time
-of a tick beside that of the activity itself. With --beside a thread of the same program computes
-all the time, and with --switch the interval is set after which the interpreter lets another thread
-go on.
+Each activity is a small controller: a little arithmetic at its rate. All are due at the same times.
+The table shows how late the first activity starts, and how long after its time the last one ends.
+Jitter is the distance of an activity's starts from their own median. The last column is the
+processor time of a tick beside the activity itself.
+
+With --beside, a thread of the same program computes all the time. --switch sets the interval after
+which the interpreter switches threads.
 """
 
 import argparse
@@ -27,7 +28,7 @@ _computed = [0.0]  # seconds, by a thread beside
 
 
 class Controller:
-    """Steers a cart towards a place that moves."""
+    """Steers a cart towards a moving place."""
 
     component = "bench"
     estimate: float | None = None
@@ -46,25 +47,25 @@ class Controller:
 def play(
     activities: int, processors: int, period: float, seconds: float
 ) -> tuple[float, float, float, float, float]:
-    """Milliseconds: the first begins (p95), the last ends (p95), jitter (median, p99).
-    Microseconds: a tick.
+    """Return milliseconds: first start (p95), last end (p95), jitter (median, p99); and the us of a
+    tick.
     """
     baton = Baton()
     schedule, began = baton.schedule, defaultdict[str, list[float]](list)
     ended = defaultdict[float, float](float)
     begin, end = schedule.begin, schedule.end
 
-    def noted_begin(processor: Processor, now: float) -> ScheduledActivity:
+    def recorded_begin(processor: Processor, now: float) -> ScheduledActivity:
         one = begin(processor, now)
         began[one.name].append(now - one.release.due)
         return one
 
-    def noted_end(now: float, error: str = "") -> None:
+    def recorded_end(now: float, error: str = "") -> None:
         due = schedule.ticked.release.due if schedule.ticked else 0.0
         ended[due] = max(ended[due], now - due)
         end(now, error)
 
-    vars(schedule).update(begin=noted_begin, end=noted_end)
+    vars(schedule).update(begin=recorded_begin, end=recorded_end)
     with baton.changing():
         places = [schedule.new_processor(f"p{number}", 0.0) for number in range(processors)]
         for number in range(activities):
@@ -94,7 +95,7 @@ def play(
 
 
 def compute() -> None:
-    """For ever."""
+    """Compute for ever."""
     while True:
         sum(range(1000))
         _computed[0] = time.thread_time()
@@ -111,15 +112,15 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--beside", action="store_true")
     parser.add_argument("--switch", type=float, default=0.005)
-    given = parser.parse_args()
-    sys.setswitchinterval(given.switch)
-    if given.beside:
+    options = parser.parse_args()
+    sys.setswitchinterval(options.switch)
+    if options.beside:
         threading.Thread(target=compute, daemon=True).start()
     print("processors  first begins p95 ms  last ends p95 ms  jitter median ms     p99  us a tick")
-    for processors in map(int, given.processors.split(",")):
+    for processors in map(int, options.processors.split(",")):
         rounds = [
-            play(given.activities, processors, 1 / given.rate, given.seconds)
-            for _ in range(given.rounds)
+            play(options.activities, processors, 1 / options.rate, options.seconds)
+            for _ in range(options.rounds)
         ]
         first, last, median, p99, cost = (
             statistics.median(column) for column in zip(*rounds, strict=True)

@@ -1,5 +1,4 @@
-"""What a coordinator does at one event: processor time for a report of progress, by the length of
-the preview list.
+"""The processor time of a coordinator for one event, by the length of the preview list.
 
 python -m dev.benchmarks.coordinator
 """
@@ -28,7 +27,7 @@ REPORTS = 300
 
 
 def chain(length: int) -> Coordination:
-    """Activities one after the other, each with a fact of its own that the next one needs."""
+    """Return activities in a row; each makes a fact that the next one needs."""
     with Coordination(
         "chain", facts={f"done {place}": False for place in range(length + 1)}
     ) as machine:
@@ -50,15 +49,15 @@ def chain(length: int) -> Coordination:
 
 
 def cost_of_events(length: int, policy: Policy | None) -> float:
-    """Microseconds of processor time that the coordinator needs for a report of its current
+    """Return the coordinator's processor time, in microseconds, for a report of the current
     activity.
     """
     times: list[float] = []
-    go_on: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_go_on"]
+    continue_run: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_go_on"]
 
     def measured(run: CoordinationRun) -> None:
         began = time.thread_time()
-        go_on(run)
+        continue_run(run)
         times.append(time.thread_time() - began)
 
     with LocalCentral(stepped=True) as central:

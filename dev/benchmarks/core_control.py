@@ -1,13 +1,13 @@
-"""The cost of steering a big tree: wiretaps, a failure found a million levels up, suspension, a
-deadline, a kill.
+"""The cost of control in a big tree: wiretaps, failures, suspension, deadlines and kills.
 
     python dev/benchmarks/core_control.py [--sizes 1000,100000,1000000]
 
-A tree of goals is grown whose message is tapped, under a top-level task with a deadline and a
-message to be sent on its termination; an exception handler for any failure is at the root. First
-come the costs per event, as in core_events.py; then each operation happens once: how long it takes,
-during which central does nothing else, and that divided by the number of tasks. One goal is
-handled, all others wait for its slot.
+A tree of tapped goals is grown under a top-level task with a deadline and a termination message. An
+exception handler for any failure is at the root, up to a million levels above.
+
+First come the costs per event, as in core_events.py. Then each operation happens once. The table
+shows its time, during which central does nothing else, and that time divided by the number of
+tasks. One goal is handled, all others wait for its slot.
 """
 
 import argparse
@@ -30,7 +30,7 @@ DEADLINE = 1e6
 
 
 class Steered(Bench):
-    """The planner and user of the other benchmark, and an expert whom they do not know."""
+    """The planner and user of the other benchmark, and an expert."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -53,14 +53,14 @@ class Steered(Bench):
         self.event(USER, headers.Deadline(self.next(), at, DEADLINE))
 
     def grow(self, size: int, *, deep: bool) -> int:
-        """The newest task, which is the deepest."""
+        """Grow the tree; return the newest task, which is the deepest."""
         newest = self.top
         for _ in range(size):
             newest = self.goal(newest if deep else self.top, Flags.NONE)
         return newest
 
     def given(self, slot: ConnectionId) -> int:
-        """The message that a slot handles."""
+        """Return the message that a slot handles."""
         return next(
             one.handling_id
             for one in self.central.dispatcher.running.values()
@@ -68,8 +68,9 @@ class Steered(Bench):
         )
 
     def steady(self, parent: int, rounds: int) -> list[float]:
-        """Seconds per event: a goal is sent, the handler of an older one returns, and the next one
-        is told of.
+        """Return the seconds per event.
+
+        Each round sends a goal and lets the handlers of an older one and of its wiretap return.
         """
         costs = []
         for _ in range(rounds):
@@ -81,17 +82,17 @@ class Steered(Bench):
         return costs
 
     def resolve(self) -> None:
-        """The expert says that the failure it handles is resolved."""
+        """Resolve the failure that the expert handles."""
         self.event(EXPERT_SLOT, headers.Resolve(self.next(), self.given(EXPERT_SLOT)))
 
     def timed(self, header: Any, connection: ConnectionId = USER) -> float:
-        """Seconds that a message takes."""
+        """Return the seconds that a message takes."""
         begin = time.perf_counter()
         self.event(connection, header)
         return time.perf_counter() - begin
 
     def operations(self, bottom: int) -> dict[str, float]:
-        """Seconds that each operation takes."""
+        """Return the seconds that each operation takes."""
         top, costs = TaskId(self.top), {}
         costs["failure at the bottom"] = self.timed(
             headers.Raise(self.next(), TaskId(bottom), "slip")
@@ -119,7 +120,7 @@ class Steered(Bench):
 
 
 def measure(size: int, *, deep: bool) -> tuple[float, float, dict[str, float]]:
-    """Microseconds per event while the tree grows, and at its size; seconds per operation."""
+    """Return microseconds per event while the tree grows and at its size; seconds per operation."""
     bench = Steered()
     begin = time.perf_counter()
     bottom = bench.grow(size, deep=deep)

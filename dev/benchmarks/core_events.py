@@ -1,9 +1,9 @@
-"""Microseconds per event of the pure core for trees of rising size, and bytes per live task.
+"""Microseconds per event of the pure core for growing trees, and bytes per live task.
 
     python dev/benchmarks/core_events.py [--sizes 1000,100000,1000000]
 
-For each shape a tree is grown to its size; then, at that size, goals are sent, handled and
-achieved. If the cost per event is flat, the last column does not rise with the size.
+Each tree is grown to its size. Then goals are sent, handled and achieved at that size. If the cost
+per event is constant, the last column does not rise with the size.
 """
 
 import argparse
@@ -68,8 +68,9 @@ class Bench:
         return parent
 
     def steady(self, parent: int, rounds: int) -> list[float]:
-        """Seconds per event: a goal is sent under *parent*, and the handler of an older one
-        returns.
+        """Return the seconds per event.
+
+        Each round sends a goal under *parent*, and lets the handler of an older one return.
         """
         costs = []
         for _ in range(rounds):
@@ -100,7 +101,8 @@ def main() -> None:
             shape = "deep" if deep else "wide"
             median, p99 = statistics.median(costs), costs[len(costs) * 99 // 100]
             print(
-                f"{shape:>6} {size:>9,} {growing:>17.1f} {memory:>11,.0f} {median:>24.1f} {p99:>7.1f}",
+                f"{shape:>6} {size:>9,} {growing:>17.1f} {memory:>11,.0f}"
+                f" {median:>24.1f} {p99:>7.1f}",
                 flush=True,
             )
 

@@ -1,11 +1,10 @@
-"""Processor microseconds of the pure core for the life of one message: sent, given to a slot,
-answered.
+"""Processor time of the pure core for the life of one message: sent, delivered, answered.
 
     python -m dev.benchmarks.core_lives
 
-Of each kind many lives, one after the other; the best and the median of several runs. A sequence
-has ten commands under way, each behind the one before. The handler of "asked" takes what clients
-ask of its tasks; those "observed" have an observer, who is told of three changes of each.
+It shows the best and the median of several runs, each of many lives in a row, in microseconds. A
+sequence has ten commands under way, each behind the one before. The handler of "asked" decides
+about requests of clients. The tasks "observed" have an observer, which gets three changes of each.
 """
 
 import gc
@@ -32,7 +31,7 @@ KINDS = {
     "query": ("query", 1),
     "inform": ("inform", 1),
 }
-"""By name: the class of message, and how many are under way."""
+"""By name: the class of message, and the number under way."""
 
 
 def central() -> Central:
@@ -59,7 +58,7 @@ def central() -> Central:
 
 
 def events(name: str, under_way: int, first: int) -> Iterator[Any]:
-    """The events of all lives; *first* is the id that the first message will have."""
+    """Yield the events of all lives; *first* is the id of the first message."""
     for life in range(LIVES):
         number = 0 if name == "inform" else 2 + life
         yield RequestReceived(2.0, USER, headers.Send(number, name), b"\x07")

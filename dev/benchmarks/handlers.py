@@ -1,9 +1,10 @@
-"""The costs of the kinds of handlers: the same query to a plain one, a coroutine, one whose thread
-has a timer, one that answers later from another thread.
+"""The costs of the kinds of handlers for the same query.
 
     python -m dev.benchmarks.handlers [--rounds 3] [--seconds 1.0]
 
-Central without a journal, three processes, Unix sockets; one query at a time. Ratios hold.
+There are four handlers. One is plain, one a coroutine, one has a timer in its thread, and one
+replies later from another thread. Central has no journal; three processes use Unix sockets, with
+one query at a time. Only the ratios are comparable between machines.
 """
 
 import queue
@@ -52,7 +53,7 @@ def ask(client: Client, question: Query[bytes, bytes]) -> int:
 
 
 def measure(seconds: float) -> dict[str, float]:
-    """Microseconds a round trip, by kind."""
+    """Return the microseconds of a round trip, by kind."""
     results = {}
     with tempfile.TemporaryDirectory() as name:  # noqa: SIM117
         with (

@@ -1,11 +1,10 @@
-"""The cost to open, measure and export a journal: seconds and megabytes for each million facts, at
-rising sizes.
+"""The cost to open, measure and export a journal, by size.
 
     python -m dev.benchmarks.journals [--sizes 100000,300000,1000000] [--ways read,fold,view]
 
-Goals are sent, handled and achieved on the pure core, ten a step; their journal is then read,
-folded, laid out for the viewer's page, measured (stats) or exported (the formats of tca export),
-each in a process of its own. If cost is linear, the columns do not rise with the size.
+Goals are sent, handled and achieved on the pure core, ten a step. A process for each way then
+reads, folds, lays out (view), measures (stats) or exports the journal. The table has seconds and
+megabytes for each million facts: if the cost is linear, its columns do not rise with the size.
 """
 
 import argparse
@@ -51,7 +50,7 @@ class Writer(Bench):
                 self.facts += len(effect.entry.facts)
 
     def step(self) -> None:
-        """A goal with nine under it."""
+        """Send and handle a goal with nine subgoals."""
         self.event(USER, headers.Send(self.next(), "walk"))
         step = self.central.tree.newest
         for _ in range(9):
@@ -88,7 +87,7 @@ WAYS: dict[str, Callable[[Path], object]] = {
 
 
 def measure(way: str, path: Path) -> tuple[float, float]:
-    """Seconds, and megabytes beyond those of a program that does nothing."""
+    """Return seconds, and megabytes beyond those of an idle program."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begin = time.perf_counter()
     WAYS[way](path)
@@ -127,10 +126,10 @@ def main() -> None:
                     way,
                     str(path),
                 ]
-                told = subprocess.run(
+                output = subprocess.run(
                     command, check=True, capture_output=True, text=True
                 ).stdout.split()
-                seconds, megabytes = (float(number) / writer.facts * 1e6 for number in told)
+                seconds, megabytes = (float(number) / writer.facts * 1e6 for number in output)
                 print(f"{seconds:>12.2f} {megabytes:>6.0f} ", end="", flush=True)
             print()
 

@@ -1,5 +1,6 @@
-"""What keys and the log of inputs cost: round trips and messages a second over TCP with them and
-without, in turns, and the ratios. Each has a journal.
+"""The cost of keys and of the log of inputs: round trips and messages a second over TCP.
+
+The variants take turns, each with a journal; the ratios are to the one without keys and inputs.
 
 python dev/benchmarks/keys.py [rounds]
 """
@@ -50,7 +51,7 @@ def start(stack: ExitStack, *options: str) -> Client:
 
 
 def round_trip(client: Client) -> float:
-    """Seconds, the median."""
+    """Return the median of the seconds."""
     times = []
     for _ in range(TRIPS):
         began = time.perf_counter()
@@ -60,7 +61,7 @@ def round_trip(client: Client) -> float:
 
 
 def queries(client: Client) -> float:
-    """A second, so many open at a time."""
+    """Return the queries a second, with ``OPEN`` of them open at a time."""
     began, pending = time.perf_counter(), [client.query_send(PING, BODY) for _ in range(OPEN)]
     for _ in range(MANY - OPEN):
         pending.pop(0).receive()
@@ -71,7 +72,7 @@ def queries(client: Client) -> float:
 
 
 def informs(client: Client) -> float:
-    """A second, until the last is handled."""
+    """Return the informs a second, until the last is handled."""
     before, began = client.query(SEEN), time.perf_counter()
     for _ in range(MANY):
         client.inform(NOTE, BODY, wait=5.0)

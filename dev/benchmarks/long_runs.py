@@ -3,10 +3,10 @@
     python -m dev.benchmarks.long_runs [--shapes retries,children,levels,waits] [--tools
     tree,report] [--share 0.1]
 
-The journals are made on the pure core: 10,000 retries of one command, 10,000 children of one task,
-10,000 levels deep, 100,000 waits of one resource (or a share of those). Each tool reads each in a
-process of its own. The ratio is of the seconds for each entry: about 1 if the cost is linear.
-Figures leave out the cost of an empty run.
+The journals come from the pure core: 10,000 retries of one command, 10,000 children of one task,
+10,000 levels, and 100,000 waits for one resource, or a share of these numbers. Each tool reads each
+journal in a process of its own. The ratio compares the seconds for each entry: about 1 if the cost
+is linear. The figures leave out the cost of an empty run.
 """
 
 import argparse
@@ -51,7 +51,7 @@ class LongRun(Writer):
         self.event(SLOT, headers.Reply(self.attended()))
 
     def retries(self, count: int) -> None:
-        """One task fails again and again; an exception handler retries it."""
+        """Let one task fail again and again; an exception handler retries it."""
         expert = ConnectionId(b"expert")
         rescue = MessageFormat("rescue", MessageClass.EXCEPTION, "{}", "")
         self.event(
@@ -71,14 +71,14 @@ class LongRun(Writer):
         self._finish()
 
     def children(self, count: int) -> None:
-        """One task has many subtasks."""
+        """Give one task many subtasks."""
         walk = self.goal(0)
         for _ in range(count):
             self.goal(walk)
         self._finish()
 
     def levels(self, count: int) -> None:
-        """Each handler sends one task, under its own."""
+        """Let each handler send one subtask."""
         task = self.goal(0)
         for _ in range(count):
             under, delivery = task, self.attended()
@@ -87,7 +87,7 @@ class LongRun(Writer):
         self._finish()
 
     def waits(self, count: int) -> None:
-        """Many tasks are sent at once and wait for one resource."""
+        """Send many tasks at once; they wait for one resource."""
         for _ in range(count):
             self.goal(0, Flags.NONE)
         self._finish()
@@ -101,7 +101,7 @@ SHAPES = {"retries": 10_000, "children": 10_000, "levels": 10_000, "waits": 100_
 
 
 def make(shape: str, count: int, path: Path) -> int:
-    """Write a journal; the number of its entries."""
+    """Write a journal; return the number of its entries."""
     with path.open("wb") as stream:
         run = LongRun(stream)
         getattr(run, shape)(count)
@@ -119,20 +119,20 @@ def _command(name: str, output: str = "") -> Callable[[Path], object]:
 
 
 def _replay(path: Path) -> None:
-    """The screen at some places."""
+    """Show the screen at some places."""
 
-    async def look() -> None:
+    async def show() -> None:
         app = Replay(Recording(open_log(path)), "run")
         async with app.run_test(size=(120, 40)) as pilot:
             for part in range(_CLICKS):
                 app.go_to(app.recording.last * part // _CLICKS)
                 await pilot.pause()
 
-    asyncio.run(look())
+    asyncio.run(show())
 
 
 def _click(path: Path) -> None:
-    """The page's data, then clicks on some tasks, at the end of the run and in its midst."""
+    """Load the page's data, then click on some tasks, at the end and in the middle of the run."""
     reading = Reading(open_log(path))
     for entry in open_log(path):
         reading.feed.apply(entry)
@@ -170,7 +170,7 @@ TOOLS: dict[str, Callable[[Path], object]] = {
 
 
 def measure(tool: str, path: Path) -> tuple[float, float]:
-    """Processor seconds, and megabytes of this process at its peak."""
+    """Return processor seconds, and the peak of this process's memory in megabytes."""
     begin = time.process_time()
     TOOLS[tool](path)
     return time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -202,7 +202,8 @@ def main() -> None:
                 (few_s, few_mb), (many_s, many_mb) = (
                     [a - b for a, b in zip(one, base, strict=True)] for one in (few, many)
                 )
-                figures = f"{few_s:>10.2f} {many_s:>7.2f} {many_s / few_s * entries[1] / entries[2]:>6.2f}"
+                ratio = many_s / few_s * entries[1] / entries[2]
+                figures = f"{few_s:>10.2f} {many_s:>7.2f} {ratio:>6.2f}"
                 print(
                     f"{shape:>9} {most:>8,} {tool:>16} {figures} {few_mb:>11.1f} {many_mb:>7.1f}",
                     flush=True,
@@ -212,12 +213,12 @@ def main() -> None:
 def _took(tool: str, path: Path, patience: float) -> tuple[float, float]:
     command = [sys.executable, "-m", "dev.benchmarks.long_runs", "--measure", tool, str(path)]
     try:
-        told = subprocess.run(
+        output = subprocess.run(
             command, check=True, capture_output=True, text=True, timeout=patience
         ).stdout
     except subprocess.TimeoutExpired:
         return math.inf, math.inf
-    seconds, megabytes = told.split()[-2:]
+    seconds, megabytes = output.split()[-2:]
     return float(seconds), float(megabytes)
 
 

@@ -2,9 +2,8 @@
 
     python -m dev.benchmarks.periods [--tasks 1,10,100] [--rate 10] [--seconds 10] [--rounds 5]
 
-Each task of a round begins when it comes, and then does, at its rate, what a small controller does:
-a little arithmetic on numbers of the environment. Measured is by how much each iteration begins
-later than it is due, without the first second.
+Each task is a small controller: at its rate it does a little arithmetic on numbers of the
+environment. The benchmark measures how late each iteration starts, without the first second.
 """
 
 import argparse
@@ -27,7 +26,7 @@ _WARM_UP = 1.0  # seconds
 
 
 class Cart(Environment):
-    """Where a cart is, and how fast."""
+    """The place and speed of a cart."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -37,7 +36,7 @@ class Cart(Environment):
 
 
 class Steer(PeriodicTask[Cart]):
-    """Steer a cart towards a place that moves."""
+    """Steer a cart towards a moving place."""
 
     def iterate(self) -> Status:
         now = time.monotonic()
@@ -50,7 +49,7 @@ class Steer(PeriodicTask[Cart]):
 
 
 def measured(cart: Cart) -> type[Period]:
-    """Periods that write down when iterations are due."""
+    """Return periods that record when iterations are due."""
 
     class Measured(Period):
         def __init__(self, start: float, seconds: float) -> None:
@@ -66,7 +65,9 @@ def measured(cart: Cart) -> type[Period]:
 
 
 def play(address: str, tasks: int, rate: float, seconds: float) -> tuple[list[float], int, float]:
-    """How late iterations begin, in milliseconds; overruns; the processor's share of one core."""
+    """Return the delays of iterations in milliseconds, the overruns, and the processor's share of a
+    core.
+    """
     cart = Cart()
     vars(run)["Period"] = measured(cart)
     server = TaskServer("cart", cart, [Steer], rate=rate, capacity=tasks + 2, central=address)
@@ -98,14 +99,14 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=10)
     parser.add_argument("--seconds", type=float, default=10)
     parser.add_argument("--rounds", type=int, default=5)
-    given = parser.parse_args()
+    options = parser.parse_args()
     head = f"{'tasks':>6} {'median ms':>10} {'p95 ms':>7} {'(range)':>13} {'p99':>6} {'max':>7}"
     print(f"{head} {'overruns':>9} {'processor':>10}")
-    for tasks in map(int, given.tasks.split(",")):
+    for tasks in map(int, options.tasks.split(",")):
         rounds = []
-        for _ in range(given.rounds):
+        for _ in range(options.rounds):
             with tempfile.TemporaryDirectory() as folder, central(Path(folder)) as address:
-                late, missed, share = play(address, tasks, given.rate, given.seconds)
+                late, missed, share = play(address, tasks, options.rate, options.seconds)
             steps = statistics.quantiles(map(abs, late), n=100)
             rounds.append((statistics.median(late), steps[94], steps[98], max(late), missed, share))
         middle = [statistics.median(column) for column in zip(*rounds, strict=True)]
@@ -113,8 +114,8 @@ def main() -> None:
         p95 = sorted(one[1] for one in rounds)
         spread = f"({p95[0]:.2f}-{p95[-1]:.2f})"
         print(
-            f"{tasks:6} {middle[0]:10.2f} {middle[1]:7.2f} {spread:>13} {middle[2]:6.2f} {longest:7.1f}"
-            f" {missed:9} {middle[5]:10.0%}"
+            f"{tasks:6} {middle[0]:10.2f} {middle[1]:7.2f} {spread:>13} {middle[2]:6.2f}"
+            f" {longest:7.1f} {missed:9} {middle[5]:10.0%}"
         )
 
 

@@ -1,16 +1,16 @@
-"""What a preview costs, by the length of its list.
+"""The cost of a preview, by the length of its list.
 
     python -m dev.benchmarks.preview [--lengths 10,100,1000,10000] [--rounds 7]
 
-Most machines are chains of states, whose activities take turns at four agents and variables. From
-each state of them another arrow leads to a dead end, or back to the start, or leaves out the next
-state and is almost as likely. The last machine is a tree whose arrows are all equally likely:
-there, the walk has to look everywhere.
+Most machines are chains of states, whose activities use four agents and variables in turn. A second
+arrow of each state leads to a dead end, back to the start, or (almost as likely) over the next
+state. The last machine is a tree of equally likely arrows, where the walk has to visit every state.
 """
 
 import argparse
 import gc
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import perf_counter
 
 from tca_behaviours.coordination import (
@@ -33,10 +33,10 @@ LIMITS = PreviewLimits()
 
 
 class Chain:
-    """States 0 to the length lead to one another. What leads aside ends in a state of its own."""
+    """A chain of states from 0 to the length. Dead ends are states of their own."""
 
     def __init__(self, arrows: Callable[[int, int], Sequence[LikelyArrow]], length: int) -> None:
-        self.looked_at = 0
+        self.visited = 0
         self.length = length
         self._arrows = [
             list(arrows(state, length)) if state < length else [] for state in range(2 * length + 1)
@@ -49,7 +49,7 @@ class Chain:
         return Activity(Do(MOVE, "there", agent), makes={agent.name: state}, cost=0.1)
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
-        self.looked_at += 1
+        self.visited += 1
         return self._arrows[state]
 
     def activity(self, state: int) -> Activity | None:
@@ -83,7 +83,7 @@ def back(state: int, _: int) -> list[LikelyArrow]:
 
 
 def ladder(state: int, length: int) -> list[LikelyArrow]:
-    """Of each two states one is left out, or not."""
+    """Skip each second state, or not."""
     return [
         LikelyArrow("short", min(state + 2, length), 0.45),
         LikelyArrow("done", state + 1, 0.55),
@@ -104,7 +104,7 @@ CASES = {
 
 
 def least(rounds: int, work: Callable[[], object]) -> float:
-    """The least time in milliseconds."""
+    """Return the least time in milliseconds."""
     times = []
     for _ in range(rounds):
         begin = perf_counter()
@@ -119,26 +119,25 @@ def main() -> None:
     )
     parser.add_argument("--lengths", default="10,100,1000,10000")
     parser.add_argument("--rounds", type=int, default=7)
-    given = parser.parse_args()
+    options = parser.parse_args()
     gc.disable()
     print(
-        f"{'arrows':20} {'states':>7} {'list':>7} {'looked at':>10} {'walk ms':>9} {'us/state':>9} {'decision ms':>12}"
+        f"{'arrows':20} {'states':>7} {'list':>7} {'visited':>10} {'walk ms':>9} {'us/state':>9}"
+        f" {'decision ms':>12}"
     )
     for case, arrows in CASES.items():
-        for length in map(int, given.lengths.split(",")):
+        for length in map(int, options.lengths.split(",")):
             chain = Chain(arrows, length)
             found = most_likely(chain, 0, LIMITS)
-            looked_at = chain.looked_at
-            walk = least(given.rounds, lambda chain=chain: most_likely(chain, 0, LIMITS))  # type: ignore[misc]
+            visited = chain.visited
+            walk = least(options.rounds, partial(most_likely, chain, 0, LIMITS))
             present = Present(0, {}, Situation(progress=0.7))
             ahead = LookAhead(Discrete(), LIMITS, chain.needed)
-            whole = least(
-                given.rounds,
-                lambda chain=chain, present=present, ahead=ahead: ahead.decide(chain, present),  # type: ignore[misc]
-            )
+            whole = least(options.rounds, partial(ahead.decide, chain, present))
             per_state = 1e3 * walk / len(found)
             print(
-                f"{case:20} {length:7,} {len(found):7,} {looked_at:10,} {walk:9.3f} {per_state:9.2f} {whole:12.3f}",
+                f"{case:20} {length:7,} {len(found):7,} {visited:10,} {walk:9.3f}"
+                f" {per_state:9.2f} {whole:12.3f}",
                 flush=True,
             )
 

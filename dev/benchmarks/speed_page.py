@@ -1,4 +1,4 @@
-"""The figures of docs/speed.md, and its pictures, from what the benchmark of messages has written.
+"""Write the figures and pictures of docs/speed.md, from the results of the benchmark of messages.
 
 python -m dev.benchmarks.messages --peers --json FILE
 python -m dev.benchmarks.speed_page FILE
@@ -32,7 +32,8 @@ def page(report: Report) -> Iterator[str]:
     yield from (BEGIN, "", "## Figures", "")
     versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     machine = f"{report.machine['processors']} processors, Python {report.machine['python']}"
-    yield f"{report.when[:10]}, {machine}; {report.rounds} rounds of {report.seconds:g} s. {versions}."
+    rounds = f"{report.rounds} rounds of {report.seconds:g} s"
+    yield f"{report.when[:10]}, {machine}; {rounds}. {versions}."
     for name, (title, _) in PICTURES.items():
         yield from ("", f"![{title}](images/{name})")
     yield from ("", "The scale of the pictures is logarithmic; longer is better.")
@@ -65,7 +66,7 @@ def row(one: Standing) -> str:
 
 
 def picture(title: str, tables: list[Comparison]) -> str:
-    """Bars on a logarithmic scale, from a thousandth of the reference to twice as much."""
+    """Draw bars on a logarithmic scale, from a thousandth of the reference to its double."""
     names = max(width_of(one.contestant) for table in tables for one in table.rows) + _MARGIN
     full = math.log10(2 / _LEAST)
     body, top = [f'<text class="title" x="{_MARGIN}" y="22">{text(title)}</text>'], 34.0
@@ -84,11 +85,13 @@ def picture(title: str, tables: list[Comparison]) -> str:
             part = 1 / one.ratio if table.is_less_better else one.ratio
             end = names + _MARGIN + max(math.log10(part / _LEAST) / full * _WIDTH, 1.0)
             ours = one.contestant.startswith(("central", "module library"))
-            look = "limit" if one.contestant == table.reference else "ours" if ours else "other"
+            style = "ours" if ours else "other"
+            if one.contestant == table.reference:
+                style = "limit"
             body.append(
                 f'<text class="faint" x="{_MARGIN}" y="{top + 6:.0f}">{text(one.contestant)}</text>'
             )
-            body.append(rectangle(f'class="{look}"', names + _MARGIN, top - 4, end, _BAR))
+            body.append(rectangle(f'class="{style}"', names + _MARGIN, top - 4, end, _BAR))
             body.append(
                 f'<text class="faint" x="{end + 4:.0f}" y="{top + 6:.0f}">{number(part)}</text>'
             )

@@ -1,11 +1,11 @@
-"""The delay of others caused by programs that wait for a goal with very many subtasks.
+"""The delay of other modules while programs wait for a goal with very many subtasks.
 
     python -m dev.benchmarks.waits [--sizes 1000,20000,150000] [--seconds 7]
 
-A goal sends commands that all wait for busy legs. Meanwhile a program asks a question of somebody
-else, again and again: how long does the longest answer take? First nobody waits; then a client in
-``wait()``; then the handlers of 1 and of 40 questions, which is what a deadlock could come of: so
-central looks at all that they wait for, in slices.
+A goal sends commands that all wait for busy legs. In the meantime a program queries another module
+again and again: the benchmark shows the longest delay of a reply. First there are no waiters. Then
+a client waits in ``wait()``, then the handlers of 1 and of 40 queries. These could cause a
+deadlock, so central checks all that they wait for, in slices.
 """
 
 import argparse
@@ -25,9 +25,7 @@ HANDLERS = 40
 
 
 class Crowd:
-    """A goal whose commands wait; those who may be asked whether it is done; somebody who knows
-    nothing of all that.
-    """
+    """A goal whose commands wait, handlers that wait for the goal, and an unrelated module."""
 
     def __init__(self, address: str, seconds: float) -> None:
         self.seconds = seconds  #: that a handler waits
@@ -56,8 +54,8 @@ class Crowd:
         return wait_for(task, walk, self.seconds)
 
 
-def wait_for(who: Task | Client, walk: int, seconds: float) -> bool:
-    task = who.task(walk)
+def wait_for(sender: Task | Client, walk: int, seconds: float) -> bool:
+    task = sender.task(walk)
     assert task is not None
     try:
         task.wait(seconds)
@@ -67,13 +65,13 @@ def wait_for(who: Task | Client, walk: int, seconds: float) -> bool:
 
 
 def pings(client: Client, seconds: float) -> list[float]:
-    """Milliseconds of each."""
-    taken, end = [], time.perf_counter() + seconds
+    """Return the milliseconds of each query."""
+    times, end = [], time.perf_counter() + seconds
     while (begin := time.perf_counter()) < end:
         client.query(PING, 1, timeout=60)
-        taken.append((time.perf_counter() - begin) * 1e3)
+        times.append((time.perf_counter() - begin) * 1e3)
         time.sleep(0.005)
-    return taken
+    return times
 
 
 def wait(address: str, walk: int, seconds: float) -> None:
@@ -87,7 +85,7 @@ def ask(address: str, walk: int, seconds: float) -> None:
 
 
 WAITERS = {
-    "nobody": (wait, 0),
+    "none": (wait, 0),
     "a client": (wait, 1),
     "a handler": (ask, 1),
     "40 handlers": (ask, HANDLERS),
@@ -134,16 +132,14 @@ def main() -> None:
     parser.add_argument("--sizes", default="1000,20000,150000")
     parser.add_argument("--seconds", type=float, default=7.0)
     arguments = parser.parse_args()
-    print(
-        f"{'subtasks':>10}{'who waits':>13}{'median ms':>11}{'p99':>7}{'max':>7}{'max / nobody':>14}"
-    )
+    print(f"{'subtasks':>10}{'waiters':>13}{'median ms':>11}{'p99':>7}{'max':>7}{'max / none':>14}")
     for size in map(int, arguments.sizes.split(",")):
         found = measure(size, arguments.seconds)
-        for title, taken in found.items():
-            taken.sort()
-            worst = taken[-1]
-            p99, ratio = taken[len(taken) * 99 // 100], worst / found["nobody"][-1]
-            median = statistics.median(taken)
+        for title, times in found.items():
+            times.sort()
+            worst = times[-1]
+            p99, ratio = times[len(times) * 99 // 100], worst / found["none"][-1]
+            median = statistics.median(times)
             print(
                 f"{size:>10,}{title:>13}{median:>11.2f}{p99:>7.1f}{worst:>7.1f}{ratio:>14.1f}",
                 flush=True,

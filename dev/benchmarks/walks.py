@@ -1,5 +1,5 @@
-"""Walks of the Ambler, one after the other, and a table of them. Options that are not known here
-are the walks'.
+"""Run walks of the Ambler in turn and print a table of them. Unknown options are passed to the
+walks.
 
 python -m dev.benchmarks.walks seeds --distance 500 --terrain hills --faults all
 python -m dev.benchmarks.walks modes --distance 12 --terrain hills --pace 20
@@ -39,11 +39,11 @@ SEED_TITLES = (
 MODE_TITLES = "mode", "speed", "a step", "something moves", "something plans", "busiest"
 
 WAITING = (TAKE_STEPS.name, ACQUIRE_IMAGE.name)
-"""Handlers that mostly wait for others."""
+"""Handlers that mostly wait for other handlers."""
 
 
 def walk(folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
-    """Whether the walk came to its end, and its figures; None if it was killed."""
+    """Run a walk; return whether it was completed, and its figures, None if it was killed."""
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
     code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
     written = folder / "figures.json"
@@ -53,7 +53,7 @@ def walk(folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
 
 
 def row_of_seed(has_arrived: bool, figures: Figures) -> list[str]:
-    """What the walk was like."""
+    """Return the row of a walk."""
     injected = sum(each.injected for each in figures.faults.values())
     recovered = sum(each.recovered for each in figures.faults.values())
     return [
@@ -74,8 +74,10 @@ def row_of_seed(has_arrived: bool, figures: Figures) -> list[str]:
 
 
 def row_of_mode(history: History, footsteps: int) -> list[str]:
-    """Metres a minute, seconds a step, shares of the time from the first move to the last, and the
-    program that was busy for the greatest share.
+    """Return the row of a mode.
+
+    Its columns: metres a minute, seconds a step, shares of the time between first and last move,
+    and the program with the greatest share.
     """
     moves = [
         handling
@@ -111,12 +113,12 @@ def row_of_mode(history: History, footsteps: int) -> list[str]:
 
 
 def show(*cells: str) -> None:
-    """A line of a table."""
+    """Print a line of a table."""
     print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def walk_over_seeds(seeds: list[int], out: Path, options: list[str]) -> bool:
-    """Over the hills of several seeds; whether the robot has arrived each time."""
+    """Walk over the hills of several seeds; return whether the robot has arrived each time."""
     arrivals = []
     for seed in seeds:
         folder = out / f"seed-{seed}"
@@ -130,7 +132,7 @@ def walk_over_seeds(seeds: list[int], out: Path, options: list[str]) -> bool:
 
 
 def walk_in_modes(out: Path, options: list[str]) -> bool:
-    """As sense, plan, act; with planning one step ahead; with perception concurrent as well."""
+    """Walk with sense, plan, act; with planning one step ahead; with concurrent perception, too."""
     for mode in Mode:
         _, figures = walk(out / mode, ["--mode", mode, *options])
         if figures is None:
@@ -140,7 +142,7 @@ def walk_in_modes(out: Path, options: list[str]) -> bool:
 
 
 def main() -> int:
-    """The command line. Exit code 1 if a walk was given up."""
+    """Run the command line. Exit code 1 if a walk was given up."""
     parser = argparse.ArgumentParser(prog="python -m dev.benchmarks.walks", description=__doc__)
     parser.add_argument("table", choices=("seeds", "modes"))
     parser.add_argument(

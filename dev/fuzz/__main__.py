@@ -1,8 +1,7 @@
-"""``python -m dev.fuzz TARGET --seconds 60``: atheris looks for bytes that break a target, guided
-by what they reach.
+"""``python -m dev.fuzz TARGET --seconds 60``: atheris searches bytes that break a target.
 
-A fault ends it with exit code 77 and leaves the bytes in a file, whose name is said; ``--again
-FILE`` runs that once more.
+Its search is guided by coverage. A fault ends it with exit code 77; the bytes are in a file, whose
+name is printed. ``--again FILE`` runs these bytes once more.
 """
 
 import argparse
@@ -17,15 +16,15 @@ OURS = ["tca_wire", "tca_central", "tca_module", "tca_tools.supervise"]
 def main() -> None:
     """Attack one target."""
     parser = argparse.ArgumentParser(prog="python -m dev.fuzz", description=__doc__)
-    parser.add_argument("target", help="what is attacked: see dev/fuzz/targets.py")
-    parser.add_argument("--seconds", type=int, default=60, help="how long")
+    parser.add_argument("target", help="the attacked code: see dev/fuzz/targets.py")
+    parser.add_argument("--seconds", type=int, default=60, help="duration of the attack")
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the fuzzer's own choices (0: another one each time)"
+        "--seed", type=int, default=0, help="seed of the fuzzer (0: a new seed each time)"
     )
     parser.add_argument(
         "--corpus",
         type=Path,
-        help="folder of inputs that reached something new, kept from run to run",
+        help="folder for inputs that reached new code, reused by later runs",
     )
     parser.add_argument(
         "--faults", type=Path, default=Path(), help="folder for the bytes of a fault"
@@ -60,10 +59,11 @@ def main() -> None:
         atheris.Fuzz()
 
 
-def _target(name: str):  # type: ignore[no-untyped-def]  # noqa: ANN202 - imported only when atheris looks
+# Untyped: dev.fuzz.targets is imported only after atheris instruments imports.
+def _target(name: str):  # type: ignore[no-untyped-def]  # noqa: ANN202
     targets = importlib.import_module("dev.fuzz.targets").TARGETS
     if name not in targets:
-        sys.exit(f"there is no target {name}; there are {', '.join(targets)}")
+        sys.exit(f"no target {name}: the targets are {', '.join(targets)}")
     return targets[name]
 
 

@@ -1,6 +1,4 @@
-"""Bytes read as a row of choices: whoever makes the bytes, a fuzzer or a random generator, makes
-the choices.
-"""
+"""Bytes as a sequence of choices, which a fuzzer or a random generator makes."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -9,7 +7,7 @@ T = TypeVar("T")
 
 
 class Choices:
-    """Every choice takes a byte or two; when there are none left it is always the first one."""
+    """Each choice consumes one or two bytes. Without bytes it is always the first option."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -21,19 +19,19 @@ class Choices:
         return self._at >= len(self._data)
 
     def take(self, size: int) -> bytes:
-        """The next bytes, as far as there are so many."""
+        """Consume and return the next bytes, as far as there are any."""
         taken = self._data[self._at : self._at + size]
         self._at += size
         return taken
 
     def below(self, number: int) -> int:
-        """A number from 0 to *number* - 1."""
+        """Return a number from 0 to *number* - 1."""
         return int.from_bytes(self.take(1 if number <= 256 else 2)) % number
 
-    def one_of(self, these: Sequence[T]) -> T:
-        """One of these."""
-        return these[self.below(len(these))]
+    def one_of(self, options: Sequence[T]) -> T:
+        """Return one of the options."""
+        return options[self.below(len(options))]
 
     def is_one_in(self, number: int) -> bool:
-        """True once in so many times."""
+        """Return True once in *number* times."""
         return self.below(number) == number - 1

@@ -1,8 +1,7 @@
-"""Headers made of choices: every type of the protocol by its type hints, with fields that mostly
-make sense now.
+"""Random headers: every type of the protocol by its type hints, mostly with plausible fields.
 
-A new header, or a new field, needs nothing here: its type says what fits. What makes sense is a
-matter of its name.
+A new header or field needs no change here: its type defines the allowed values, its name the
+plausible ones.
 """
 
 import types
@@ -43,27 +42,45 @@ FLOATS = (
     float("-inf"),
 )
 TEXTS = (
-    "", " ", "\x1b[2J\x1b]0;mine\x07", "two\nlines\r\n", "../../etc/passwd", "/abs", "a\x00b", "\u202etxt",
-    "'quoted'", '"',
-    "%s%n{0}{}", "<script>alert(1)</script>", "x" * 128, "x" * 129, "é" * 128, "\u2028", "tca: ", "central", "?",
-    "{" * 50, '{"$ref":"#/$defs/a","$defs":{"a":{"$ref":"#/$defs/a"}}}', "[" * 600,
-)  # fmt: skip
+    "",
+    " ",
+    "\x1b[2J\x1b]0;mine\x07",
+    "two\nlines\r\n",
+    "../../etc/passwd",
+    "/abs",
+    "a\x00b",
+    "\u202etxt",
+    "'quoted'",
+    '"',
+    "%s%n{0}{}",
+    "<script>alert(1)</script>",
+    "x" * 128,
+    "x" * 129,
+    "é" * 128,
+    "\u2028",
+    "tca: ",
+    "central",
+    "?",
+    "{" * 50,
+    '{"$ref":"#/$defs/a","$defs":{"a":{"$ref":"#/$defs/a"}}}',
+    "[" * 600,
+)
 MOST_ITEMS = 4
 MOST_CHANGED = 4
 
 Pools = Mapping[str, Callable[[], Sequence[Any]]]
-"""By the name of a field: what makes sense there now."""
+"""The plausible values now, by the name of a field."""
 
 
 class Grammar:
-    """Makes values of types."""
+    """Creates values of types."""
 
     def __init__(self, choices: Choices, pools: Pools) -> None:
         self._choices = choices
         self._pools = pools
 
     def make(self, kind: Any, name: str = "") -> Any:
-        """A value that fits a type hint, for a field of that name."""
+        """Return a value that fits a type hint, for a field of that name."""
         kind = get_args(kind)[0] if hasattr(kind, "__metadata__") else kind
         kind = kind.__supertype__ if isinstance(kind, NewType) else kind
         choices, origin = self._choices, get_origin(kind)
@@ -84,7 +101,7 @@ class Grammar:
         return tuple(self.make(one, name) for one in parts)
 
     def header(self, kind: type[msgspec.Struct]) -> Any:
-        """A struct. Of the fields that have a default most are left as they are."""
+        """Return a struct. Most fields with a default keep it."""
         hints, required = _fields(kind)
         made = {name: self.make(hint, name) for name, hint in hints[:required]}
         for _ in range(self._choices.below(MOST_CHANGED) if len(hints) > required else 0):
@@ -121,7 +138,7 @@ class Grammar:
 
 @cache
 def _fields(kind: type[msgspec.Struct]) -> tuple[tuple[tuple[str, Any], ...], int]:
-    """The fields of a struct with their hints, and how many have no default."""
+    """Return the fields of a struct with their hints, and the number of required fields."""
     hints = get_type_hints(kind, include_extras=True)
     fields = msgspec.structs.fields(kind)
     return tuple((field.name, hints[field.name]) for field in fields), sum(
@@ -130,7 +147,7 @@ def _fields(kind: type[msgspec.Struct]) -> tuple[tuple[tuple[str, Any], ...], in
 
 
 def damaged(packet: bytes, choices: Choices) -> bytes:
-    """A packet in which something is wrong: a byte changed, bytes cut out, put in or cut off."""
+    """Return a damaged packet: a byte is changed, or bytes are removed, inserted or cut off."""
     if not packet:
         return choices.take(8)
     at, kind = choices.below(min(len(packet), 1 << 16)), choices.below(4)

@@ -1,10 +1,9 @@
-"""Central under hostile clients: a small robot is at work, and several connections say what they
-like.
+"""Central under hostile clients: a small robot works, and several connections send anything.
 
-Each step is what the server does with what it gets: bytes are unpacked, their items let happen,
-what follows is packed, recorded and logged. Never an exception; the invariants hold after each
-step; central's words can be read by a module, its entries by a reader of journals; and a second
-central that gets the same bytes, and is restarted from an image of itself now and then, does the
+Each step does what the server does: it unpacks the bytes, handles their items, and packs, records
+and logs the effects. There must be no exception, and the invariants must hold after each step. A
+module must be able to read central's packets, and a reader of journals its entries. A second
+central gets the same bytes, and sometimes restarts from an image of itself: its effects must be the
 same.
 """
 
@@ -17,7 +16,7 @@ from typing import Any
 import msgspec
 
 from dev.fuzz.choices import Choices
-from dev.fuzz.grammar import Grammar, damaged
+from dev.fuzz.grammar import Grammar, Pools, damaged
 from dev.invariants import check_invariants
 from tca_central.core import Central
 from tca_central.events import (
@@ -74,12 +73,12 @@ _SILENT.disabled = True
 
 
 def packed(*items: Any) -> bytes:
-    """A packet of headers, or of pairs of a header and a body."""
+    """Return a packet of headers, or of pairs of a header and a body."""
     return b"".join(pack_item(*one) if isinstance(one, tuple) else pack_item(one) for one in items)
 
 
 def beginning() -> list[tuple[bytes, bytes]]:
-    """The packets with which the robot comes to work, with the line on which each arrives."""
+    """Return the packets with which the robot starts, each with its line."""
     declares = Register(2, list(_DECLARED))
     handles = {
         b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs", direct=True)],
@@ -126,12 +125,12 @@ def _hello(module: str, connection: int = 0) -> Hello:
 
 
 class Attacked:
-    """A central, and all that the server would do around it."""
+    """A central, and the work of the server around it."""
 
     def __init__(self) -> None:
         self.central = Central()
         self.done: list[bytes] = []
-        """What it said and recorded, in order."""
+        """The packets and records of central, in order."""
         self._lines = LogLines(_SILENT, self.central)
         self._journal = io.BytesIO()
         self._journal.write(
@@ -139,37 +138,37 @@ class Attacked:
         )
 
     def arrive(self, time: float, line: bytes, packet: bytes, principal: str = "") -> None:
-        """A packet arrives."""
+        """Let a packet arrive."""
         for event in events_of(Arrived(time, ConnectionId(line), packet, principal)):
             self.happen(event)
 
     def happen(self, event: Event) -> None:
-        """An event happens."""
+        """Let an event happen."""
         for effect in self.central.handle(event):
             if isinstance(effect, Record):
                 self.done.append(record(effect.entry))
                 self._lines.write(effect)
             else:
-                self.done.append(self._said(effect))
+                self.done.append(self._packed(effect))
         due = self.central.clock.next
         assert due is None or math.isfinite(due), f"a timer is due at {due}"
 
     def become_another(self) -> None:
-        """Go on as another central that knows no more than an image of this one holds."""
+        """Continue as another central, restored from an image of this one."""
         if can_encode(self.central):
             self.central = decode(encode(self.central))
             self._lines = LogLines(_SILENT, self.central)
 
     @staticmethod
-    def _said(effect: Transmit) -> bytes:
+    def _packed(effect: Transmit) -> bytes:
         packet = pack_item(effect.header, effect.body)
         assert unpack_to_module(packet) == [(effect.header, effect.body)], (
-            "a module reads something else"
+            "a module reads another packet"
         )
         return bytes(effect.connection) + packet
 
     def check_journal(self) -> None:
-        """A reader of journals reads every entry."""
+        """Check that a reader of journals reads every entry."""
         self._journal.writelines(one for one in self.done if one[:1] == b"\xce")
         entries = JournalReader(self._journal)
         read = sum(1 for _ in entries)
@@ -184,20 +183,45 @@ class Attack:
         self._choices = choices
         self._attacked = Attacked(), Attacked()
         self._time = 0.0
-        self._grammar = Grammar(choices, {
-            "number": self._numbers, "request": self._numbers, "requests": self._numbers,
-            "origin": self._deliveries, "delivery": self._deliveries, "deliveries": self._deliveries,
-            "task": self._tasks, "monitor": self._tasks, "parent": self._tasks, "id": self._ids,
-            "message": lambda: _NAMES, "listener": lambda: _NAMES, "handler": lambda: _NAMES, "action": lambda: _NAMES,
-            "messages": lambda: _NAMES, "promised": lambda: _NAMES, "of": lambda: _NAMES, "variable": lambda: ("mode",),
-            "parts": lambda: _NAMES, "name": lambda: _NAMES, "data": lambda: (_INT,), "reply": lambda: (_INT, ""),
-            "resource": lambda: _RESOURCES, "module": lambda: _RESOURCES, "failure": lambda: _FAILURES,
-            "kinds": lambda: _FAILURES, "incarnation": lambda: [f"run of {name}" for name in _RESOURCES],
-            "version": lambda: (PROTOCOL_VERSION,), "connection": lambda: (0, 1, 2), "prefetch": lambda: (0, 8),
-            "keys": lambda: _KEYS, "modules": lambda: ("*", "legs", "us*"), "allowed": lambda: _KEYS,
+        pools: Pools = {
+            "number": self._numbers,
+            "request": self._numbers,
+            "requests": self._numbers,
+            "origin": self._deliveries,
+            "delivery": self._deliveries,
+            "deliveries": self._deliveries,
+            "task": self._tasks,
+            "monitor": self._tasks,
+            "parent": self._tasks,
+            "id": self._ids,
+            "message": lambda: _NAMES,
+            "listener": lambda: _NAMES,
+            "handler": lambda: _NAMES,
+            "action": lambda: _NAMES,
+            "messages": lambda: _NAMES,
+            "promised": lambda: _NAMES,
+            "of": lambda: _NAMES,
+            "variable": lambda: ("mode",),
+            "parts": lambda: _NAMES,
+            "name": lambda: _NAMES,
+            "data": lambda: (_INT,),
+            "reply": lambda: (_INT, ""),
+            "resource": lambda: _RESOURCES,
+            "module": lambda: _RESOURCES,
+            "failure": lambda: _FAILURES,
+            "kinds": lambda: _FAILURES,
+            "incarnation": lambda: [f"run of {name}" for name in _RESOURCES],
+            "version": lambda: (PROTOCOL_VERSION,),
+            "connection": lambda: (0, 1, 2),
+            "prefetch": lambda: (0, 8),
+            "keys": lambda: _KEYS,
+            "modules": lambda: ("*", "legs", "us*"),
+            "allowed": lambda: _KEYS,
             "revoked": lambda: _KEYS,
-            "endpoint": lambda: ("ipc:///legs/2", "tcp://127.0.0.1:5"), "moment": lambda: (1, 2, 4, 8, 16, 32),
-        })  # fmt: skip
+            "endpoint": lambda: ("ipc:///legs/2", "tcp://127.0.0.1:5"),
+            "moment": lambda: (1, 2, 4, 8, 16, 32),
+        }
+        self._grammar = Grammar(choices, pools)
         self._last = b""
         for line, packet in beginning():
             self._all(line, packet)
@@ -207,7 +231,7 @@ class Attack:
         """The first of the two."""
         return self._attacked[0].central
 
-    def go_on(self) -> None:
+    def run(self) -> None:
         """Attack until no choices are left."""
         for _ in range(MOST_STEPS):
             if self._choices.is_over:
@@ -215,7 +239,7 @@ class Attack:
             self._step()
             check_invariants(self.central)
         one, other = self._attacked
-        assert one.done == other.done, "the same bytes have not had the same effects"
+        assert one.done == other.done, "the same bytes had other effects"
         one.check_journal()
 
     def _step(self) -> None:
@@ -234,13 +258,13 @@ class Attack:
         elif kind == 4 and choices.is_one_in(2):
             self._attacked[1].become_another()
         elif kind == 4:
-            self._event(self._of_all())
+            self._event(self._admin_event())
         else:
             packet = packed(*self._items(line, 1 + choices.is_one_in(4)))
             self._all(line, damaged(packet, choices) if kind == 5 else packet)
 
-    def _of_all(self) -> Event:
-        """What is no client's doing."""
+    def _admin_event(self) -> Event:
+        """Return an event that no client causes."""
         kind = self._choices.one_of(
             (ConfirmTasks, ConfirmTasks, KeysChanged, PermissionsChanged, Restarted)
         )
@@ -301,13 +325,14 @@ class Attack:
 
 
 def attack(data: bytes) -> None:
-    """Headers that mostly make sense."""
-    Attack(Choices(data)).go_on()
+    """Send headers, most of them plausible."""
+    Attack(Choices(data)).run()
 
 
 def attack_with_bytes(data: bytes) -> None:
-    """Packets as they are, each after a byte that says on which line it comes and two for its
-    length.
+    """Send raw packets.
+
+    Before each packet, one byte names its line and two bytes its length.
     """
     one, other = Attacked(), Attacked()
     for attacked in (one, other):
@@ -319,12 +344,12 @@ def attack_with_bytes(data: bytes) -> None:
             line = choices.one_of(LINES)
             attacked.arrive(time, line, choices.take(int.from_bytes(choices.take(2))))
             check_invariants(attacked.central)
-    assert one.done == other.done, "the same bytes have not had the same effects"
+    assert one.done == other.done, "the same bytes had other effects"
     one.check_journal()
 
 
 def seeds_of_bytes() -> list[bytes]:
-    """The robot's own packets, as inputs of ``attack_with_bytes``."""
+    """Return the robot's own packets, as inputs of ``attack_with_bytes``."""
     whole = b"".join(
         bytes([LINES.index(line)]) + len(packet).to_bytes(2) + packet
         for line, packet in beginning()

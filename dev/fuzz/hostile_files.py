@@ -1,6 +1,7 @@
-"""Readers of what others wrote: journals, data, and formats of data. What can't be read is a
-JournalDamaged or BadData, never another exception, and what is shown of the rest steers no
-terminal.
+"""Readers of foreign files and data: journals, user data and formats.
+
+Unreadable input must raise JournalDamaged or BadData, never another exception. Text shown of the
+rest must not control a terminal.
 """
 
 import io
@@ -28,7 +29,7 @@ _CAUSES = Cause.__args__
 
 
 def _segment(data: bytes) -> bytes:
-    """A segment of records with any facts, of which some are damaged."""
+    """Return a segment of records with any facts; some are damaged."""
     choices = Choices(data)
     grammar = Grammar(
         choices,
@@ -40,9 +41,10 @@ def _segment(data: bytes) -> bytes:
         facts = [grammar.header(choices.one_of(_FACTS)) for _ in range(1 + choices.below(2))]
         entry = Entry(len(parts), len(parts) / 4, facts, grammar.header(choices.one_of(_CAUSES)))
         whole = record(entry)
-        parts.append(
-            damaged(whole, choices) if kind == 0 else choices.take(30) if kind == 1 else whole
-        )
+        if kind == 0:
+            parts.append(damaged(whole, choices))
+        else:
+            parts.append(choices.take(30) if kind == 1 else whole)
     if choices.is_one_in(8):
         parts[0] = damaged(parts[0], choices)
     return b"".join(parts)
@@ -61,9 +63,7 @@ def _read(segment: bytes) -> list[Entry]:
 
 
 def attack_journal(data: bytes) -> None:
-    """A segment that somebody has written, or damaged; what can be read of it is folded as the
-    tools do.
-    """
+    """Read a foreign or damaged segment twice, and fold it as the tools do."""
     segment, history = _segment(data), History()
     entries = _read(segment)
     again = _read(segment)
@@ -76,12 +76,12 @@ def attack_journal(data: bytes) -> None:
 
 
 def attack_journal_with_bytes(data: bytes) -> None:
-    """A segment of any bytes."""
+    """Read a segment of any bytes."""
     _read(data)
 
 
 def seeds_of_journals() -> list[bytes]:
-    """Segments that are whole."""
+    """Return undamaged segments."""
     return [_segment(bytes(range(start, start + 120))) for start in (0, 60, 120)]
 
 
@@ -110,18 +110,18 @@ _FORMATS: tuple[Format[Any], ...] = tuple(map(Format, _KINDS))
 
 
 def attack_data(data: bytes) -> None:
-    """User data that is none of the type that was declared."""
+    """Decode data of a type that was not declared."""
     for one in _FORMATS:
         with suppress(BadData):
             one.encode(one.decode(data))
     with suppress(BadData):
         decode_untyped(data)
     json.dumps(plain_data(data), allow_nan=False)
-    assert data_text(data).isprintable(), "data steer a terminal"
+    assert data_text(data).isprintable(), "data control a terminal"
 
 
 def seeds_of_data() -> list[bytes]:
-    """Data of several types."""
+    """Return data of several types."""
     values: tuple[Any, ...] = (
         7,
         0.5,
@@ -137,10 +137,27 @@ def seeds_of_data() -> list[bytes]:
 
 
 _KEYS = (
-    "type", "properties", "required", "items", "prefixItems", "anyOf", "enum", "$ref", "$defs", "additionalProperties",
-    "minimum", "maxItems", "minLength", "format", "contentEncoding", "discriminator", "propertyName", "mapping", "a",
+    "type",
+    "properties",
+    "required",
+    "items",
+    "prefixItems",
+    "anyOf",
+    "enum",
+    "$ref",
+    "$defs",
+    "additionalProperties",
+    "minimum",
+    "maxItems",
+    "minLength",
+    "format",
+    "contentEncoding",
+    "discriminator",
+    "propertyName",
+    "mapping",
+    "a",
     "b",
-)  # fmt: skip
+)
 _VALUES = (
     "object",
     "array",
@@ -167,7 +184,7 @@ _DEEPEST = 6
 
 
 def _json(choices: Choices, depth: int = 0) -> Any:
-    """Something like a JSON Schema."""
+    """Return a value like a JSON Schema."""
     kind = choices.below(8) if depth < _DEEPEST else 7
     if kind < 5:
         return {choices.one_of(_KEYS): _json(choices, depth + 1) for _ in range(choices.below(5))}
@@ -185,7 +202,7 @@ def _schema(choices: Choices) -> str:
 
 
 def attack_formats(data: bytes) -> None:
-    """Formats that others have declared."""
+    """Compare and use formats that others declared."""
     choices = Choices(data)
     one, other = _schema(choices), _schema(choices)
     for difference in (first_difference, first_misfit):

@@ -1,6 +1,4 @@
-"""Images of central's state that no central has written: an ImageError, or a central, and nothing
-else.
-"""
+"""Foreign images of central's state: an ImageError, or a central, and nothing else."""
 
 import contextlib
 import struct
@@ -33,9 +31,7 @@ _TITLE, _, _REST = _image().partition(b"\n")
 
 
 def attack(data: bytes) -> None:
-    """A real image in which something is changed, with the check sum made anew; now and then
-    without.
-    """
+    """Decode a real image with changes, mostly with a correct checksum."""
     choices = Choices(data)
     tables = msgspec.msgpack.decode(_REST[_CHECK.size :])
     for _ in range(1 + choices.below(4)):

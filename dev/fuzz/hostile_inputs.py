@@ -1,6 +1,7 @@
-"""Logs of inputs that somebody else has written, as ``tca check --rerun`` gets them: a CentralError
-at most. A central that starts on them writes on, and is killed, again and again: each restart
-continues, however the ends were left.
+"""Foreign logs of inputs, as ``tca check --rerun`` reads them: at most a CentralError.
+
+A central also starts on them, writes, and is killed, again and again: each restart must continue,
+whatever the ends of the files.
 """
 
 import contextlib
@@ -28,7 +29,7 @@ from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.packets.headers import PROTOCOL_VERSION
 
 MOST_INPUTS, MOST_RESTARTS = 30, 3
-_MEMORY = Path("/dev/shm")  # noqa: S108 - it is only faster
+_MEMORY = Path("/dev/shm")  # noqa: S108 - for speed only
 _KINDS: tuple[Any, ...] = (*Input.__args__, Ended)
 
 
@@ -52,7 +53,7 @@ def _segment(choices: Choices, *, is_first: bool) -> bytes:
 
 @contextlib.contextmanager
 def _silent(log: logging.Logger) -> Iterator[None]:
-    """Images that can't be used are no news here."""
+    """Silence the log: unusable images are expected here."""
     log.disabled = True
     try:
         yield
@@ -61,7 +62,7 @@ def _silent(log: logging.Logger) -> Iterator[None]:
 
 
 class Daemon:
-    """Central with its logs, and without lines."""
+    """Central with its logs, without connections."""
 
     def __init__(self, folder: Path, sync: Sync = Sync.ALWAYS, *, accept: bool = False) -> None:
         """Raises CentralError."""
@@ -84,7 +85,7 @@ class Daemon:
                     self.log.add_entry(effect.entry)
 
     def kill(self) -> None:
-        """Leave all as it is."""
+        """Leave all files as they are."""
         assert self.log is not None
         self.log.flush(self.central)
         self.log.end(self.central, "", is_over=False)
@@ -92,7 +93,7 @@ class Daemon:
 
 
 def _live(folder: Path, choices: Choices) -> int:
-    """Start, write on, and be killed; the number of the last event. Raises CentralError."""
+    """Start, write, and be killed; return the number of the last event. Raises CentralError."""
     daemon = Daemon(folder)
     try:
         for line, packet in beginning()[: choices.below(4)]:
@@ -103,7 +104,7 @@ def _live(folder: Path, choices: Choices) -> int:
 
 
 def _leave_ends(folder: Path, choices: Choices) -> None:
-    """What was being written: torn, or zeros; and files that a start on a full disk has begun."""
+    """Append torn records or zeros, and add files that a start on a full disk created."""
     torn = framed(msgspec.msgpack.encode(Tick(1.0)))
     for suffix in (INPUT_SUFFIX, SEGMENT_SUFFIX):
         newest = numbers(folder, suffix)[-1]
@@ -119,19 +120,19 @@ def _leave_ends(folder: Path, choices: Choices) -> None:
 
 
 def _restart(folder: Path, choices: Choices) -> None:
-    """Once a central has started, nothing that a kill leaves behind stops a later one."""
+    """Check that after a successful start, no kill prevents a later start."""
     try:
         events = _live(folder, choices)
     except CentralError:
-        return  # the inputs are damaged, or nonsense
+        return  # the inputs are damaged or meaningless
     for _ in range(MOST_RESTARTS):
         _leave_ends(folder, choices)
         before, events = events, _live(folder, choices)
-        assert events > before, "something was forgotten"
+        assert events > before, "an event was lost"
 
 
 def attack(data: bytes) -> None:
-    """A folder of one or two segments."""
+    """Read a folder of one or two segments."""
     choices = Choices(data)
     place = _MEMORY if _MEMORY.is_dir() else None
     with _silent(logging.getLogger("tca.central")), tempfile.TemporaryDirectory(dir=place) as name:

@@ -1,5 +1,6 @@
-"""The module library under a hostile central, and its direct lines under hostile modules: never an
-exception, and whatever the library says can be read by those to whom it says it.
+"""The module library under a hostile central, and its direct lines under hostile modules.
+
+There must be no exception, and the receivers must be able to read the library's packets.
 """
 
 import logging
@@ -39,7 +40,7 @@ _SILENT.disabled = True
 
 
 class _Steps:
-    """Time, choices and a grammar of those that attack a party."""
+    """The time, choices and grammar of the attackers."""
 
     def __init__(self, data: bytes) -> None:
         self.choices = Choices(data)
@@ -100,9 +101,9 @@ class _Client:
         if kind < 6:
             header = self._grammar.header(choices.one_of(ToModule.__args__))
             packet = pack_item(header, choices.take(choices.below(6)))
-            self.hear(damaged(packet, choices) if kind == 0 else packet)
+            self.receive_packet(damaged(packet, choices) if kind == 0 else packet)
         elif kind == 6:
-            self.hear(choices.take(8 + choices.below(40)))
+            self.receive_packet(choices.take(8 + choices.below(40)))
         elif kind == 7:
             self._ask()
         elif kind == 8:
@@ -113,10 +114,10 @@ class _Client:
             session.send_due(now, now - choices.below(60))
         else:
             session.break_off()
-        self.leave()
+        self.send_all()
 
-    def hear(self, packet: bytes) -> None:
-        """A packet comes from central."""
+    def receive_packet(self, packet: bytes) -> None:
+        """Receive a packet of central."""
         try:
             items = unpack_to_module(packet)
         except ProtocolError:
@@ -150,23 +151,21 @@ class _Client:
             answer = Reply(number) if self.choices.is_one_in(2) else Fail(number, "slipped", "why")
             session.reply(answer, b"\xc0", self.steps.now)
 
-    def leave(self) -> None:
-        """What is to be said leaves, and the thread that owns the connection does what there is to
-        do.
-        """
+    def send_all(self) -> None:
+        """Send all that is due, and do the other work of the connection's thread."""
         session = self.session
         while session.pending_calls:
             session.pending_calls.popleft()()
         session.complaints.clear()
         session.routing.clear()
         for item in session.pop_outgoing(self.steps.clock):
-            assert unpack_to_central(pack_item(*item)), "nothing is said"
+            assert unpack_to_central(pack_item(*item)), "an empty packet"
         for request in self.requests:
             assert request.why_failed is not None
 
 
 def attack_session(data: bytes) -> None:
-    """A central that says what it likes."""
+    """Let central send anything."""
     client = _Client(data)
     for kind in client.steps:
         client.step(kind)
@@ -176,7 +175,7 @@ def attack_session(data: bytes) -> None:
 
 
 class _Socket:
-    """Both kinds of sockets of direct lines: what is to be received is put in by hand."""
+    """Both kinds of sockets of direct lines, filled by hand."""
 
     is_paused = False
     is_connected = True
@@ -187,28 +186,28 @@ class _Socket:
         self._unpack = unpack
 
     def receive(self) -> Any:
-        """What has arrived."""
+        """Return the next packet."""
         return self.arrived.popleft() if self.arrived else None
 
     def send(self, *to_and_packet: bytes) -> bool:
-        """Whether it left: that depends."""
-        assert self._unpack(to_and_packet[-1]), "nothing is said"
+        """Return whether the packet was sent: a random choice."""
+        assert self._unpack(to_and_packet[-1]), "an empty packet"
         return not self._choices.is_one_in(8)
 
     def close(self) -> None:
-        """The end."""
+        """Do nothing."""
 
     def fileno(self) -> int:
-        """No file."""
+        """Return no file."""
         return -1
 
     def has_arrived(self) -> bool:
-        """Whether there is something to receive."""
+        """Return whether there is something to receive."""
         return bool(self.arrived)
 
 
 def attack_entrance(data: bytes) -> None:
-    """Modules that say what they like to a slot, with its key and without."""
+    """Let modules send anything to a slot, with its key and without."""
     steps = _Steps(data)
     choices = steps.choices
     socket, notes = _Socket(choices, unpack_from_entrance), NoteBatch()
@@ -242,16 +241,16 @@ def attack_entrance(data: bytes) -> None:
         inbox.listen()
         notes.report(session, steps.now)
         for item in session.pop_outgoing(steps.clock):
-            assert unpack_to_central(pack_item(*item)), "nothing is said"
+            assert unpack_to_central(pack_item(*item)), "an empty packet"
     inbox.close()
 
 
 def attack_path(data: bytes) -> None:
-    """A slot that says what it likes to a module that sends there."""
+    """Let a slot send anything to a module that sends there."""
     steps = _Steps(data)
     choices = steps.choices
-    over: list[Request] = []
-    elsewhere: list[Request] = []
+    finished: list[Request] = []
+    handed_over: list[Request] = []
     lost: list[tuple[str, int, str]] = []
     socket = _Socket(choices, unpack_to_entrance)
     path = DirectPath(
@@ -259,12 +258,12 @@ def attack_path(data: bytes) -> None:
         socket,
         "one",
         "user",
-        end=over.append,
-        hand_over=elsewhere.append,
+        end=finished.append,
+        hand_over=handed_over.append,
         lose=lambda message, number, why: lost.append((message, number, why)),
     )
     grammar = Grammar(choices, {"number": lambda: range(1, 9), "newest": lambda: range(9)})
-    asked, told = 0, 0
+    asked, informed = 0, 0
     for kind in steps:
         if kind < 5:
             header = grammar.header(choices.one_of(FromEntrance.__args__))
@@ -277,11 +276,11 @@ def attack_path(data: bytes) -> None:
                 Request(Send(0, "where"), b"\x07", wants_answer=True), steps.now
             )
         elif kind < 10 and path.is_usable:
-            told += path.send_inform(Send(0, "note"), b"\x07")
+            informed += path.send_inform(Send(0, "note"), b"\x07")
         elif kind == 11 and choices.is_one_in(16):
             path.on_disconnected("it is gone", steps.now, lost=choices.is_one_in(2))
         path.receive()
         path.send_due(steps.now)
     path.lose_all("it is over")
-    assert len(over) + len(elsewhere) == asked, "a query has two ends, or none"
-    assert sum(number for _, number, _ in lost) <= told, "more is lost than was sent"
+    assert len(finished) + len(handed_over) == asked, "each query must end exactly once"
+    assert sum(number for _, number, _ in lost) <= informed, "more messages are lost than were sent"

@@ -1,6 +1,4 @@
-"""TOML files of users: keys, permissions, robots. What is wrong with one is said in an error of
-theirs.
-"""
+"""TOML files of users: keys, permissions, robots. Each is read, or refused with its own error."""
 
 import contextlib
 import json
@@ -19,11 +17,46 @@ from tca_wire.errors import KeyRefused
 from tca_wire.keys import read_client_key
 
 _WORDS = (
-    "allow", "key", "module", "send", "handle", "tap", "lock", "kill", "administer", "central", "modules", "run",
-    "legs", "start", "address", "journal", "options", "command", "cwd", "env", "restarts", "within", "delay", "grace",
-    "copies", "public", "secret", "name", "pulse", "uid:1001", "uid:x", "owner", "*", "ipc:///x/central.sock",
-    "tcp://127.0.0.1:5",     "always", "{", "python x.py", "x" * 40,
-)  # fmt: skip
+    "allow",
+    "key",
+    "module",
+    "send",
+    "handle",
+    "tap",
+    "lock",
+    "kill",
+    "administer",
+    "central",
+    "modules",
+    "run",
+    "legs",
+    "start",
+    "address",
+    "journal",
+    "options",
+    "command",
+    "cwd",
+    "env",
+    "restarts",
+    "within",
+    "delay",
+    "grace",
+    "copies",
+    "public",
+    "secret",
+    "name",
+    "pulse",
+    "uid:1001",
+    "uid:x",
+    "owner",
+    "*",
+    "ipc:///x/central.sock",
+    "tcp://127.0.0.1:5",
+    "always",
+    "{",
+    "python x.py",
+    "x" * 40,
+)
 _MOST_LINES = 30
 
 
@@ -61,10 +94,8 @@ def _text(choices: Choices) -> bytes:
     lines: list[str] = []
     while not choices.is_over and len(lines) < _MOST_LINES:
         kind, word = choices.below(8), choices.one_of(_WORDS[:29])
-        heading = f"[modules.{word}]" if kind == 1 else f"[{word}]"
-        lines.append(
-            "[[allow]]" if kind == 0 else heading if kind < 3 else f"{word} = {_value(choices)}"
-        )
+        headings = ("[[allow]]", f"[modules.{word}]", f"[{word}]")
+        lines.append(headings[kind] if kind < 3 else f"{word} = {_value(choices)}")
     text = "\n".join(lines).encode(errors="surrogatepass")
     return damaged(text, choices) if choices.is_one_in(8) else text
 
@@ -82,7 +113,7 @@ _READERS: tuple[tuple[Callable[[Path], Any], type[Exception]], ...] = (
 
 
 def attack(data: bytes) -> None:
-    """A file with the words of those that there are."""
+    """Read a file that is made of known words."""
     text = _text(Choices(data))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "file.toml")

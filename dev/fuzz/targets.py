@@ -1,4 +1,4 @@
-"""The targets, by name: each takes any bytes, and raises nothing unless there is a fault."""
+"""The targets, by name: each accepts any bytes, and raises an error only for a fault."""
 
 from collections.abc import Callable
 from random import Random
@@ -15,17 +15,17 @@ from dev.fuzz import (
 
 
 class Target(NamedTuple):
-    """Something that is attacked."""
+    """Attacked code."""
 
     attack: Callable[[bytes], None]
     seeds: Callable[[], list[bytes]]
-    """Inputs to begin with."""
+    """The first inputs."""
     most: int
-    """Bytes of an input."""
+    """The limit for the bytes of an input."""
 
 
 def _random(longest: int, number: int = 20) -> Callable[[], list[bytes]]:
-    """Random choices: where every input makes sense, there is nothing better to begin with."""
+    """Return random choices: where every input is meaningful, there are no better seeds."""
     return lambda: [
         (chance := Random(seed)).randbytes(chance.randrange(longest))  # noqa: S311
         for seed in range(number)

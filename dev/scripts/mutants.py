@@ -1,10 +1,9 @@
-"""Draws random mutants of the pure core, runs tests/central against each, and shows those that
-nobody noticed.
+"""Draw random mutants of the pure core, run tests/central against each, and show the survivors.
 
     python dev/scripts/mutants.py --seed 7 --count 40
 
-The exit code is 1 if fewer than nine of ten are killed. Some mutants do what the original does;
-they count as survivors.
+The exit code is 1 if fewer than nine of ten are killed. Some mutants behave like the original; they
+count as survivors.
 """
 
 import ast
@@ -32,14 +31,14 @@ NEEDED = ("tca_*", "tests", "dev", "setup.cfg", "pyproject.toml")
 """The files that tests/central needs to run."""
 
 TESTS = ("tests/central/test_transcripts.py", "tests/central")
-"""The quickest first."""
+"""The fastest test comes first."""
 
 WANTED = 0.9
-"""So many of the mutants must be killed."""
+"""The share of mutants that must be killed."""
 
 AT_ONCE = 2
 MEMORY = 4 << 20
-"""Kilobytes: a mutant may never end."""
+"""The limit in kilobytes: a mutant may never end."""
 
 FLIPPED: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
@@ -61,7 +60,7 @@ PLAIN = (ast.Name, ast.Attribute, ast.Call, ast.Subscript)
 
 @dataclass(frozen=True)
 class Mutant:
-    """A file of the core with one node written differently."""
+    """A file of the core with one node changed."""
 
     path: Path
     """Relative to the root."""
@@ -95,7 +94,7 @@ class Mutant:
 
 
 def all_mutants() -> list[Mutant]:
-    """Of the whole core."""
+    """Return all mutants of the core."""
     found: list[Mutant] = []
     for file in sorted(CORE.rglob("*.py")):
         if not any(part in NOT_THE_CORE for part in file.relative_to(CORE).parts):
@@ -105,9 +104,7 @@ def all_mutants() -> list[Mutant]:
 
 
 def code(node: ast.AST) -> Iterator[ast.AST]:
-    """The statements and expressions that do something: no annotations, no assertions, no
-    decorators.
-    """
+    """Yield the statements and expressions that act: no annotations, assertions or decorators."""
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "decorator_list"):
             for child in value if isinstance(value, list) else [value]:
@@ -117,7 +114,7 @@ def code(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:
-    """Each kind of change to a node, the part of it that is changed, and what this is then."""
+    """Yield each possible change of a node: its kind, the changed part, and the new text."""
     match node:
         case ast.Compare(left, [operator], [right]):
             yield (
@@ -165,7 +162,7 @@ class Copy:
                     shutil.copy(path, folder)
 
     def kills(self, mutant: Mutant, limit: float) -> bool:
-        """Whether the tests notice a mutant."""
+        """Return whether the tests notice a mutant."""
         self._write(mutant.path, mutant.source)
         try:
             return not self.passes(limit)
@@ -173,7 +170,7 @@ class Copy:
             self._write(mutant.path, mutant.original)
 
     def passes(self, limit: float) -> bool:
-        """Whether tests/central passes, within some seconds of the processor."""
+        """Return whether tests/central passes within a limit of processor seconds."""
         bounds = f"ulimit -t {int(limit)} -v {MEMORY}; exec "
         tests = (
             f"'{sys.executable}' -m pytest -x -q -p no:cacheprovider -p no:xdist {' '.join(TESTS)}"
@@ -193,8 +190,8 @@ class Copy:
         return done.returncode == 0
 
     def _write(self, path: Path, text: str) -> None:
-        """Byte code is thrown away: it might be taken for that of a file which is as long and as
-        old.
+        """Write a file and delete its byte code: Python might reuse it for a file of the same size
+        and age.
         """
         file = self.folder / path
         file.write_text(text)
@@ -202,8 +199,8 @@ class Copy:
 
 
 @click.command()
-@click.option("--seed", default=1, show_default=True, help="Which mutants are drawn.")
-@click.option("--count", default=40, show_default=True, help="How many.")
+@click.option("--seed", default=1, show_default=True, help="Seed of the draw.")
+@click.option("--count", default=40, show_default=True, help="Number of mutants.")
 def main(seed: int, count: int) -> None:
     """Draw mutants of the pure core and run tests/central against each."""
     drawn = random.Random(seed).sample(all_mutants(), count)  # noqa: S311
@@ -213,7 +210,7 @@ def main(seed: int, count: int) -> None:
             copies.put(Copy(Path(folder) / str(number)))
         limit = 3 * seconds_of(copies) + 2
 
-        def try_it(mutant: Mutant) -> bool:
+        def run_tests(mutant: Mutant) -> bool:
             copy = copies.get()
             try:
                 return copy.kills(mutant, limit)
@@ -221,7 +218,7 @@ def main(seed: int, count: int) -> None:
                 copies.put(copy)
 
         killed = 0
-        for mutant, is_killed in zip(drawn, pool.map(try_it, drawn), strict=True):
+        for mutant, is_killed in zip(drawn, pool.map(run_tests, drawn), strict=True):
             killed += is_killed
             state = "killed  " if is_killed else "SURVIVED"
             click.echo(f"{state} {mutant.path}:{mutant.node.lineno} {mutant.kind}")
@@ -232,10 +229,10 @@ def main(seed: int, count: int) -> None:
 
 
 def seconds_of(copies: "queue.Queue[Copy]") -> float:
-    """The processor seconds of the tests without a mutant. Ends the program if they fail."""
+    """Return the processor seconds of the tests without a mutant. Ends the program if they fail."""
     copy, before = copies.get(), resource.getrusage(resource.RUSAGE_CHILDREN)
     if not copy.passes(300):
-        raise click.ClickException("tests/central fails without any mutant: mend that first")
+        raise click.ClickException("tests/central fails without a mutant: repair that first")
     copies.put(copy)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Makes .venv with everything that demo, tests and checks need. Installs system packages only where it may (as root, or
-# with sudo that asks for no password), and only when Python's own packages leave a gap.
+# Creates .venv with all that demo, tests and checks need. It installs system packages only where Python packages are
+# not enough, and only as root or with a sudo that needs no password.
 set -eu
 cd "$(dirname "$0")/../.."
 PYTHON=${PYTHON:-python3}
@@ -22,7 +22,7 @@ apt_install() {
 }
 
 if ! command -v "$PYTHON" >/dev/null 2>&1; then
-    apt_install python3 python3-venv || { echo "setup: no $PYTHON here: install Python 3.11 or newer" >&2; exit 1; }
+    apt_install python3 python3-venv || { echo "setup: no $PYTHON found: install Python 3.11 or newer" >&2; exit 1; }
 fi
 if ! "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
     echo "setup: $PYTHON is $("$PYTHON" -V 2>&1), 3.11 or newer is needed: make PYTHON=python3.12 ..." >&2
@@ -40,10 +40,10 @@ echo "setup: Python packages (a minute or so; the physics engine is 100 MB)"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 
 if ! command -v dot >/dev/null 2>&1 && ! .venv/bin/python -c 'import pygraphviz' 2>/dev/null; then
-    apt_install graphviz || echo "setup: no graphviz here: task trees will be drawn as text"
+    apt_install graphviz || echo "setup: no graphviz found: task trees will be drawn as text"
 fi
 if ! command -v chromium >/dev/null 2>&1 && ! command -v chromium-browser >/dev/null 2>&1 \
     && ! command -v google-chrome >/dev/null 2>&1; then
-    apt_install chromium || echo "setup: no Chromium here: the tests of the viewer's page will be skipped"
+    apt_install chromium || echo "setup: no Chromium found: the tests of the viewer's page will be skipped"
 fi
 echo "setup: done"

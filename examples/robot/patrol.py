@@ -1,4 +1,4 @@
-"""Makes its round; a drive whose program has died begins again once that is back, twice at most."""
+"""Patrol on a round. Retry a drive, at most twice, after its program died and came back."""
 
 from tca_module import Command, ExceptionHandler, Goal, Module, Task
 

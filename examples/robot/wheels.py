@@ -1,4 +1,4 @@
-"""Drives. Its driver has a bug: each third drive ends the whole program."""
+"""Drive to places. The driver has a bug: the third drive of each run aborts the program."""
 
 import os
 from itertools import count

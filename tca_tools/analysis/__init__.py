@@ -1,1 +1,1 @@
-"""Questions asked of a whole run, one a file: pure functions of its records."""
+"""Analyses of a whole run, one per file: pure functions of its records."""

@@ -1,8 +1,7 @@
-"""Advice on making a run shorter, and by how much at most: from the critical path and from idle
-resources. Pure.
+"""Advice on making a run shorter, from the critical path and from idle resources. Pure.
 
-Each piece of advice has a bound of its own. They may be about the same seconds, so bounds must not
-be added up.
+Each piece of advice has its own bound. Several may concern the same seconds, so do not add bounds
+up.
 """
 
 from collections import defaultdict
@@ -17,8 +16,8 @@ from tca_tools.analysis.concurrency import Overlap, why_held
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import FailureKind
 from tca_tools.analysis.long_waits import is_in_vain
-from tca_tools.analysis.resources import Growing, Use, growing, kept_out
-from tca_tools.analysis.step_words import queueing_before, still_handled, waited
+from tca_tools.analysis.resources import Growing, Use, growing, locked_out
+from tca_tools.analysis.step_words import queueing_before, still_handled, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
 from tca_tools.journal.fates import GOOD_FATES
@@ -29,37 +28,37 @@ from tca_wire.text.facts_in_words import by_whom, called, place
 from tca_wire.text.measures import duration, listed, percent, run_time
 
 _NOTHING = 1e-9
-"""Smaller savings are no advice."""
+"""The least saving that is worth advice, in seconds."""
 
 
-class Before(NamedTuple):
-    """The wait that was over when a step began."""
+class PrecedingWait(NamedTuple):
+    """The wait that ended when a step started."""
 
     words: Words
     """The words for waits of its kind."""
     name: str
-    """The resource, or the message that was asked."""
+    """The awaited resource or query."""
     start: float
     end: float
     claim: Claim | None = None
-    """The lock or reservation on the resource in whose queue it stood."""
+    """The lock or reservation that blocked the queue of the resource."""
 
     @property
     def seconds(self) -> float:
-        """How long."""
+        """The duration."""
         return self.end - self.start
 
 
 @dataclass(slots=True)
-class HeldUp:
+class WaitGroup:
     """All waits of one kind and name on a path."""
 
-    waits: list[tuple[Before, PathStep]]
-    """Each with the step that began after it."""
+    waits: list[tuple[PrecedingWait, PathStep]]
+    """The waits, each with the step that started after it."""
     seconds: float
-    """How long the path's steps waited so; where waits overlap, once."""
+    """The duration of the waits; overlapping waits count once."""
     saving: float
-    """By so many seconds at most the end would come sooner, had there been no such wait."""
+    """The largest possible saving without these waits, in seconds."""
 
 
 def advice(
@@ -72,9 +71,19 @@ def advice(
     at_least: float,
     other: CriticalPath | None = None,
 ) -> list[Advice]:
-    """All advice that bears on at least so many seconds: first what shortens the critical path
-    most, then what lies beside it, or would only shorten *other*, the path of another task. No
-    bound is more than the run is long, and none of what lies on a path more than that is.
+    """Return all advice, sorted by the saving on the critical path, then by the whole saving.
+
+    A bound is at most the duration of the run, or of the path that it concerns.
+
+    Args:
+        run: The run.
+        causes: The causes of the run's events.
+        path: The critical path of the task that ended last.
+        overlaps: The possible overlaps of planning and acting.
+        uses: The uses of the resources.
+        kinds: The failures by kind.
+        at_least: The least saving of a piece of advice, in seconds.
+        other: The critical path of another task; it gives advice that only ends that task sooner.
     """
     handling, least = span_of(run), max(at_least, _NOTHING)
     found = [_on_overlap(run, path, overlap) for overlap in overlaps]
@@ -83,14 +92,15 @@ def advice(
     for one in filter(None, (path, other)):
         window = max(one.start, handling[0]), min(one.end, handling[1])
         called = f"critical path of {one.task}" if other else "critical path"
-        told = [*_on_failures(one, kinds, window, called)]
-        told += _on_waits(run, _held_up(run, causes, one, window, least), one, window, uses, called)
-        told = [new for new in told if new.saving >= least]
+        groups = _wait_groups(run, causes, one, window, least)
+        new = [*_on_failures(one, kinds, window, called)]
+        new += _on_waits(run, groups, one, window, uses, called)
+        new = [item for item in new if item.saving >= least]
         if one is not path:
-            known = {known.title for known in on_path}
-            others = (new for new in told if new.title not in known)
-            told = [replace(new, on_path=0.0, sooner=str(one.task)) for new in others]
-        on_path += told
+            known = {item.title for item in on_path}
+            others = (item for item in new if item.title not in known)
+            new = [replace(item, on_path=0.0, sooner=str(one.task)) for item in others]
+        on_path += new
     queues = [_on_queue(queue, on_path, handling) for queue in growing(run, *handling)]
     titles = {queue.title for queue in queues}
     found += queues + [one for one in on_path if one.title not in titles]
@@ -98,23 +108,21 @@ def advice(
     return sorted(found, key=lambda one: (-one.on_path, -one.saving))
 
 
-def _of_spans(
-    said: Words,
+def _advice_on_spans(
+    template: Words,
     spans: list[Span],
     window: Span,
-    told: list[str],
+    descriptions: list[str],
     on_path: float | None = None,
     **known: str,
 ) -> Advice:
-    """Advice about what took some spans of a window, where they overlap once; *told* describes
-    each.
-    """
+    """Return advice that could save the spans in a window; overlapping spans count once."""
     saving = Cover(spans).within(*window)
     longest = max(range(len(spans)), key=lambda place: spans[place][1] - spans[place][0])
     moves_end = saving if on_path is None else min(on_path, saving)
     known["seconds"] = duration(saving)
-    example, span = told[longest], spans[longest]
-    return said.filled(saving, moves_end, len(spans), example, span, **known)
+    example, span = descriptions[longest], spans[longest]
+    return template.filled(saving, moves_end, len(spans), example, span, **known)
 
 
 # --- failures -------------------------------------------------------------------------------------
@@ -123,21 +131,22 @@ def _of_spans(
 def _on_failures(
     path: CriticalPath, kinds: list[FailureKind], window: Span, called: str
 ) -> Iterator[Advice]:
-    """The failures of a kind that were overcome, and whose handlers were on the path: what they
-    took. A failure that ended something made the run shorter.
+    """Yield advice on failures whose handlers were on the path and after which the run continued.
+
+    A failure that ended something made the run shorter, so it does not count.
     """
     ends = {(step.message_id, step.end) for step in path.steps}
     for kind in kinds:
-        spans, told = list[Span](), list[str]()
+        spans, texts = list[Span](), list[str]()
         for case in kind.cases:
             if case.fate in GOOD_FATES and (case.message_id, case.time) in ends:
                 text = f"{case.of}, at {run_time(case.time)}, {duration(case.cost)}"
-                told.append(f"{text}: {case.text}" if case.text else text)
+                texts.append(f"{text}: {case.text}" if case.text else text)
                 spans.append(case.span)
         failure, message = kind.failure, kind.message
         if spans:
-            yield _of_spans(
-                words.FAILED, spans, window, told, failure=failure, message=message, path=called
+            yield _advice_on_spans(
+                words.FAILED, spans, window, texts, failure=failure, message=message, path=called
             )
 
 
@@ -152,9 +161,10 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
         steps = (step for step in one.steps if (id(step.handling), step.start) in on_path)
         saved_on_path += min(one.saving, sum(step.seconds for step in steps))
     first, second = run.name(chance.first), run.name(chance.second)
+    commands = f"{run.describe(chance.first)} and {run.describe(chance.second)}"
     example = (
-        f"{run_time(chance.start)} to {run_time(chance.end)}, between {run.describe(chance.first)} and "
-        f"{run.describe(chance.second)}: {why_held(run, chance.held)}"
+        f"{run_time(chance.start)} to {run_time(chance.end)}, between {commands}: "
+        f"{why_held(run, chance.held)}"
     )
     return words.OVERLAP.filled(
         overlap.saving,
@@ -177,9 +187,7 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
 
 
 def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
-    """A queue that only grows; instead of what there is to say of the waits in it that lie on the
-    path.
-    """
+    """Return advice on a growing queue; it replaces advice on waits on the path in that queue."""
     name = place(*queue.key)
     title = words.QUEUE.title.format(name=name)
     waits = next((one for one in on_path if one.title == title), None)
@@ -211,89 +219,87 @@ def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
 
 def _on_waits(
     run: Run,
-    held_up: Iterable[HeldUp],
+    groups: Iterable[WaitGroup],
     path: CriticalPath,
     window: Span,
     uses: list[Use],
     called: str,
 ) -> Iterator[Advice]:
-    """Advice for each kind of wait that lies on a path within a window; *called* is what to call
-    the path.
-    """
+    """Yield advice for each group of waits and for the delays on a path named *called*."""
     by_name = {use.name: use for use in uses}
-    for held in held_up:
-        yield _on_wait(run, held, by_name, window, called)
+    for group in groups:
+        yield _on_wait(run, group, by_name, window, called)
     delays: dict[str, list[PathStep]] = defaultdict(list)
     for step in path.steps:
         if step.doing is Doing.DELAY:
             delays[run.name(step.message_id)].append(step)
     for name, steps in delays.items():
         spans = [(step.start, step.end) for step in steps]
-        told = [run.describe(step.message_id) for step in steps]
-        yield _of_spans(words.DELAY, spans, window, told, name=name, path=called)
+        texts = [run.describe(step.message_id) for step in steps]
+        yield _advice_on_spans(words.DELAY, spans, window, texts, name=name, path=called)
 
 
-def _on_wait(run: Run, held: HeldUp, uses: dict[str, Use], window: Span, called: str) -> Advice:
-    longest, step = max(held.waits, key=lambda wait: wait[0].seconds)
-    saving, busy, but = held.saving, "", ""
+def _on_wait(run: Run, group: WaitGroup, uses: dict[str, Use], window: Span, called: str) -> Advice:
+    longest, step = max(group.waits, key=lambda wait: wait[0].seconds)
+    saving, busy, but = group.saving, "", ""
     if longest.words is words.QUEUE and (use := uses.get(longest.name)):
         busy = f" It is busy {percent(use.share)} of the time, with {use.capacity} at a time."
         least = use.worked / (use.capacity + 1)
         rest = max(use.window[1] - use.window[0] - least, 0.0)
         if window[1] >= use.window[1] and saving > rest:
             saving = rest
-            but = f": what it has to do would still take {duration(least)}"
+            but = f": its work would still take {duration(least)}"
     return longest.words.filled(
         saving,
         saving,
-        len(held.waits),
+        len(group.waits),
         _longest(run, longest, step),
         (longest.start, longest.end),
         name=longest.name,
-        seconds=duration(held.seconds),
+        seconds=duration(group.seconds),
         busy=busy,
         but=but,
         path=called,
-        most="that" if duration(saving) == duration(held.seconds) else duration(saving),
+        most="that" if duration(saving) == duration(group.seconds) else duration(saving),
     )
 
 
-def _longest(run: Run, wait: Before, step: PathStep) -> str:
-    """The longest of some waits, in words, with what is known of why."""
+def _longest(run: Run, wait: PrecedingWait, step: PathStep) -> str:
+    """Return the longest wait of a group in words, with its reason if that is known."""
     asked = step.resumed.awaited if step.resumed else step.message_id
-    told = f"{waited(run, step)}{',' * bool(step.resumed)} {duration(wait.seconds)}, until {run_time(wait.end)}"
-    if wait.claim:
-        told += f"; {wait.claim.sender} had {'it' if wait.claim.granted is not None else 'asked for it'}"
-    return told + still_handled(run, asked, wait.end)
+    comma = "," if step.resumed else ""
+    text = f"{wait_in_words(run, step)}{comma} {duration(wait.seconds)}, until {run_time(wait.end)}"
+    if claim := wait.claim:
+        verb = "held" if claim.granted is not None else "had requested"
+        text += f"; {claim.sender} {verb} it"
+    return text + still_handled(run, asked, wait.end)
 
 
 # --- standstills, on the critical path or beside it -----------------------------------------------
 
 
 def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:
-    """Of messages that nobody handled, and of suspended tasks: how long at most one of a name
-    stood.
-    """
+    """Yield advice on messages without a handler and on suspended tasks, by name."""
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
-        if (topic := _STANDING.get(step.doing)) is not None:
+        if (topic := _TOPICS.get(step.doing)) is not None:
             seconds = Cover([(step.start, step.end)]).within(*window)
             on_path[topic, run.name(step.message_id)] += seconds
     found: dict[tuple[Topic, str], list[tuple[Span, str]]] = defaultdict(list)
-    for topic, number, (start, end), who in _stood(run):
+    for topic, number, (start, end), who in _standstills(run):
         span = start, min(end, run.time)
-        told = f"{run.describe(number)}{who}, from {run_time(start)}, {duration(span[1] - start)}"
-        found[topic, run.name(number)].append((span, told))
+        text = f"{run.describe(number)}{who}, from {run_time(start)}, {duration(span[1] - start)}"
+        found[topic, run.name(number)].append((span, text))
     for (topic, name), alike in found.items():
         spans, texts = [span for span, _ in alike], [text for _, text in alike]
-        said = words.SUSPENDED
+        template = words.SUSPENDED
         if topic is Topic.HANDLER:
-            said = words.NOT_HANDLED if run.offers.get(name) else words.NEVER_HANDLED
-        yield _of_spans(said, spans, window, texts, on_path[topic, name], name=name)
+            template = words.NOT_HANDLED if run.offers.get(name) else words.NEVER_HANDLED
+        yield _advice_on_spans(template, spans, window, texts, on_path[topic, name], name=name)
 
 
-def _stood(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
-    """The standstills: topic, message, start, end, and who suspended it."""
+def _standstills(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
+    """Yield the standstills: topic, message, span, and the module that suspended it."""
     for one in run.queueings:
         if not one.module:
             yield Topic.HANDLER, one.message_id, (one.start, one.until), ""
@@ -304,83 +310,79 @@ def _stood(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
             yield Topic.SUSPENDED, suspension.task, (since, suspension.until), who
 
 
-_STANDING = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
+_TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
 
 
-# --- how often for what the critical path waits, and by how much sooner it could end --------------
+# --- the waits on the critical path, and the largest possible savings -----------------------------
 
-# Waits in one queue overlap: who stands last in it waits for all the others, and no one can win
-# more than his own wait. So the path is walked back once more, and wherever a step began after a
-# wait of the kind that is looked at, the walk goes on not with what was waited for but with whoever
-# began to wait, at the time when he did. All that this walk passes through had to happen before the
-# end even if nobody had ever waited so; what it left out, and no more, could have been saved. The
-# spans left out do not overlap, so they are never more than the path is long.
+# Waits in one queue overlap: the last message in it waits for all others, and no message can save
+# more than its own wait. Therefore the path is walked back once more. At each step after a wait of
+# the kind in question, the walk continues with the waiting message at the start of its wait, not
+# with the awaited one. Everything on this walk had to happen before the end even without such
+# waits; only the spans that the walk left out could have been saved. They do not overlap, so their
+# sum is at most the duration of the path.
 
 
-def _held_up(
+def _wait_groups(
     run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float
-) -> Iterator[HeldUp]:
-    """The waits before the steps of a path, where they took *at_least* so many seconds in a
-    window.
-    """
-    found: dict[tuple[Words, str], list[tuple[Before, PathStep]]] = {}
+) -> Iterator[WaitGroup]:
+    """Yield the waits before the steps of a path, in groups of *at_least* seconds in a window."""
+    found: dict[tuple[Words, str], list[tuple[PrecedingWait, PathStep]]] = {}
     for step in path.steps:
-        if before := _before(run, step):
+        if before := _preceding_wait(run, step):
             found.setdefault((before.words, before.name), []).append((before, step))
     for alike in found.values():
         seconds = Cover((before.start, before.end) for before, _ in alike).within(*window)
         if seconds >= at_least:
-            left_out = Cover(_left_out(run, causes, alike[-1][1]))
-            yield HeldUp(alike, seconds, left_out.within(*window))
+            saving = Cover(_avoidable_spans(run, causes, alike[-1][1])).within(*window)
+            yield WaitGroup(alike, seconds, saving)
 
 
-def _before(run: Run, step: PathStep) -> Before | None:
-    """The wait of a step in a queue, or of its handler for a reply or a lock; None if it was
-    neither.
-    """
+def _preceding_wait(run: Run, step: PathStep) -> PrecedingWait | None:
+    """Return a step's wait in a queue, or its handler's wait for a reply or a lock; else None."""
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
         module, resource = queueing.module, queueing.resource
         span = queueing.start, step.start
-        locked, holder = kept_out(run, (module, resource), *span, sender=message.sender)
+        locked, holder = locked_out(run, (module, resource), *span, sender=message.sender)
         if locked * 2 > span[1] - span[0]:
-            return Before(words.LOCK, place(called(module), resource), *span, holder)
-        return Before(words.QUEUE, place(module, resource), *span) if module else None
+            return PrecedingWait(words.LOCK, place(called(module), resource), *span, holder)
+        return PrecedingWait(words.QUEUE, place(module, resource), *span) if module else None
     wait = step.resumed
     if wait is None or wait.moment or not wait.awaited or step.doing is not Doing.WORK:
         return None
     if message is None or message.message_class.has_reply:
-        return None  # the questions that a reply needs itself are part of the wait for it
-    said, span = words.REPLY, (wait.start, step.start)
+        return None  # queries of a query's handler are part of the wait for its reply
+    template, span = words.REPLY, (wait.start, step.start)
     if (wanted := run.claims.get(wait.awaited)) is not None:
         name = place(called(wanted.module), wanted.resource)
-        locked, _ = kept_out(run, (wanted.module, wanted.resource), *span, but=wanted)
-        said = words.LOCK if locked * 2 > span[1] - span[0] else words.CLAIM
-        return Before(said, name, *span)
+        locked, _ = locked_out(run, (wanted.module, wanted.resource), *span, but=wanted)
+        template = words.LOCK if locked * 2 > span[1] - span[0] else words.CLAIM
+        return PrecedingWait(template, name, *span)
     if is_in_vain(run, wait):
-        said = words.IN_VAIN
-    return Before(said, run.name(wait.awaited), *span)
+        template = words.IN_VAIN
+    return PrecedingWait(template, run.name(wait.awaited), *span)
 
 
-def _left_out(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
-    """The spans that a walk back from the last step leaves out: waits like the one before it."""
-    like = _before(run, last)
+def _avoidable_spans(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
+    """Yield the spans left out by a walk back from a step: waits like the one before it."""
+    like = _preceding_wait(run, last)
 
     def since(step: PathStep) -> float | None:
-        found = _before(run, step)
+        found = _preceding_wait(run, step)
         return found.start if found and like and found[:2] == like[:2] else None
 
-    yield from _not_unhandled(run, last)
+    yield from _handled_spans(run, last)
     for step in causes.back_before(last, since):
         if since(step) is not None:
-            yield from _not_unhandled(run, step)
+            yield from _handled_spans(run, step)
 
 
-def _not_unhandled(run: Run, step: PathStep) -> Iterator[Span]:
-    """The wait before a step, without the time in which nobody handled what was asked: that is told
-    of elsewhere.
+def _handled_spans(run: Run, step: PathStep) -> Iterator[Span]:
+    """Yield the wait before a step, without the time in which the query had no handler: there is
+    separate advice on that.
     """
-    if (before := _before(run, step)) is None:
+    if (before := _preceding_wait(run, step)) is None:
         return
     asked = run.messages.get(step.resumed.awaited) if step.resumed else None
     since = before.start

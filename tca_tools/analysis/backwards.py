@@ -1,12 +1,13 @@
-"""The causes of any moment of a run: backwards through whatever was waited for last. Pure.
+"""The causes of any moment of a run: a walk backwards through the last wait of each step. Pure.
 
-Theory. An entry of the journal holds all that one event brought about, and no two entries have the
-same time. So the cause of what happened at a time is the event of that entry, and the entry says
-who asked for it: the run of a handler, which returned or sent something, a program outside of
-handlers, or nobody, if a time was due. A handler had worked since it was given its message, or
-since it last resumed from a wait; the event of *that* entry let it begin or resume; and so on, back
-to where somebody acted of his own will. What was cut off before it came to its end leads to what it
-waited for just then. Each step goes back in time, so a walk costs what it passes through.
+Theory. An entry of the journal contains all facts that one event caused, and entries have unique
+times. The cause of a fact is therefore the event of its entry. The entry names the event's origin:
+the run of a handler, a program outside of handlers, or none, if a time was due.
+
+A handler had been working since it started, or since it last resumed after a wait. The event of
+that earlier entry let it start or resume, and so on, back to a program that acted on its own. A
+handling that was cut off leads to its wait at that time. Each step goes back in time, so the cost
+of a walk is proportional to the steps it passes.
 """
 
 from bisect import bisect_left, bisect_right
@@ -17,7 +18,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.explain.graph import Ends, further, keeping, steps, waits_now
+from tca_tools.explain.graph import Ends, blocking_waits, prerequisites, steps, waits_now
 from tca_tools.explain.wait_words import wait_for
 from tca_tools.explain.waits import Node, Wait, has_come, node_of
 from tca_tools.journal.at_time import RunAt
@@ -40,24 +41,24 @@ from tca_wire.waits import WaitKind
 
 
 @dataclass(slots=True)
-class _At:
-    """Where a walk stands: before *time*, in the run of a handler; or (None) at what happened to a
-    message then.
-    """
+class _Position:
+    """The position of a walk: in the run of a handler before *time*, or at a message's event."""
 
     time: float
     message_id: int
     handling: Handling | None = None
+    """The run of the handler; None at an event."""
     wait: HandlerWait | None = None
-    """The wait that was over then, if the walk came by one."""
+    """The wait through which the walk came here; it ended at this time."""
 
 
-_Over = tuple[float, float, HandlerWait]
-"""When a wait was over, and what had come last by then: when, and the wait for that."""
+_EndedWait = tuple[float, float, HandlerWait]
+"""The end of a wait; the time of the newest awaited event by then, and the wait for that event."""
 _END = itemgetter(0)
-_Back = tuple[PathStep | None, _At | None]
-_Since = Callable[[PathStep], float | None]
-"""A step back, if it took time, and where the walk stands before it; None where it begins."""
+_StepBack = tuple[PathStep | None, _Position | None]
+"""A step back, if it took time, and the position before it; None at the start of the walk."""
+_WaitStart = Callable[[PathStep], float | None]
+"""Returns the start of a wait before a step, if the walk leaves that wait out."""
 
 
 class Causes:
@@ -67,33 +68,41 @@ class Causes:
         self._run = run
         granted = (claim for claim in run.claims.values() if claim.granted is not None)
         self._released = {claim.end: claim for claim in granted if claim.end is not None}
-        self._returned: dict[tuple[int, float | None], Handling] = {}  # a task may have thousands
+        # A table, since a task may have thousands of handlings
+        self._returned: dict[tuple[int, float | None], Handling] = {}
         for message in run.messages.values():
             self._returned.update(((one.message_id, one.end), one) for one in message.handlings)
         self._outside = {
-            name: self._as_ended(one.waits, is_outside=True) for name, one in run.modules.items()
+            name: self._ended_waits(one.waits, is_outside=True) for name, one in run.modules.items()
         }
-        self._over: dict[int, list[_Over]] = {}
-        """The waits of handlers that were walked through, by their ends."""
+        self._in_handlers: dict[int, list[_EndedWait]] = {}
+        """The ended waits of each handler's run that a walk has passed."""
 
     def back_from(
         self, time: float, message_id: int = 0, handling: Handling | None = None
     ) -> Iterator[PathStep]:
-        """The steps that led to what happened at *time* to a message, or that a handler did then;
-        the newest first.
-        """
-        return self._back(_At(time, message_id, handling), lambda _: None)
+        """Yield the steps that led to an event of a message, or to an act of a handler.
 
-    def back_before(self, step: PathStep, since: _Since) -> Iterator[PathStep]:
-        """The steps before *step*, newest first, as if there had been no waits before those for
-        which *since* says from when on they waited: from there the walk goes on with who waited,
-        not with what he waited for.
+        Args:
+            time: The time of the event; the newest step ends there.
+            message_id: The message.
+            handling: The run of the handler that acted; None for an event of the message.
+        """
+        return self._back(_Position(time, message_id, handling), lambda _: None)
+
+    def back_before(self, step: PathStep, since: _WaitStart) -> Iterator[PathStep]:
+        """Yield the steps before a step, newest first, as if some waits had not been necessary.
+
+        Args:
+            step: The step from which the walk starts.
+            since: Returns the start of a wait before a step that is left out, else None. From that
+                start the walk continues with the waiting side, not with the awaited one.
         """
         start = since(step)
-        return self._back(_before(step, step.start if start is None else start), since)
+        return self._back(_position_before(step, step.start if start is None else start), since)
 
-    def _back(self, first: _At, since: _Since) -> Iterator[PathStep]:
-        at: _At | None = first
+    def _back(self, first: _Position, since: _WaitStart) -> Iterator[PathStep]:
+        at: _Position | None = first
         seen = set()
         while at is not None:
             place = at.time, at.message_id, id(at.handling)
@@ -105,33 +114,37 @@ class Causes:
             if step is not None and step.end > step.start:
                 yield step
                 if (start := since(step)) is not None:
-                    at = _before(step, start)
+                    at = _position_before(step, start)
 
-    def _in_handler(self, at: _At, handling: Handling) -> _Back:
-        """Back to where the handler last resumed, or else began."""
-        if (over := self._over.get(id(handling))) is None:
+    def _in_handler(self, at: _Position, handling: Handling) -> _StepBack:
+        """Go back to where the handler last resumed, or else started."""
+        if (ended := self._in_handlers.get(id(handling))) is None:
             ends = ends_waited_for(self._run, handling)
             waits = list(handling.waits)
-            if ends:  # any news wakes it
+            if ends:  # any change wakes a coordinator, so its waits for changes have no cause
                 waits = [wait for wait in waits if wait.kind is not WaitKind.CHANGE]
-            over = self._over[id(handling)] = self._as_ended([*waits, *ends])
-        place = bisect_right(over, at.time, key=_END)
-        start, wait = over[place - 1][1:] if place else (handling.start, None)
+            ended = self._in_handlers[id(handling)] = self._ended_waits([*waits, *ends])
+        place = bisect_right(ended, at.time, key=_END)
+        start, wait = ended[place - 1][1:] if place else (handling.start, None)
         number, where = handling.message_id, (handling.module, handling.resource)
         step = PathStep(start, at.time, Doing.WORK, number, *where, handling, wait)
-        return step, _At(start, wait.awaited if wait else number, wait=wait)
+        return step, _Position(start, wait.awaited if wait else number, wait=wait)
 
-    def _as_ended(self, waits: Sequence[HandlerWait], *, is_outside: bool = False) -> list[_Over]:
-        """Waits that are over, as they ended. What takes no time is over with the event that begins
-        it; but a program outside of handlers that looks so at the end of a task had to wait until
-        that came. A wait in vain for a change let nothing go on, nor did one that another's end had
-        ended, of the first of several tasks.
+    def _ended_waits(
+        self, waits: Sequence[HandlerWait], *, is_outside: bool = False
+    ) -> list[_EndedWait]:
+        """Return the ended waits that let their handler or program resume, sorted by their ends.
+
+        A wait that takes no time has no effect in a handler. A program outside of handlers may read
+        the result of an ended task so, which was impossible before that task's end. A wait in vain
+        for a change has no effect. Neither has the wait for the first of several tasks if the end
+        of another one ended it.
         """
-        found: list[_Over] = []
+        found: list[_EndedWait] = []
         ended = [(wait.end, wait) for wait in waits if wait.end is not None]
         for end, wait in sorted(ended, key=_END):
             if wait.kind is WaitKind.PRESENCE:
-                continue  # who came is told nowhere
+                continue  # the journal does not say which module ended it
             is_late = wait.kind is WaitKind.CHANGE or (found and found[-1][0] >= wait.start)
             if is_late and not has_come(self._run, wait):
                 continue
@@ -148,211 +161,206 @@ class Causes:
 
     # --- events and their origins -----------------------------------------------------------------
 
-    def _at_event(self, at: _At) -> _Back:
-        """Of a message, a lock or a wait that was over then."""
+    def _at_event(self, at: _Position) -> _StepBack:
+        """Go back from an event of a message, a lock or a wait."""
         message = self._run.messages.get(at.message_id)
-        if isinstance(message, Task) and (stood := _resumed(message, at.time)):
-            return stood, _At(stood.start, stood.message_id)
-        if (ended := self._asker(at, message)) is not None:
-            return None, _At(at.time, at.message_id, ended)
+        if isinstance(message, Task) and (step := _resumed(message, at.time)):
+            return step, _Position(step.start, step.message_id)
+        if (asker := self._asker(at, message)) is not None:
+            return None, _Position(at.time, at.message_id, asker)
         if message is not None and message.received == at.time and not message.role:
-            return self._by(message.sender, message.by, message.id, at.time)
+            return self._to_sender(message.sender, message.by, message.id, at.time)
         if (found := self._at_claim(at)) is not None:
             return found
         if message is not None:
             return self._without_asker(message, at)
-        return (None, None) if at.wait is None else self._in_vain(at.wait, at.time)
+        return (None, None) if at.wait is None else self._over_wait(at.wait, at.time)
 
-    def _asker(self, at: _At, message: Message | None) -> Handling | None:
-        """The handler that returned then, or asked for what happened; one that was cut off while it
-        waited did nothing. Of several that were lost with their module it is that of the message.
+    def _asker(self, at: _Position, message: Message | None) -> Handling | None:
+        """Return the handler that returned at an event, or requested it.
+
+        A handler that was cut off while it waited did nothing. If several handlers were lost with
+        their module, it is that of the message.
         """
         own = self._returned.get((message.id, at.time)) if message else None
-        ended = own or self._run.asker_at(at.time)
-        if not isinstance(ended, Handling) or (at.wait is not None and ended is at.wait.by):
+        asker = own or self._run.asker_at(at.time)
+        if not isinstance(asker, Handling) or (at.wait is not None and asker is at.wait.by):
             return None
-        return ended if ended.start < at.time else None
+        return asker if asker.start < at.time else None
 
-    def _by(self, module: str, by: Handling | None, number: int, time: float) -> _Back:
-        """Back into the handler that did something; or to where the program last waited, outside of
-        any handler.
-        """
+    def _to_sender(self, module: str, by: Handling | None, number: int, time: float) -> _StepBack:
+        """Go back into the sending handler, or over the sender's work outside of handlers."""
         if by is not None and by.start < time <= by.until:
-            return None, _At(time, number, by)
-        if by is not None and by.end is not None and by.end < time:  # beside it
+            return None, _Position(time, number, by)
+        if by is not None and by.end is not None and by.end < time:  # sent after it had returned
             step = PathStep(by.end, time, Doing.OUTSIDE, number, module)
-            return step, _At(by.end, by.message_id, by)
+            return step, _Position(by.end, by.message_id, by)
         outside = self._outside.get(module, []) if by is None else []
         if not (place := bisect_left(outside, time, key=_END)):
             return None, None
         _, start, wait = outside[place - 1]
         step = PathStep(start, time, Doing.OUTSIDE, number, module, resumed=wait)
-        return step, _At(start, wait.awaited, wait=wait)
+        return step, _Position(start, wait.awaited, wait=wait)
 
-    def _at_claim(self, at: _At) -> _Back | None:
-        """Back into who had a lock until then; or from a lock that was wanted until then, to where
-        it was asked for.
-        """
+    def _at_claim(self, at: _Position) -> _StepBack | None:
+        """Go back over a lock that was released at an event, or over the wait for one."""
         time, number = at.time, at.message_id
         wanted, held = self._run.claims.get(number), self._released.get(time)
         since = held.granted if held is not None and held is not wanted else None
         if held is None or since is None or since >= time:
-            return None if wanted is None else self._wanted(wanted, time)
+            return None if wanted is None else self._to_request(wanted, time)
         if held.by is not None and held.by.start < time <= held.by.until:
-            return None, _At(time, number, held.by)
-        return PathStep(since, time, Doing.LOCKED, number, held.sender), _At(since, held.id)
+            return None, _Position(time, number, held.by)
+        return PathStep(since, time, Doing.LOCKED, number, held.sender), _Position(since, held.id)
 
-    def _wanted(self, claim: Claim, time: float) -> _Back:
-        """Back to where a lock was asked for: nothing is known that let it be granted, or it was
-        wanted in vain.
-        """
+    def _to_request(self, claim: Claim, time: float) -> _StepBack:
+        """Go back to the request for a lock that was not granted, or for an unknown reason."""
         if claim.start >= time:
-            return self._by(claim.sender, claim.by, claim.id, time)
+            return self._to_sender(claim.sender, claim.by, claim.id, time)
         number = claim.by.message_id if claim.by else claim.id
         where = claim.module, claim.resource
         step = PathStep(claim.start, time, Doing.LOCKED, number, *where)
-        return step, _At(claim.start, claim.id)
+        return step, _Position(claim.start, claim.id)
 
     # --- events without an origin: a time was due, or a cut-off -----------------------------------
 
-    def _without_asker(self, message: Message, at: _At) -> _Back:
+    def _without_asker(self, message: Message, at: _Position) -> _StepBack:
         time, number = at.time, message.id
         if message.role in (Role.CONDITION, Role.ACTION) and message.received == time:
-            return self._monitored(message, time)
+            return self._to_monitor(message, time)
         for queueing in (*message.queueings, *self._run.copies.get(number, ())):
             if queueing.end == time and queueing.start < time:
                 doing = Doing.QUEUED if queueing.module else Doing.NO_HANDLER
                 where = queueing.module, queueing.resource
                 step = PathStep(queueing.start, time, doing, number, *where)
-                return step, _At(queueing.start, number)
+                return step, _Position(queueing.start, number)
         if isinstance(message, Task):
             for hold in message.holds:
                 if hold.over == time:
-                    return self._delayed(message, hold, time)
+                    return self._over_delay(message, hold, time)
         if message.received == time:
             is_known = message.about in self._run.messages
-            return None, _At(time, message.about) if is_known else None
-        return self._cut_off(message, at)
+            return None, _Position(time, message.about) if is_known else None
+        return self._from_cut_off(message, at)
 
-    def _delayed(self, task: Task, hold: Hold, time: float) -> _Back:
-        """Back over a delay; if its point was late, to where it was asked for."""
+    def _over_delay(self, task: Task, hold: Hold, time: float) -> _StepBack:
+        """Go back over a delay to its start, or to its request if that was later."""
         start, cause = delay_of(self._run, task, hold)
         start = start if start < time else min(hold.added, time)
-        return PathStep(start, time, Doing.DELAY, task.id), _At(start, cause)
+        return PathStep(start, time, Doing.DELAY, task.id), _Position(start, cause)
 
-    def _monitored(self, message: Message, time: float) -> _Back:
-        """Central asks a monitor's condition, or sends its action, when the time has come: back to
-        its start.
-        """
+    def _to_monitor(self, message: Message, time: float) -> _StepBack:
+        """Go back from a monitor's query or action to the start of the monitor."""
         monitor = self._run.tasks.get(message.about)
         if monitor is None:
             return None, None
         start = monitor.reached.get(Moment.START_HANDLING, monitor.received)
         if start >= time:
-            return None, _At(time, monitor.id)
-        return PathStep(start, time, Doing.WATCHING, monitor.id), _At(start, monitor.id)
+            return None, _Position(time, monitor.id)
+        return PathStep(start, time, Doing.WATCHING, monitor.id), _Position(start, monitor.id)
 
-    def _cut_off(self, message: Message, at: _At) -> _Back:
-        """It was killed or suspended then, or somebody no longer waited for it: back to what it
-        waited for itself.
-        """
+    def _from_cut_off(self, message: Message, at: _Position) -> _StepBack:
+        """Go back from a kill, a suspension or a wait in vain to the message's own wait."""
         time = at.time
-        if (back := self._going_on(message, time)) is not None:
+        if (back := self._to_wait_cause(message, time)) is not None:
             return back
         was_killed = time in (message.written("killed", time), message.written("failure", time))
         if at.wait is not None and at.wait.start < time and not was_killed:
-            return self._in_vain(at.wait, time)
+            return self._over_wait(at.wait, time)
         since = last_change(self._run, message, time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
-        return PathStep(since, time, doing, message.id), _At(since, message.id)
+        return PathStep(since, time, doing, message.id), _Position(since, message.id)
 
-    def _going_on(self, message: Message, time: float) -> _Back | None:
-        """Back to what something waited for just before a time."""
-        found = going_on(RunAt(self._run, nextafter(time, 0.0)), message, time)
+    def _to_wait_cause(self, message: Message, time: float) -> _StepBack | None:
+        """Go back to the cause of a message's wait just before a time."""
+        found = wait_cause(RunAt(self._run, nextafter(time, 0.0)), message, time)
         if found is None:
             return None
-        since = found.standing.start if found.standing else time
-        return found.standing, _At(since, found.message_id, found.handling)
+        since = found.standstill.start if found.standstill else time
+        return found.standstill, _Position(since, found.message_id, found.handling)
 
-    def _in_vain(self, wait: HandlerWait, time: float) -> _Back:
-        """Nothing is known that ended a wait: back to where it began."""
+    def _over_wait(self, wait: HandlerWait, time: float) -> _StepBack:
+        """Go back over a wait in vain to its start."""
         if (claim := self._run.claims.get(wait.awaited)) is not None:
-            return self._wanted(claim, time)
+            return self._to_request(claim, time)
         message = self._run.messages.get(wait.awaited)
-        if message is not None and (back := self._going_on(message, time)) is not None:
+        if message is not None and (back := self._to_wait_cause(message, time)) is not None:
             return back
         step, by = PathStep(wait.start, time, Doing.UNKNOWN, wait.awaited), wait.by
         if isinstance(by, Handling):
-            return step, _At(wait.start, by.message_id, by)
-        return step, _At(wait.start, wait.awaited)
+            return step, _Position(wait.start, by.message_id, by)
+        return step, _Position(wait.start, wait.awaited)
 
 
 def _resumed(task: Task, time: float) -> PathStep | None:
-    """The part of a suspension that was over then in which nothing ran any more."""
+    """Return the standstill of a suspension that ended at a time."""
     for one in task.suspensions:
         if one.end == time and (since := one.standstill) is not None and since < time:
             return PathStep(since, time, Doing.SUSPENDED, one.cause)
     return None
 
 
-def _before(step: PathStep, since: float) -> _At:
-    """Where a walk goes on that leaves out the wait before a step: in its handler, or where it was
-    put into a queue.
-    """
-    return _At(since, step.message_id, step.handling if step.resumed else None)
+def _position_before(step: PathStep, since: float) -> _Position:
+    """Return the position before a step without its wait: in its handler, or when it was queued."""
+    return _Position(since, step.message_id, step.handling if step.resumed else None)
 
 
-# --- what keeps something at a moment -------------------------------------------------------------
+# --- the cause of a wait at a moment --------------------------------------------------------------
 
-# A walk follows all that a task waits for, each thing once. What is under it counts first; where
-# nothing there goes on, its constraints, and its handlers that wait, lead to tasks elsewhere.
+# A walk follows all waits of a task, and those of the awaited nodes, each node once. Descendants
+# count first. If none of them is active, the walk leads to other tasks, through the constraints and
+# through handlers that wait.
 
 
-class GoingOn(NamedTuple):
-    """The node that a task waits for at a moment."""
+class WaitCause(NamedTuple):
+    """The node for which a task waits in the end at a moment."""
 
     node: Node
     is_elsewhere: bool
-    """Whether it is not under the task."""
+    """Whether it is not a descendant of the task."""
     message_id: int
-    """The message that runs; or at whose event something came to stand."""
+    """The message that runs, or whose event started the standstill."""
     handling: Handling | None
-    """The handler that went on until then."""
-    standing: PathStep | None
-    """The step that stands; None: it runs."""
+    """The handler that ran until then."""
+    standstill: PathStep | None
+    """The step in which nothing ran; None if the node was running."""
 
     def rank(self) -> tuple[bool, bool, float]:
-        """The order of causes: the least counts first."""
-        step = self.standing
+        """Return the sort key: the least is the most important cause."""
+        step = self.standstill
         watches = step is not None and step.doing is Doing.WATCHING
         return watches, self.is_elsewhere, step.start if step else -inf
 
 
-def going_on(at: RunAt, message: Message, until: float) -> GoingOn | None:
-    """The cause of a wait *until* just after a moment: runs come before standstills, and these
-    before monitors that watch; of standstills the longest. None if nothing is known.
+def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
+    """Return the cause of a wait that lasted *until* just after a moment; None if it is unknown.
+
+    A running handler is preferred to a standstill, and the longest standstill to others; a
+    watching monitor comes last.
     """
-    return _WaitWalk(at, message, until).first() or _circle(at, message, until)
+    return _WaitWalk(at, message, until).first() or _cycle(at, message, until)
 
 
-def at_last(run: Run, task: Task) -> tuple[GoingOn, list[str]]:
-    """The cause of an open task's wait when the journal ends; and if it is not under the task, the
-    waits that lead there, in words. If it is not known, since when nothing happened under the task.
+def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
+    """Return the cause of an open task's wait at the end of the journal.
+
+    The list describes the waits that lead to the cause if it is not a descendant of the task. If
+    the cause is unknown, it is the standstill since the last change under the task.
     """
     at = RunAt(run)
     walk = _WaitWalk(at, task, run.time)
     if (found := walk.first()) is not None:
-        return found, walk.way_to(found.node) if found.is_elsewhere else []
-    if (found := _circle(at, task, run.time)) is not None:
+        return found, walk.path_to(found.node) if found.is_elsewhere else []
+    if (found := _cycle(at, task, run.time)) is not None:
         return found, []
     is_held = waits_now(at, task.id) and not task.handling
     doing = Doing.HELD if is_held else Doing.UNKNOWN
     step = PathStep(last_change(run, task, inf), run.time, doing, task.id)
-    return GoingOn(Node(task.id), False, task.id, None, step), []
+    return WaitCause(Node(task.id), False, task.id, None, step), []
 
 
-def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
-    """The circle of waits that keeps something, since it was closed; None if there is none."""
+def _cycle(at: RunAt, message: Message, until: float) -> WaitCause | None:
+    """Return the cycle of waits that blocks a message, since its last wait; None if none does."""
     run, ends, later = at.run, Ends.at(at), nextafter(at.moment, inf)
     found = next(iter(ends.of(message.id)), None)
     if found is None or found.kind is not WaitKind.CIRCLE:
@@ -360,12 +368,12 @@ def _circle(at: RunAt, message: Message, until: float) -> GoingOn | None:
     members = [run.messages[one] for one in ends.members(found) if one in run.messages]
     closed, member = max((last_change(run, one, later), one.id) for one in members)
     step = PathStep(closed, until, Doing.CIRCLE, member)
-    return GoingOn(Node(member), member != message.id, member, None, step)
+    return WaitCause(Node(member), member != message.id, member, None, step)
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
-    """When something last happened to a message or to what is under it: a new state, or a handler
-    waits or is done.
+    """Return the last change of a message or its descendants before a time: a new state, or a
+    handler that started to wait or returned.
     """
     below = [*run.under(message)] if isinstance(message, Task) else []
     handlings = [one for each in (message, *below) for one in each.handlings]
@@ -375,8 +383,8 @@ def last_change(run: Run, message: Message, before: float) -> float:
     return max((time for time in times if time < before), default=message.received)
 
 
-class _Way(NamedTuple):
-    """How a walk came to a node."""
+class _Link(NamedTuple):
+    """The node and the wait through which a walk came to a node."""
 
     before: Node | None
     wait: Wait | None
@@ -384,30 +392,30 @@ class _Way(NamedTuple):
 
 
 class _WaitWalk:
-    """From a task to all that it waits for, and what that waits for."""
+    """A walk from a task to all nodes for which it waits, directly or indirectly."""
 
     def __init__(self, at: RunAt, message: Message, until: float) -> None:
         self._at, self._until = at, until
         under = at.run.under(message) if isinstance(message, Task) else [message]
         self._own = {one.id for one in under}
-        self._found: list[GoingOn] = []
+        self._found: list[WaitCause] = []
         start = Node(message.id, END_ACHIEVING if isinstance(message, Task) else 0)
-        self._ways, self._nodes = {start: _Way(None, None, False)}, [start]
-        for node in self._nodes:  # grows while it is walked
+        self._links, self._nodes = {start: _Link(None, None, False)}, [start]
+        for node in self._nodes:  # the list grows during the loop
             if (claim := at.run.claims.get(node.number)) is not None:
                 self._at_claim(node, claim)
                 continue
-            for wait in keeping(at, node):
-                for other in further(at, wait):
-                    self._come_to(other, node, wait)
-                self._end(node, wait)
+            for wait in blocking_waits(at, node):
+                for other in prerequisites(at, wait):
+                    self._visit(other, node, wait)
+                self._check_leaf(node, wait)
 
-    def first(self) -> GoingOn | None:
-        """The cause that counts first; None if none is known."""
-        return min(self._found, key=GoingOn.rank, default=None)
+    def first(self) -> WaitCause | None:
+        """Return the most important cause; None if none is known."""
+        return min(self._found, key=WaitCause.rank, default=None)
 
-    def way_to(self, node: Node) -> list[str]:
-        """The waits that lead to a node, in words."""
+    def path_to(self, node: Node) -> list[str]:
+        """Return the waits that lead to a node, in words."""
         words = list[str]()
         for before, wait in self._back_from(node):
             if wait is not None and wait.kind is not WaitKind.SUBTASK:
@@ -417,72 +425,70 @@ class _WaitWalk:
         return words
 
     def _back_from(self, node: Node) -> Iterator[tuple[Node, Wait | None]]:
-        """The nodes by which the walk came to one, and their waits, back to the first."""
-        while (way := self._ways[node]).before is not None:
-            yield way.before, way.wait
-            node = way.before
+        """Yield the nodes and waits through which the walk came to a node, back to the first."""
+        while (link := self._links[node]).before is not None:
+            yield link.before, link.wait
+            node = link.before
 
-    def _come_to(self, node: Node, before: Node, wait: Wait | None) -> None:
-        if node not in self._ways:
+    def _visit(self, node: Node, before: Node, wait: Wait | None) -> None:
+        if node not in self._links:
             is_elsewhere = node.number not in self._own
             if wait is not None and wait.kind is WaitKind.REPLY:
-                is_elsewhere = self._ways[before].is_elsewhere
-            self._ways[node] = _Way(before, wait, is_elsewhere)
+                is_elsewhere = self._links[before].is_elsewhere
+            self._links[node] = _Link(before, wait, is_elsewhere)
             self._nodes.append(node)
 
     def _at_claim(self, node: Node, claim: Claim) -> None:
-        """Follow a lock to all that its holder waits for; or to the program that has it, outside of
-        handlers.
-        """
+        """Follow a lock to its holder's waits, or stop at a program that holds it."""
         others, _ = steps(self._at, node)
         for other in others:
-            self._come_to(other, node, None)
+            self._visit(other, node, None)
         if others or not self._at.is_granted(claim) or (wait := self._handler_wait(node)) is None:
             return
         since = max(wait.start, claim.granted or 0.0)
         handling = wait.by if isinstance(wait.by, Handling) else None
         number = handling.message_id if handling else 0
         step = PathStep(since, self._until, Doing.LOCKED, number, claim.sender)
-        self._find(node, number, handling if since == wait.start else None, step)
+        self._add(node, number, handling if since == wait.start else None, step)
 
     def _handler_wait(self, node: Node) -> HandlerWait | None:
-        """The last wait of a handler on the way to a node."""
+        """Return the last wait of a handler on the path to a node."""
         records = (wait.record for _, wait in self._back_from(node) if wait is not None)
         return next((one for one in records if isinstance(one, HandlerWait)), None)
 
-    def _end(self, node: Node, wait: Wait) -> None:
-        """Note what waits for nothing else: it runs, or stands."""
+    def _check_leaf(self, node: Node, wait: Wait) -> None:
+        """Add a cause if a wait leads no further: a run or a standstill."""
         record, number, until = wait.record, node.number, self._until
         if wait.kind is WaitKind.RUNNING and isinstance(record, Handling):
-            self._find(node, record.message_id, record)
+            self._add(node, record.message_id, record)
         elif isinstance(record, Queueing):
             doing = Doing.QUEUED if record.module else Doing.NO_HANDLER
             step = PathStep(record.start, until, doing, number, record.module, record.resource)
-            self._find(node, number, step=step)
+            self._add(node, number, step=step)
         elif wait.kind is WaitKind.DELAY and isinstance(record, Hold):
             start, cause = delay_of(self._at.run, self._at.run.tasks[number], record)
-            self._find(node, cause, step=PathStep(start, until, Doing.DELAY, number))
+            self._add(node, cause, step=PathStep(start, until, Doing.DELAY, number))
         elif isinstance(record, Suspension):
             self._suspended(node, wait, record)
         elif wait.kind is WaitKind.CONDITION:
-            self._find(node, number, step=PathStep(wait.start, until, Doing.WATCHING, number))
+            self._add(node, number, step=PathStep(wait.start, until, Doing.WATCHING, number))
 
     def _suspended(self, node: Node, wait: Wait, suspension: Suspension) -> None:
-        """What is suspended stands, or handlers under it still run."""
+        """Add the standstill of a suspension, or visit the handlers that still run under it."""
         since, cause, now = suspension.standstill, suspension.cause, self._at.moment
         if since is not None and since <= now:
-            self._find(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
+            self._add(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
             return
-        for run in suspension.still:
+        for run in suspension.handlings:
             if run.start <= now < run.until:
-                self._come_to(node_of(self._at.run, run), node, wait)
+                self._visit(node_of(self._at.run, run), node, wait)
 
-    def _find(
+    def _add(
         self,
         node: Node,
         message_id: int,
         handling: Handling | None = None,
         step: PathStep | None = None,
     ) -> None:
-        is_elsewhere = self._ways[node].is_elsewhere
-        self._found.append(GoingOn(node, is_elsewhere, message_id, handling, step))
+        is_elsewhere = self._links[node].is_elsewhere
+        self._found.append(WaitCause(node, is_elsewhere, message_id, handling, step))

@@ -1,16 +1,17 @@
-"""Which overlap would help: pairs of *act, then plan the next* that could be *act while planning
-the next*. Pure.
+"""Find overlaps that would help: *act, then plan the next step* that could be *act while planning*.
+Pure.
 
-Method. Between two commands of one resource lies a gap in which it acts nothing. The gap's causes
-are walked backwards, from the second command to the first one's end. If something that plans was
-ready before that end and only an order held it back (a constraint, the parent's turn, a handler or
-script that waited), then all that was planned since could have been planned beside the acting. What
-that saves is bounded by three numbers, and the least counts: what the gap holds of planning, how
-long the acting before it took, and how long the planners were free meanwhile. Acting that is looked
-at is never looked at for a second gap: this is one step of lookahead, as the Ambler has it.
+Method. Between two commands of one resource there is a gap in which it does not act. The gap's
+causes are walked backwards, from the second command to the end of the first. A planning step may
+have been ready before that end while an order held it back: a constraint, the parent's turn, a
+waiting handler or script. Then all planning in the gap could have been done during the command.
 
-A bound and no promise: whether the plan needs what the acting brings to light, the journal can't
-tell.
+The saving is the least of three bounds: the planning in the gap, the duration of the command before
+it, and the time in which the planners were free then. A command counts for one gap
+only: this is one step of lookahead, as in the Ambler.
+
+The saving is a bound, not a promise: the plan may need the result of the command, and the journal
+does not show that.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from typing import NamedTuple
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.resources import Key, capacity_of
-from tca_tools.analysis.step_words import named, waited
+from tca_tools.analysis.step_words import named, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import waits_now
 from tca_tools.explain.wait_words import told
@@ -34,27 +35,27 @@ from tca_wire.vocabulary import Role
 
 _PLANNING = (Moment.START_HANDLING, Moment.START_PLANNING)
 _REACTIONS = (Role.LISTENER, Role.EXCEPTION, Role.TERMINATION)
-"""Reactions can't be done before the event that they react to."""
+"""Roles of messages that react to an event, so they can't run before it."""
 
 
 class Chance(NamedTuple):
-    """One gap in which planning could have been done before."""
+    """One gap whose planning could have been done earlier."""
 
     acting: Key
     first: int
-    """The command whose end let the planning begin."""
+    """The command before the gap."""
     second: int
-    """The command that waited for the plan."""
+    """The command after the gap, which waited for the plan."""
     held: PathStep
-    """The step that an order held back: it began, or went on, only in the gap."""
+    """The step that an order held back: it started or resumed only in the gap."""
     start: float
-    """When the acting resource had nothing to act any more."""
+    """When the resource stopped acting."""
     end: float
     """When the resource acted again."""
     steps: list[PathStep]
-    """The planning."""
+    """The planning steps."""
     saving: float
-    """At most so many seconds."""
+    """The largest possible saving, in seconds."""
 
 
 @dataclass(slots=True)
@@ -64,26 +65,24 @@ class Overlap:
     remedy: str
     """The change that would help."""
     chances: list[Chance]
-    """First those that save most."""
+    """The chances, sorted by saving, largest first."""
 
     @property
     def saving(self) -> float:
-        """At most so many seconds of the resource's idle time, all together."""
+        """The largest possible saving of the resource's idle time, in seconds."""
         return sum(chance.saving for chance in self.chances)
 
 
 def overlaps(run: Run, causes: Causes) -> list[Overlap]:
-    """All planning that could have been done while something was acted, that which saves most
-    first.
-    """
+    """Return the planning that could have been done during commands, largest saving first."""
     found: dict[tuple[Key, str, str], Overlap] = {}
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
     for acting, runs in run.runs.items():
-        commands = [handling for handling in runs if _acts(run, handling.message_id)]
+        commands = [handling for handling in runs if _is_acting(run, handling.message_id)]
         for chance in _Acting(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
-            if plan not in seen:  # two resources may wait for the same plan
+            if plan not in seen:  # two resources may wait for one plan
                 seen.add(plan)
                 remedy = _remedy(run, chance.held)
                 key = acting, run.name(chance.held.message_id), remedy
@@ -93,8 +92,8 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     return sorted(found.values(), key=lambda overlap: -overlap.saving)
 
 
-def _acts(run: Run, message_id: int) -> bool:
-    """Whether a message is a command, and none that something else brought about."""
+def _is_acting(run: Run, message_id: int) -> bool:
+    """Whether a message is a command, and not a reaction to an event."""
     message = run.messages.get(message_id)
     if message is None or message.role in _REACTIONS:
         return False
@@ -103,7 +102,7 @@ def _acts(run: Run, message_id: int) -> bool:
 
 @dataclass(slots=True)
 class _Acting:
-    """The gaps of one resource in which something was planned that could have been before."""
+    """The gaps of one resource whose planning could have been done earlier."""
 
     run: Run
     causes: Causes
@@ -111,13 +110,13 @@ class _Acting:
     key: Key
 
     def chances(self, commands: list[Handling]) -> Iterator[Chance]:
-        """Those between its commands."""
+        """Yield the chances between its commands."""
         if not commands:
             return
         last = commands[0]
         end = acts_since = last.start
         for handling in commands:
-            if handling.start > end and (found := self._held_in(handling, end)):
+            if handling.start > end and (found := self._held_step(handling, end)):
                 held, steps = found
                 saving = _saving(self.run, self.covers, held, steps, acts_since)
                 if saving > 0:
@@ -127,29 +126,29 @@ class _Acting:
             if handling is last or handling.until > end:
                 end, last = min(handling.until, self.run.time), handling
 
-    def _held_in(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
-        """The step that an order held back until a gap, and the steps planned from there on."""
+    def _held_step(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
+        """Return the step that an order held back until a gap, and the planning from there on."""
         run = self.run
         queueings = run.messages[second.message_id].queueings
         if any(one.start < gap < one.until for one in queueings):
-            return None  # there was something to act: only it could not begin
+            return None  # a command was queued, so planning was not the cause
         steps: list[PathStep] = []
         for step in self.causes.back_from(second.start, second.message_id):
             if step.end <= gap:
                 break
             steps.insert(0, step)
         else:
-            return None  # somebody acted of his own will
+            return None  # a program acted on its own
         if not steps or steps[0].start < gap:
-            return None  # the planning went on already: its speed is what counts
+            return None  # planning had started before the gap
         while steps and not _was_held(run, steps[0], gap):
             steps.pop(0)
-        planning = [step for step in steps if _plans(run, step, self.key)]
+        planning = [step for step in steps if _is_planning(run, step, self.key)]
         return (steps[0], planning) if planning else None
 
 
 def _was_held(run: Run, step: PathStep, gap: float) -> bool:
-    """Whether a step could have begun before the gap, had an order not held it back."""
+    """Whether a step was ready before the gap, and only an order held it back."""
     if (wait := step.resumed) is not None:  # a lock is no order
         return wait.start < gap and wait.awaited not in run.claims
     task = run.tasks.get(step.message_id)
@@ -164,10 +163,8 @@ def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     return not any(one.end == step.start and one.start < gap for one in task.queueings)
 
 
-def _plans(run: Run, step: PathStep, acting: Key) -> bool:
-    """Whether a step is planning: work, of something else than commands, elsewhere than where is
-    acted.
-    """
+def _is_planning(run: Run, step: PathStep, acting: Key) -> bool:
+    """Whether a step is planning: work on a message that is not a command, in another resource."""
     message = run.messages.get(step.message_id)
     if message is None or message.role in _REACTIONS or message.message_class.only_acts:
         return False
@@ -178,29 +175,29 @@ def _plans(run: Run, step: PathStep, acting: Key) -> bool:
 
 
 def why_held(run: Run, held: PathStep) -> str:
-    """The reason why the planning was held back, in words."""
+    """Return why the planning was held back, in words."""
     if held.resumed:
-        return waited(run, held)
+        return wait_in_words(run, held)
     at, number = RunAt(run, nextafter(held.start, 0.0)), held.message_id
     waits = several_in_words(told(at, waits_now(at, number)))
     return f"{run.describe(number)} was held {waits}"
 
 
 def _remedy(run: Run, held: PathStep) -> str:
-    """The change that would help: the same for all chances of a kind."""
+    """Return the change that would help: the same for all chances of a kind."""
     name = run.name(held.message_id)
     if not held.resumed:
         return (
-            f"let '{name}' be planned ahead: plan_ahead=1, not 0 and not delay_planning; or let the constraint hold "
-            "back the achieving alone"
+            f"plan '{name}' ahead: use plan_ahead=1 instead of 0 or delay_planning, "
+            "or constrain only its achievement"
         )
     asked = run.messages.get(held.resumed.awaited)
     if asked and not held.resumed.moment and asked.queueings:
-        return f"'{asked.name}' queues behind commands: let a resource of its own handle it"
+        return f"'{asked.name}' queues behind commands: handle it in a resource of its own"
     who = held.module if held.doing is Doing.OUTSIDE else f"the handler of '{name}'"
     return (
-        f"{who} waits for '{named(run, held.resumed.awaited)}' and only then goes on: let it send what follows at "
-        "once, in a sequence with plan_ahead=1"
+        f"{who} waits for '{named(run, held.resumed.awaited)}' before it continues: "
+        "send the next steps at once, in a sequence with plan_ahead=1"
     )
 
 
@@ -210,13 +207,11 @@ def _remedy(run: Run, held: PathStep) -> str:
 def _saving(
     run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float
 ) -> float:
-    """The least of: the planning, place by place no more than its resource was free; and the acting
-    before it.
-    """
+    """Return the least of the planning, limited by each resource's free time, and the acting."""
     if held.resumed:
         since = max(acts_since, held.resumed.start)
     else:
-        since = max(acts_since, _might_begin(run, run.tasks[held.message_id], held))
+        since = max(acts_since, _earliest_start(run, run.tasks[held.message_id], held))
     window = max(held.start - since, 0.0)
     work: dict[Key, float] = {}
     for step in steps:
@@ -227,30 +222,28 @@ def _saving(
     for key, seconds in work.items():
         free = window
         if waits_in is None or key != (waits_in.module, waits_in.resource):
-            free -= _full(run, covers, key, (since, held.start))
+            free -= _full_seconds(run, covers, key, (since, held.start))
         possible += min(seconds, free)
     return min(possible, window)
 
 
-def _full(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
-    """How long in a window all slots of a resource had messages."""
+def _full_seconds(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
+    """Return how long all slots of a resource were busy in a window, in seconds."""
     if key not in covers:
         spans = ((one.start, min(one.until, run.time)) for one in run.runs.get(key, []))
         covers[key] = Cover(spans, capacity_of(run, key))
     return covers[key].within(*window)
 
 
-def _might_begin(run: Run, task: Task, held: PathStep) -> float:
-    """When a task might have been planned at the earliest, were it not for what held it back
-    last.
-    """
+def _earliest_start(run: Run, task: Task, held: PathStep) -> float:
+    """Return the earliest time for planning a task without the order that held it back last."""
     constraints = (hold.constraint for hold in task.holds)
     planned = (one.before for one in constraints if one.after.moment in _PLANNING)
     points = [Point(task.parent, Moment.START_PLANNING)]
     points += (point for point in planned if point.task != task.id)
-    begins = task.received
+    earliest = task.received
     for point in points:
         if point.task in run.tasks:
             time = run.tasks[point.task].reached.get(point.moment, 0.0)
-            begins = max(begins, time) if time < held.start else begins
-    return begins
+            earliest = max(earliest, time) if time < held.start else earliest
+    return earliest

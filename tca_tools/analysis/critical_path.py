@@ -1,16 +1,15 @@
-"""The critical path: what a task waited for last, and what that waited for last, back to who
-started it all. Pure.
+"""The critical path: the last cause of a task's end, its own last cause, and so on. Pure.
 
-The path has no gaps, so its steps add up to the time from its first to its last: making any of them
-shorter is the only way to end sooner, and it helps until another path is the longest.
+The path has no gaps, so the durations of its steps add up to its whole duration. Shortening a step
+is the only way to end sooner; it helps until another path is the longest.
 """
 
 from dataclasses import dataclass, field
 
-from tca_tools.analysis.backwards import Causes, at_last
+from tca_tools.analysis.backwards import Causes, cause_at_end
 from tca_tools.analysis.step_words import named
 from tca_tools.analysis.steps import Doing, PathStep
-from tca_tools.analysis.summary import is_over, mattering
+from tca_tools.analysis.summary import is_over, judged_tasks
 from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
@@ -22,17 +21,15 @@ class CriticalPath:
 
     task: Task
     is_open: bool
-    """Whether the task had not ended: then it leads to what went on last."""
+    """Whether the task had not ended: then the path leads to the last activity."""
     steps: list[PathStep]
-    """Oldest first; each begins when the one before ends."""
+    """The steps, oldest first; each starts when the one before ends."""
     because: list[str] = field(default_factory=list)
-    """Of an open one that leads to something outside of its task: the waits that lead there, in
-    words.
-    """
+    """The waits that lead outside of an open task, in words."""
 
     @property
     def start(self) -> float:
-        """When it begins."""
+        """When it starts."""
         return self.steps[0].start if self.steps else self.end
 
     @property
@@ -42,57 +39,58 @@ class CriticalPath:
 
     @property
     def seconds(self) -> float:
-        """How long it is."""
+        """The duration."""
         return self.end - self.start
 
 
 @dataclass(slots=True)
 class Share:
-    """All steps of a path that have the same message, place and kind."""
+    """All steps of a path with the same message, place and kind."""
 
     doing: Doing
     name: str
-    """The message."""
+    """The message's name."""
     where: str
     steps: int
     seconds: float
     share: float
-    """Of the whole path (0 to 1)."""
+    """The share of the whole path (0 to 1)."""
 
 
 def last_task(run: Run) -> Task | None:
-    """The top-level task that ended last; one that goes on, if there is one: the oldest. Monitors
-    that stand by do not count, but what they have sent does.
+    """Return the oldest top-level task that is open, else the one that ended last.
+
+    A standby monitor does not count, but tasks that it sent do.
     """
-    top = mattering(run)
+    top = judged_tasks(run)
     living = next((task for task in top if not is_over(task)), None)
     return living or max(top, key=_end_of, default=None)
 
 
 def longest_task(run: Run) -> Task | None:
-    """The one of these that took longest."""
-    top = mattering(run)
-    return max(
-        top,
-        key=lambda task: (_end_of(task) if is_over(task) else run.time) - task.received,
-        default=None,
-    )
+    """Return the top-level task that took longest."""
+
+    def seconds(task: Task) -> float:
+        return (_end_of(task) if is_over(task) else run.time) - task.received
+
+    return max(judged_tasks(run), key=seconds, default=None)
 
 
 def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
-    """The path to the end of *task*; if it has not ended, to what goes on in it."""
+    """Return the path to the end of *task*, or to its current activity if it has not ended."""
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    found, because = at_last(run, task)
-    steps = [found.standing] if found.standing and found.standing.seconds > 0 else []
-    since = found.standing.start if found.standing else run.time
+    found, because = cause_at_end(run, task)
+    last = found.standstill
+    steps = [last] if last and last.seconds > 0 else []
+    since = last.start if last else run.time
     steps += causes.back_from(since, found.message_id, found.handling)
     return CriticalPath(task, True, steps[::-1], because)
 
 
 def shares(run: Run, path: CriticalPath) -> list[Share]:
-    """Where the path's time went, by message and place: the longest first."""
+    """Return the path's time by message, place and kind, the longest first."""
     found: dict[tuple[Doing, str, str], Share] = {}
     for step in path.steps:
         name, where = named(run, step.message_id), step.where
@@ -109,5 +107,6 @@ def shares(run: Run, path: CriticalPath) -> list[Share]:
 
 
 def _end_of(task: Task) -> float:
-    end = task.reached.get(Moment.END_ACHIEVING)
-    return end if end is not None else (task.stage(-1)[0] if task.states else task.received)
+    if (end := task.reached.get(Moment.END_ACHIEVING)) is not None:
+        return end
+    return task.stage(-1)[0] if task.states else task.received

@@ -1,8 +1,7 @@
-"""The failures of a run: who raised them, which exception handlers were called, what became of
-them, what they cost.
+"""The failures of a run: their origins, the exception handlers called, their fates and costs. Pure.
 
-A failure of a task is one *case*, from the moment it was raised until the task was handled again,
-was dealt with, was killed, or the journal ended. Pure.
+A failure of a task is one *case*. It lasts until the task was handled again or killed, until the
+failure was dealt with, or until the journal ended.
 """
 
 from bisect import bisect_right
@@ -46,16 +45,12 @@ class Case:
     time: float
     raised_by: str
     called: list[str]
-    """The exception handlers that were called, in order, and what came of that."""
+    """The exception handlers called, in order, with their outcomes."""
     fate: Fate
     why: str
-    """Of a task that was killed: why, or what came of the one above it that was retried; of a
-    query: who was told.
-    """
+    """Why a task was killed, or the outcome of its retried ancestor; for a query, its asker."""
     lost: float
-    """Seconds of work that came to nothing: how long the handler that failed had run, or the task
-    that was ended.
-    """
+    """Seconds of lost work: of the handler that failed, or of the task that was ended."""
     recovery: float
     """Seconds from the failure until its fate was decided or the task was handled again."""
 
@@ -66,7 +61,7 @@ class Case:
 
     @property
     def span(self) -> Span:
-        """When it did."""
+        """The span of the cost."""
         return self.time - self.lost, self.time + self.recovery
 
 
@@ -80,30 +75,32 @@ class FailureKind:
 
     @property
     def cost(self) -> float:
-        """The cost in time; time that two of them share counts once."""
+        """The cost in seconds; overlapping times count once."""
         return Cover(case.span for case in self.cases).total
 
     @property
     def fates(self) -> dict[Fate, int]:
-        """How many met which fate."""
+        """The number of cases by fate."""
         fates = [case.fate for case in self.cases]
         return {fate: fates.count(fate) for fate in Fate if fate in fates}
 
     @property
     def is_good(self) -> bool:
-        """Whether all of them were overcome."""
+        """Whether the run continued after all of them."""
         return all(case.fate in GOOD_FATES for case in self.cases)
 
 
 def failures(run: Run) -> list[FailureKind]:
-    """The failures by name and message: first those of which most were not overcome, then by what
-    they cost. With what nobody was told of nothing else failed: it comes after those.
+    """Return the failures by name and message.
+
+    Kinds with the most failures that stopped something come first, then by cost. A failure that
+    was not reported to an asker counts less, since it caused no other failure.
     """
     kinds: dict[tuple[str, str], FailureKind] = {}
     for one in all_failures(run):
         key = one.failure.name, one.message.name
         kinds.setdefault(key, FailureKind(*key)).cases.append(_case(run, one))
-    for key, case in _refused(run):
+    for key, case in _refused_waits(run):
         kinds.setdefault(key, FailureKind(*key)).cases.append(case)
     return sorted(kinds.values(), key=_rank)
 
@@ -118,7 +115,7 @@ def _case(run: Run, one: Failed) -> Case:
     became, why = fate(run, message, time), describe_asker(run, message, time)
     recovery, called = 0.0, list[str]()
     if isinstance(message, Task):
-        recovery = _recovered(run, message, one) - time
+        recovery = _recovery_end(run, message, one) - time
         called = [call.text for call in calls(RunAt(run), message, time, one.until)]
         if (above := retried_ancestor(run, message, time)) is not None:
             why = f"{above} was handled again: {above.state}"
@@ -133,36 +130,32 @@ def _case(run: Run, one: Failed) -> Case:
         called,
         became,
         why,
-        _lost(one, became),
+        _lost_seconds(one, became),
         recovery,
     )
 
 
-def _refused(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
-    """Those that were refused to wait, since that would have been a deadlock, and did not fail with
-    that.
-    """
+def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
+    """Yield the waits refused as deadlocks whose handlers did not fail with that failure."""
     if not run.deadlocks:
         return
     waits = [wait for handling in run.handlings for wait in handling.waits]
     waits += [wait for module in run.modules.values() for wait in module.waits]
     for wait in waits:
-        circle = run.deadlock(wait)
-        if not circle or wait.end is None or (became := _became(run, wait)) is None:
+        cycle = run.deadlock(wait)
+        if not cycle or wait.end is None or (became := _fate_of_refused(run, wait)) is None:
             continue
         number, of, name = 0, str(wait.by), run.name(wait.awaited)
         if isinstance(wait.by, Handling):
             number, name = wait.by.message_id, wait.by.name
             of = run.describe(number)
-        told = circle.words, wait.end, "by central", list[str](), became
-        why = f"it was to wait {awaited(run, wait)}"
-        yield (circle.name, name), Case(number, of, *told, why, 0.0, 0.0)
+        fields = cycle.words, wait.end, "by central", list[str](), became
+        why = f"it would have waited {awaited(run, wait)}"
+        yield (cycle.name, name), Case(number, of, *fields, why, 0.0, 0.0)
 
 
-def _became(run: Run, wait: HandlerWait) -> Fate | None:
-    """The fate of a refused wait; None if its handler failed with that, which is told as any
-    failure.
-    """
+def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
+    """Return the fate of a refused wait; None if its handler failed with it: a separate case."""
     if not isinstance(wait.by, Handling):
         return Fate.TOLD
     handling, failed = wait.by, failing(run, wait.by)
@@ -174,10 +167,11 @@ def _became(run: Run, wait: HandlerWait) -> Fate | None:
     return Fate.COPED if run_continued(run, failed, handling.end) else Fate.ANSWERED
 
 
-def _lost(one: Failed, became: Fate) -> float:
-    """How long was worked in vain: by the handler that failed; or, where the failure was raised
-    beside it (a deadline) and ended the task or began it anew, for the task since it was last
-    begun.
+def _lost_seconds(one: Failed, became: Fate) -> float:
+    """Return the seconds of lost work.
+
+    They count from the start of the handler that failed. If a failure was raised beside the handler
+    and ended or restarted the task, they count from the last start of the task.
     """
     if one.handling:
         return one.time - one.handling.start
@@ -199,11 +193,9 @@ def _raised_by(one: Failed) -> str:
     return whom
 
 
-def _recovered(run: Run, task: Task, one: Failed) -> float:
-    """When a task that had failed was handled again; or else when the exception handlers were
-    done.
-    """
-    if one.is_begun_anew:
+def _recovery_end(run: Run, task: Task, one: Failed) -> float:
+    """Return when a failed task was handled again, else when its exception handlers had ended."""
+    if one.is_handled_again:
         again = bisect_right(task.handlings, one.time, key=attrgetter("start"))
         return task.handlings[again].start if again < len(task.handlings) else one.until
     ends = [one.time]

@@ -1,4 +1,4 @@
-"""The longest waits of a run: who waited, how long, and for what, cut by cause."""
+"""The longest waits of a run: the waiting message or handler, the duration, and the causes."""
 
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from math import inf, nextafter
 from operator import attrgetter, itemgetter
 from typing import NamedTuple
 
-from tca_tools.explain.keepers import Keepers
+from tca_tools.explain.holders import Holders
 from tca_tools.explain.wait_words import for_claim, in_queue, of_queueing, wait_for
 from tca_tools.explain.waits import NO_TIME, has_come, of_handler_wait, waits_for_display
 from tca_tools.journal.at_time import RunAt
@@ -18,28 +18,29 @@ from tca_wire.waits import WaitFor, WaitKind
 
 KINDS = {
     WaitKind.CONSTRAINT: "Tasks held by constraints or their parents",
-    WaitKind.RESUME: "Suspended tasks, from when on nothing of them ran any more",
+    WaitKind.RESUME: "Suspended tasks, once no part of them ran",
     WaitKind.RESOURCE: "Messages in queues of busy resources",
     WaitKind.LOCK: "Waits because of locks and reservations",
-    WaitKind.HANDLER: "Messages that nobody handled",
+    WaitKind.HANDLER: "Messages without a handler",
     WaitKind.REPLY: "Handlers that waited for replies",
     WaitKind.TASK: "Handlers that waited for tasks",
     WaitKind.CHANGE: "Handlers that waited for changes of tasks",
     WaitKind.PRESENCE: "Handlers that waited until messages were handled",
 }
-"""The kinds of waits that are counted, as headings."""
+"""The headings for the kinds of waits that are counted."""
 
 
 class LongWait(NamedTuple):
-    """Somebody waited."""
+    """A wait of a message or a handler."""
 
     who: str
+    """The waiting message, or the handler of one."""
     start: float
     seconds: float
     is_open: bool
-    """Whether it went on when the journal ended."""
+    """Whether it had not ended when the journal ended."""
     what: str
-    """For what, in words: "until take steps {2} is achieved"."""
+    """The cause in words: "until take steps {2} is achieved"."""
 
 
 class WaitsOfKind(NamedTuple):
@@ -60,30 +61,33 @@ class _Found(NamedTuple):
 
 
 def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
-    """For each kind of wait that took time: how many there were, how long together, and the
-    longest, with reasons.
+    """Return the waits by kind: their number, their total duration, and the longest with reasons.
+
+    Args:
+        run: The run.
+        at_most: The number of waits listed for each kind.
     """
     found: dict[WaitKind, list[tuple[float, _Found]]] = {kind: [] for kind in KINDS}
     for one in _all(run):
         seconds = min(one.end, run.time) - one.start
         if seconds >= NO_TIME:
             found[one.kind].append((seconds, one))
-    told: list[WaitsOfKind] = []
+    kinds: list[WaitsOfKind] = []
     for kind, waits in found.items():
         longest = []
         for seconds, one in nlargest(at_most, waits, key=itemgetter(0)):
-            who = "the handler of " * isinstance(one.record, HandlerWait) + run.describe(
-                one.message_id
-            )
-            longest.append(LongWait(who, one.start, seconds, one.end == inf, _what(run, one)))
+            who = run.describe(one.message_id)
+            if isinstance(one.record, HandlerWait):
+                who = f"the handler of {who}"
+            longest.append(LongWait(who, one.start, seconds, one.end == inf, _cause(run, one)))
         if waits:
             total = sum(seconds for seconds, _ in waits)
-            told.append(WaitsOfKind(kind, len(waits), total, longest))
-    return told
+            kinds.append(WaitsOfKind(kind, len(waits), total, longest))
+    return kinds
 
 
 def _all(run: Run) -> Iterator[_Found]:
-    """The held, suspended and queued messages, and the waits of handlers."""
+    """Yield the times of messages held, suspended or queued, and the waits of handlers."""
     for task in run.tasks.values():
         for since, end, state in task.spans():
             if state in (TaskState.HELD, TaskState.PLANNED):
@@ -101,9 +105,7 @@ def _all(run: Run) -> Iterator[_Found]:
 
 
 def _kind(run: Run, queueing: Queueing) -> WaitKind:
-    """Whether nobody handled it, the resource was locked or reserved at some time, or it was just
-    busy.
-    """
+    """Return whether a queued message had no handler, a locked resource, or just a busy one."""
     if not queueing.module:
         return WaitKind.HANDLER
     grants = run.granted(queueing.module, queueing.resource)
@@ -113,7 +115,7 @@ def _kind(run: Run, queueing: Queueing) -> WaitKind:
     return WaitKind.LOCK if was_locked else WaitKind.RESOURCE
 
 
-def _what(run: Run, found: _Found) -> str:
+def _cause(run: Run, found: _Found) -> str:
     match found.record:
         case HandlerWait() as wait:
             return handler_wait_in_words(run, wait)
@@ -129,12 +131,12 @@ def _what(run: Run, found: _Found) -> str:
 def _in_queue(run: Run, queueing: Queueing) -> str:
     message = run.messages.get(queueing.message_id)
     if message is None or not queueing.module:
-        return in_words(of_queueing(RunAt(run, queueing.start), Keepers(), queueing))
+        return in_words(of_queueing(RunAt(run, queueing.start), Holders(), queueing))
     return in_queue(run, queueing, message)
 
 
 def _why_held(run: Run, task: Task, found: _Found) -> str:
-    """The causes that held a task, each with how long it did."""
+    """Return the causes that held a task, each with its duration."""
     causes = []
     for wait in waits_for_display(run, task):
         if found.start <= wait.start < found.end:
@@ -144,21 +146,21 @@ def _why_held(run: Run, task: Task, found: _Found) -> str:
         return causes_in_words(causes)
     if task.killed is not None and task.written("killed") <= found.end:
         return "until it was killed"
-    return "for something that the journal does not tell of"
+    return "for something not in the journal"
 
 
 def handler_wait_in_words(run: Run, wait: HandlerWait) -> str:
-    """The wait of a handler or program in words, and whether it was in vain."""
-    in_vain, circle = ", in vain" * is_in_vain(run, wait), run.deadlock(wait)
+    """Return the wait of a handler or program in words, and whether it was in vain."""
+    in_vain, cycle = ", in vain" * is_in_vain(run, wait), run.deadlock(wait)
     if (claim := run.claims.get(wait.awaited)) is not None:
         return for_claim(run, wait, claim) + in_vain
     at = RunAt(run, nextafter(wait.until, 0.0))
     text = in_words(wait_for(at, of_handler_wait(run, wait))) + in_vain
-    return f"{text}: {circle}" if circle else text
+    return f"{text}: {cycle}" if cycle else text
 
 
 def is_in_vain(run: Run, wait: HandlerWait) -> bool:
-    """Whether what was waited for had not come when the wait was over."""
+    """Whether a wait ended before the awaited event happened."""
     if wait.end is None:
         return False
     if run.deadlock(wait):

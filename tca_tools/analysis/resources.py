@@ -1,6 +1,4 @@
-"""How busy each resource was, how long its queue, and which queues only grow: more comes than is
-handled. Pure.
-"""
+"""The use of each resource, its queue, and the queues that only grow. Pure."""
 
 from bisect import bisect_right
 from collections import Counter
@@ -19,32 +17,32 @@ Key = tuple[str, str]
 """A module and one of its resources."""
 _T = TypeVar("_T", Handling, Queueing)
 _BEFORE = 100
-"""Locks that are looked at, of those that were asked for before a wait began."""
+"""The number of earlier claims that are checked for each wait."""
 
 
 @dataclass(slots=True)
 class Use:
-    """The use of a resource between two times; all lengths in seconds. All tools ask here."""
+    """The use of a resource between two times; all durations in seconds. All tools use this."""
 
     key: Key
     name: str
     capacity: int
     handled: int
-    """How many messages it was given."""
+    """The number of deliveries to it."""
     busy: float
-    """How long its slots had messages, all slots together."""
+    """How long its slots had messages, summed over the slots."""
     waiting: float
-    """How much of that the handlers waited for replies, tasks or locks; of one handler what
-    overlaps counts once.
-    """
+    """The part of ``busy`` in which handlers waited; overlapping waits of a handler count once."""
     share: float
-    """*busy* as a share of what its slots had to give (0 to 1)."""
+    """``busy`` as a share of the time of all slots (0 to 1)."""
     queued: int
-    """How many messages stood in its queue at some time."""
+    """The number of messages that were queued for it."""
     queue_seconds: float
-    """How long they stood there, all together."""
+    """How long they were queued, summed."""
     longest_queue: int
+    """The largest number of queued messages at a time."""
     longest_wait: float
+    """The longest wait of a message in the queue."""
     locked: float
     """How long it was locked or reserved."""
     window: Span
@@ -52,13 +50,17 @@ class Use:
 
     @property
     def worked(self) -> float:
-        """How long its handlers had a message and waited for nothing."""
+        """How long its handlers had a message and did not wait."""
         return max(self.busy - self.waiting, 0.0)
 
 
 def uses(run: Run, start: float, end: float) -> list[Use]:
-    """Each resource that handled or queued something between *start* and *end*, the busiest
-    first.
+    """Return the use of each resource that handled or queued something, the busiest first.
+
+    Args:
+        run: The run.
+        start: The start of the window, in seconds.
+        end: The end of the window, in seconds.
     """
     handled, queued = _by_resource(run.handlings), _by_resource(run.queueings)
     window = start, end
@@ -70,7 +72,7 @@ def uses(run: Run, start: float, end: float) -> list[Use]:
 
 
 def _by_resource(spans: Iterable[_T]) -> dict[Key, list[_T]]:
-    """Spans by their resources, without those that have none."""
+    """Group spans by resource; spans without a module are left out."""
     found: dict[Key, list[_T]] = {}
     for one in spans:
         if one.module:
@@ -79,17 +81,26 @@ def _by_resource(spans: Iterable[_T]) -> dict[Key, list[_T]]:
 
 
 def capacity_of(run: Run, key: Key) -> int:
-    """The largest capacity that a resource had; 1 if the journal does not say."""
+    """Return the largest capacity that a resource had; 1 if it is unknown."""
     module = run.modules.get(key[0])
     return max(module.capacities.get(key[1], 1), 1) if module else 1
 
 
-def kept_out(
+def locked_out(
     run: Run, key: Key, start: float, end: float, sender: str = "", but: Claim | None = None
 ) -> tuple[float, Claim | None]:
-    """How many seconds of a wait for a resource were because of locks and reservations, and the
-    last of these: those in force, in any copy of the module, and those that somebody who had come
-    before waited for. What is reserved by the sender does not keep it out.
+    """Return for how many seconds of a wait claims blocked a resource, and the last such claim.
+
+    A granted claim blocks the resource in all copies of its module. A pending claim does so if it
+    was requested before the wait.
+
+    Args:
+        run: The run.
+        key: The resource.
+        start: The start of the wait.
+        end: The end of the wait.
+        sender: The module whose own reservations do not count.
+        but: A claim that does not count.
     """
     claims = run.asked_for(*key)
     first, last = (bisect_right(claims, time, key=attrgetter("start")) for time in (start, end))
@@ -113,7 +124,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
         ]
 
     capacity = capacity_of(run, key)
-    busy = _length(clipped((one.start, one.until) for one in handled))
+    busy = _total_seconds(clipped((one.start, one.until) for one in handled))
     waiting = sum(Cover(clipped(_waits_in(one))).total for one in handled if one.waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
     lines = clipped((one.start, one.until) for one in queued)
@@ -126,7 +137,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
         waiting=waiting,
         share=share,
         queued=len(queued),
-        queue_seconds=_length(lines),
+        queue_seconds=_total_seconds(lines),
         longest_queue=most_at_once(lines),
         longest_wait=max((until - since for since, until in lines), default=0.0),
         locked=Cover(clipped(_locked_while_there(run, key))).total,
@@ -135,16 +146,14 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
 
 
 def _waits_in(handling: Handling) -> Iterator[Span]:
-    """The waits of a handler, until it returned: a program may give one up later."""
+    """Yield the waits of a handler, cut off at its return."""
     for wait in handling.waits:
         if wait.start < (end := min(wait.until, handling.until)):
             yield wait.start, end
 
 
 def _locked_while_there(run: Run, key: Key) -> Iterator[Span]:
-    """When a resource was locked. A lock is one of all copies of a module: of each as long as it
-    was connected.
-    """
+    """Yield the spans in which a resource was locked and its module, or a copy of it, connected."""
     module = run.modules.get(key[0])
     joined = (module.joined if module is not None else ()) or [(0.0, None)]
     for claim in run.granted(*key):
@@ -155,29 +164,27 @@ def _locked_while_there(run: Run, key: Key) -> Iterator[Span]:
                 yield start, end
 
 
-def _length(spans: list[Span]) -> float:
-    """How long they are together, in seconds."""
+def _total_seconds(spans: list[Span]) -> float:
+    """Return the sum of the durations of spans, in seconds."""
     return sum(max(until - since, 0.0) for since, until in spans)
 
 
 # --- queues that only grow ------------------------------------------------------------------------
 
-# Looked at is the time since the queue was last empty, until it was given or sent the last message.
-# It counts if it is long, if the queue has grown in both halves of it, and if the resource did
-# handle messages meanwhile: a burst that is worked off, a queue that is always about as long, and a
-# handler that hangs are something else.
+# The window starts when the queue was last empty, and ends at the last arrival or delivery. A queue
+# counts as growing if the window is long, if the queue grew in both halves of it, and if the
+# resource handled messages in it. This excludes bursts, steady queues, and hanging handlers.
 
 _LENGTH = 5
-"""A shorter queue is no sign."""
+"""The least length of a growing queue."""
 _HANDLED = 3
+"""The least number of messages handled while it grows."""
 _GROWTH = 0.1
-"""So much more must come than is handled, as a share of that."""
+"""The least surplus of arrivals, as a share of the messages handled."""
 _CHANCE = 3
-"""And so many times what chance makes of it: of n that come at random, the square root of n more or
-less.
-"""
+"""The least surplus in standard deviations: n random arrivals vary by the square root of n."""
 _SHARE = 0.2
-"""It must have grown for so long, as a share of the run."""
+"""The least duration of growth, as a share of the run."""
 
 
 class Growing(NamedTuple):
@@ -186,28 +193,28 @@ class Growing(NamedTuple):
     key: Key
     capacity: int
     start: float
-    """Since when it was not empty."""
+    """When it was last empty."""
     end: float
-    """When the resource was given or sent its last message."""
+    """The time of the last arrival or delivery."""
     length: int
-    """How many stood in it then."""
+    """Its length at the end."""
     rate_in: float
-    """How many came a second."""
+    """Arrivals per second."""
     rate_out: float
-    """How many were handled a second."""
+    """Messages handled per second."""
     longest: float
-    """How long the oldest of the queue had waited at the end, in seconds."""
+    """The wait of the oldest message at the end, in seconds."""
     message: str
-    """The commonest message of the queue."""
+    """The most frequent message name in the queue."""
 
     @property
     def needed(self) -> int:
-        """How many slots would keep up, if one more slot handles as much as those there are."""
+        """The number of slots that could handle the arrivals, at the rate of the present slots."""
         return ceil(self.capacity * self.rate_in / self.rate_out)
 
 
 def growing(run: Run, start: float, end: float) -> list[Growing]:
-    """All such queues of a run that lasted from *start* to *end*."""
+    """Return the growing queues of a run that lasted from *start* to *end*."""
     least, found = _SHARE * (end - start), list[Growing]()
     for key, queued in _by_resource(run.queueings).items():
         one = _growing(run, key, queued) if len(queued) >= _LENGTH else None
@@ -220,7 +227,7 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     given = [handling.start for handling in run.runs.get(key, [])]
     end = max([queued[-1].start, *given[-1:]])
     late = (one for one in queued if one.until >= end)
-    left = [one for one in late if one.until > end or not _was_given(run, one)]
+    left = [one for one in late if one.until > end or not _was_delivered(run, one)]
     if len(left) < _LENGTH:
         return None
     start, middle = _growth(queued, left, end)
@@ -235,15 +242,15 @@ def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
     return Growing(key, capacity_of(run, key), start, end, length, *rates, longest, message)
 
 
-def _was_given(run: Run, queueing: Queueing) -> bool:
-    """Whether a wait ended with a handler that got the message."""
+def _was_delivered(run: Run, queueing: Queueing) -> bool:
+    """Whether a queued message was delivered to a handler."""
     message = run.messages.get(queueing.message_id)
     handlings = message.handlings if message is not None else ()
     return any(handling.start == queueing.end for handling in handlings)
 
 
 def _growth(queued: list[Queueing], left: list[Queueing], end: float) -> tuple[float, int]:
-    """Since when the queue was not empty, and how long it was in the middle of that time."""
+    """Return when a queue was last empty, and its length in the middle of the time since then."""
     stays, later = {id(one) for one in left}, end + 1.0
     spans = [(one.start, later if id(one) in stays else min(one.until, later)) for one in queued]
     lengths = [(time, length) for time, length in levels(spans) if time <= end]

@@ -1,4 +1,4 @@
-"""The steps of a path in words: where each was, and why it did not begin sooner. Pure."""
+"""The steps of a path in words: the place of each, and why it did not start sooner. Pure."""
 
 from collections.abc import Iterator
 from math import nextafter
@@ -17,19 +17,19 @@ from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitKind
 
 _LINKS = 6
-"""How many tasks are told of that waited for each other."""
+"""The most tasks in a chain of waits that a text names."""
 _STANDING = {Doing.CIRCLE, Doing.DELAY, Doing.SUSPENDED, Doing.QUEUED, Doing.HELD, Doing.LOCKED}
-"""Steps in which nothing was done."""
+"""Kinds of steps in which nothing ran."""
 
 
 def named(run: Run, number: int) -> str:
-    """The name of a message, or a lock, without its number."""
+    """Return the name of a message or lock without its number."""
     name = run.name(number)
-    return "what was sent before the journal begins" if name == UNKNOWN else name
+    return "a message from before the journal" if name == UNKNOWN else name
 
 
 def queueing_before(run: Run, step: PathStep) -> Queueing | None:
-    """The wait in a queue that ended when a step began."""
+    """Return the wait in a queue that ended when a step started."""
     message = run.messages.get(step.message_id)
     if message is None or step.resumed or step.doing is not Doing.WORK:
         return None
@@ -39,10 +39,8 @@ def queueing_before(run: Run, step: PathStep) -> Queueing | None:
     return None
 
 
-def waited(run: Run, step: PathStep) -> str:
-    """``the handler of walk {1} waited until move {3} is achieved``: who waited before a step
-    began, and for what.
-    """
+def wait_in_words(run: Run, step: PathStep) -> str:
+    """The wait before a step: ``the handler of walk {1} waited until move {3} is achieved``."""
     who = run.describe(step.message_id)
     if step.resumed is None:
         return f"{who} waited"
@@ -51,9 +49,7 @@ def waited(run: Run, step: PathStep) -> str:
 
 
 def why_not_sooner(run: Run, step: PathStep) -> str:
-    """Why a step did not begin sooner, in words; of one that stands, why it does. "" if nothing is
-    known.
-    """
+    """Return why a step did not start sooner, or why it is a standstill; "" if that is unknown."""
     message = run.messages.get(step.message_id)
     if message and step.doing in _STANDING and (why := _why_standing(run, message, step)):
         return why
@@ -69,31 +65,28 @@ def why_not_sooner(run: Run, step: PathStep) -> str:
             where = f"in the queue for {place(queueing.module, queueing.resource)}"
         still = still_handled(run, message.id, step.start)
         return f"{duration(step.start - queueing.start)} {where}{still}"
-    is_made = (
-        message.received == step.start and message.role
-    )  # central made it when it could, and no sooner
+    # central sends its own messages as soon as it can
+    is_made = message.received == step.start and message.role
     about = run.messages.get(message.about) if is_made else message
     held = ""
     if isinstance(about, Task) and (not is_made or about.received < step.start):
-        held = _held(run, about, step.start)
+        held = _reason_held(run, about, step.start)
     if is_made:
-        return f"{message.role} for {run.describe(message.about)}" + (
-            f", which {held}" if held else ""
-        )
+        which = f", which {held}" if held else ""
+        return f"{message.role} for {run.describe(message.about)}{which}"
     return f"it {held}" if held else ""
 
 
-def _held(run: Run, task: Task, time: float) -> str:
-    """``waited until walk {2} is achieved; walk {2} was killed: ...``: what a task waited for until
-    then, and why that came just then, link by link; "" if that is not known.
+def _reason_held(run: Run, task: Task, time: float) -> str:
+    """Return a task's waits until a time and the chain of causes that ended them.
+
+    For example ``waited until walk {2} is achieved; walk {2} was killed: ...``; "" if unknown.
     """
-    return "; ".join(_links(run, task, time))
+    return "; ".join(_cause_chain(run, task, time))
 
 
-def _links(run: Run, task: Task, time: float) -> Iterator[str]:
-    """The waits of a task until then, those of the tasks that it waited for, and so on, if all were
-    over at once.
-    """
+def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
+    """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on."""
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
         yield f"waited {_in_words(run, waits, time)}"
@@ -111,22 +104,24 @@ def _links(run: Run, task: Task, time: float) -> Iterator[str]:
 
 
 def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
-    """The waits of a task that were over at a time, and had begun before: not those for its handler
-    and its subtasks, through which a path goes anyhow.
+    """Return the waits of a task that ended at a time, except for its handler and its subtasks: a
+    path passes through those anyway.
     """
     ended = (wait for wait in waits_of(run, task.id) if wait.start < time == wait.end)
     return [wait for wait in ended if wait.kind not in (WaitKind.RUNNING, WaitKind.SUBTASK)]
 
 
 def _in_words(run: Run, waits: list[Wait], time: float) -> str:
-    """Waits, as they were just before a time."""
+    """Return waits in words, as known just before a time."""
     return several_in_words(told(RunAt(run, nextafter(time, 0.0)), waits))
 
 
 def still_handled(run: Run, message_id: int, until: float) -> str:
-    """``; look {8} was given up at 7.000 s, but cam went on with it until 9.000 s``: who went on
-    with what nobody waited for any longer, with a message or with what kept it in a queue; "" if
-    nobody did.
+    """Return a remark on a handler that still handled a query after its sender gave up.
+
+    The handler is that of the message, or one in the resource for which the message was queued.
+    For example ``; look {8} was given up at 7.000 s, but cam handled it until 9.000 s``; "" if no
+    handler did.
     """
     if (message := run.messages.get(message_id)) is None:
         return ""
@@ -142,15 +137,15 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
             continue
         given_up = handled.written("dropped")
         if given_up <= until and handling.until > given_up:
-            where, goes_on = place(handling.module, handling.resource), "goes on with it"
+            where, still = place(handling.module, handling.resource), "still handles it"
             if handling.end is not None:
-                goes_on = f"went on with it until {run_time(handling.end)}"
-            return f"; {handled} was given up at {run_time(given_up)}, but {where} {goes_on}"
+                still = f"handled it until {run_time(handling.end)}"
+            return f"; {handled} was given up at {run_time(given_up)}, but {where} {still}"
     return ""
 
 
 def _why_standing(run: Run, message: Message, step: PathStep) -> str:
-    """The wait when the journal ends, or the step."""
+    """Return the wait at the end of a step, in words."""
     at = RunAt(run, nextafter(step.end, 0.0))
     if step.doing is Doing.CIRCLE:
         return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"

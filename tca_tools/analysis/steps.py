@@ -1,4 +1,4 @@
-"""The steps of paths through a run: spans of time, and what had to pass in each."""
+"""The steps of paths through a run: spans of time that had to pass before the next step."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,23 +12,24 @@ from tca_wire.text.facts_in_words import place
 class Doing(StrEnum):
     """The kind of a step."""
 
-    WORK = "work"  # a handler ran, and waited for nothing
+    WORK = "work"  # a handler ran and did not wait
     OUTSIDE = "outside"  # a module worked outside of any handler
     DELAY = "delay"  # a constraint with a delay
-    NO_HANDLER = "no handler"  # nobody handled the message
-    QUEUED = "queued"  # for a resource, and no handler is known that had it
-    LOCKED = "locked"  # a resource was locked from outside of any handler, or a lock was waited for in vain
-    SUSPENDED = "suspended"  # and nothing under it ran on any more
-    KILLED = "until it was killed"  # it went on until it was killed, or a failure was raised on it, from outside
+    NO_HANDLER = "no handler"  # no module handled the message
+    QUEUED = "queued"  # for a resource whose holder is not known
+    LOCKED = "locked"  # a program outside of handlers held a lock, or a lock was not granted
+    SUSPENDED = "suspended"  # and no descendant was running any more
+    # The task ran until another module killed it or raised a failure on it
+    KILLED = "until it was killed"
     HELD = "held"  # by a constraint, or its parent
-    CIRCLE = "in a circle of waits"  # what was waited for waits for itself
-    WATCHING = "watching"  # a monitor, until it looked again or its condition held
-    UNKNOWN = "not known"  # the journal does not say what was waited for
+    CIRCLE = "in a cycle of waits"  # a deadlock
+    WATCHING = "watching"  # a monitor, until its next test or until its condition held
+    UNKNOWN = "not known"  # the journal does not contain the cause of the wait
 
 
 @dataclass(slots=True)
 class PathStep:
-    """A span of time, and what had to pass in it before what follows could happen."""
+    """A span of time that had to pass before the next step could start."""
 
     start: float
     end: float
@@ -36,16 +37,16 @@ class PathStep:
     message_id: int
     """The message that was handled or waited (0: none)."""
     module: str = ""
-    """Whose handler ran, or who worked outside of one; "" if nobody did."""
+    """The module that ran a handler, or worked outside of handlers; "" if none did."""
     resource: str = ""
     handling: Handling | None = None
-    """The run of the handler, if it was one."""
+    """The run of the handler, if one ran."""
     resumed: HandlerWait | None = None
-    """The wait whose end let it go on; None if it began then."""
+    """The wait after which the handler resumed; None if it started."""
 
     @property
     def seconds(self) -> float:
-        """How long it took."""
+        """The duration."""
         return self.end - self.start
 
     @property
@@ -55,9 +56,9 @@ class PathStep:
 
 
 def delay_of(run: Run, task: Task, hold: Hold) -> tuple[float, int]:
-    """When the delay of a constraint began; and the message with which it did."""
+    """Return the start of a constraint's delay, and the message that started it."""
     before = hold.constraint.before
     other = run.tasks.get(before.task) if before.task != ROOT else None
-    return (
-        (other.reached.get(before.moment, hold.added), other.id) if other else (hold.added, task.id)
-    )
+    if other is None:
+        return hold.added, task.id
+    return other.reached.get(before.moment, hold.added), other.id

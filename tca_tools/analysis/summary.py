@@ -1,4 +1,4 @@
-"""How a run went, in one sentence and a few numbers."""
+"""The summary of a run: one sentence and a few numbers."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from tca_wire.text.printable import first_line
 from tca_wire.vocabulary import CENTRAL
 
 ENDED_BADLY = (TaskState.FAILED, TaskState.KILLED)
-"""States of a task that has ended and did not let what follows it go on as planned."""
+"""States of an ended task whose successors could not continue as planned."""
 _LONGEST = 200
-"""Characters of a reason."""
+"""The longest reason, in characters."""
 
 
 @dataclass(frozen=True)
@@ -24,48 +24,45 @@ class Summary:
     began: float | None
     """Wall-clock time (seconds since 1970) of the entries' 0."""
     start: float
-    """When the first task (or else message) was sent, in seconds since the run began; not a monitor
-    that stands by.
+    """When the first task was sent, else the first message, in seconds since the run started. A
+    standby monitor does not count.
     """
     end: float
-    """When the last task ended, or else the journal (of a live run: the present); the time between
-    is what the shares in a report are of.
+    """When the last task ended, else the end of the journal or the present of a live run. Shares in
+    a report are shares of the time from ``start`` to ``end``.
     """
     is_live: bool
-    """Whether the run goes on."""
+    """Whether the run has not ended."""
     now: float
-    """Until when is known what happened."""
+    """The time until which the run is known."""
     modules: int
-    """Those that handled, offered, sent or locked something: who only asks what there is does not
-    count.
-    """
+    """The number of modules that handled, offered, sent or locked something."""
     messages: int
     tasks: dict[str, int]
-    """How many tasks stand how at the end, in words, those that occur."""
+    """The number of tasks by standing at the end."""
     top: int
-    """How many top-level tasks there are, without monitors that watch until somebody ends them."""
+    """The number of top-level tasks, without standby monitors."""
     failures: int
-    """How many failures were raised on tasks and other messages."""
+    """The number of failures raised on tasks and other messages."""
     reasons: list[tuple[str, int]]
-    """Why top-level tasks were not achieved: the first of those with a like reason, in words, and
-    how many they are.
-    """
+    """Why top-level tasks were not achieved: an example and the number for each kind of reason."""
     dropped: list[tuple[str, int]]
-    """How many messages of each name were lost on the way to a handler, most first."""
+    """The number of lost messages by name, the largest first."""
     is_good: bool
     """Whether every top-level task was achieved."""
     outcome: str
+    """The outcome in one sentence."""
 
     @property
     def seconds(self) -> float:
-        """How long the tasks took."""
+        """The duration from ``start`` to ``end``."""
         return max(self.end - self.start, 0.0)
 
 
 def summary(run: Run) -> Summary:
-    """The summary of the whole run."""
+    """Return the summary of a run."""
     counts = Counter(standing(run, task, task.state) for task in run.tasks.values())
-    top = [task for task in map(run.tasks.__getitem__, run.top) if not stands_by(task)]
+    top = [task for task in map(run.tasks.__getitem__, run.top) if not is_standby_monitor(task)]
     failures = sum(len(message.failures) for message in run.messages.values())
     start, end = span_of(run)
     return Summary(
@@ -74,7 +71,7 @@ def summary(run: Run) -> Summary:
         end,
         run.is_live,
         run.time,
-        len(_working(run)),
+        len(_active_modules(run)),
         len(run.messages),
         {one: counts[one] for one in STANDINGS if counts[one]},
         len(top),
@@ -93,7 +90,7 @@ def _dropped(run: Run) -> list[tuple[str, int]]:
     return [(name, number) for name, number in lost.most_common() if number]
 
 
-def _working(run: Run) -> set[str]:
+def _active_modules(run: Run) -> set[str]:
     offering = {name for name, module in run.modules.items() if module.resources}
     senders = {message.sender for message in run.messages.values() if not message.role}
     claiming = {claim.sender for claim in run.claims.values()}
@@ -103,25 +100,27 @@ def _working(run: Run) -> set[str]:
 
 
 def span_of(run: Run) -> tuple[float, float]:
-    """From the first task sent until the last one ended; if one goes on, until the journal's end. A
-    monitor that stands by is not one of them, what it sends is.
+    """Return when the first task was sent and when the last one ended, or the end of the journal.
+
+    A standby monitor does not count, but tasks that it sent do.
     """
     if not run.tasks:
         first = next(iter(run.messages.values()), None)
         return (first.received if first else run.time), run.time
-    top = mattering(run)
+    top = judged_tasks(run)
     ends = (task.stage(-1)[0] if is_over(task) else run.time for task in top)
     return min(task.received for task in top), max(ends)
 
 
-def mattering(run: Run) -> list[Task]:
-    """The tasks by which a run is judged, oldest first: those at the top; instead of monitors that
-    stand by, what these have sent. Where there is nothing else, the monitors.
+def judged_tasks(run: Run) -> list[Task]:
+    """Return the tasks by which a run is judged, oldest first: the top-level tasks.
+
+    A standby monitor is replaced by the tasks that it sent, unless there are only such monitors.
     """
     found, walked = [], list(run.top)
-    for number in walked:  # grows while it is walked
+    for number in walked:  # the list grows during the loop
         task = run.tasks[number]
-        if stands_by(task):
+        if is_standby_monitor(task):
             walked += task.children
         else:
             found.append(task)
@@ -129,10 +128,8 @@ def mattering(run: Run) -> list[Task]:
     return sorted(found, key=attrgetter("id"))
 
 
-def stands_by(task: Task) -> bool:
-    """Whether it is a monitor that watches until somebody ends it: it still does, or a module has
-    killed it.
-    """
+def is_standby_monitor(task: Task) -> bool:
+    """Whether a task is a monitor without an end of its own: open, or killed by a module."""
     if not task.message_class.is_monitor:
         return False
     return not is_over(task) or (task.state is TaskState.KILLED and task.killed_by != CENTRAL)
@@ -144,40 +141,42 @@ def is_over(task: Task) -> bool:
 
 
 def _outcome(run: Run, top: list[Task], failures: int) -> str:
-    """One sentence: good, bad or not over, and the first reason; monitors that go on apart."""
+    """Return one sentence: the tasks that ended well, badly or not, and the first reason."""
     if not run.top:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]
     living = sum(not is_over(task) for task in top)
-    parts = [] if top else ["No top-level task but monitors was sent"]
+    parts = [] if top else ["No top-level task other than monitors was sent"]
     if top and not bad and not living:
         after = f", after {counted(failures, 'failure')} on the way" if failures else ""
         resolved = sum(task.state is TaskState.RESOLVED for task in top)
         if achieved := len(top) - resolved:
-            parts.append(f"{_some(achieved, top)} achieved{after}")
+            parts.append(f"{_count_in_words(achieved, top)} achieved{after}")
         if resolved:
-            parts.append(f"{_some(resolved, top)} {TaskState.RESOLVED}")
+            parts.append(f"{_count_in_words(resolved, top)} {TaskState.RESOLVED}")
     if bad:
         first = "first " if len(bad) > 1 else ""
-        parts.append(f"{_some(len(bad), top)} not achieved: {first}{_ended(bad[0])}")
+        parts.append(
+            f"{_count_in_words(len(bad), top)} not achieved: {first}{_end_in_words(bad[0])}"
+        )
     if living:
         still = "not over when the journal ended"
         if run.is_live:
             still = f"still running, as of {run_time(run.time)}"
-        parts.append(f"{_some(living, top, is_now=run.is_live)} {still}")
-    monitors = [task for task in map(run.tasks.__getitem__, run.top) if stands_by(task)]
+        parts.append(f"{_count_in_words(living, top, is_now=run.is_live)} {still}")
+    monitors = [task for task in map(run.tasks.__getitem__, run.top) if is_standby_monitor(task)]
     if watching := sum(not is_over(task) for task in monitors):
         how = "watching" if run.is_live else "watched"
         parts.append(f"{counted(watching, 'monitor')} still {how}")
     return "; ".join(parts) + "."
 
 
-def _some(number: int, top: list[Task], *, is_now: bool = False) -> str:
-    """``The top-level task was``, ``2 of 3 top-level tasks were``."""
-    verb = ("is" if is_now else "was") if number == 1 else ("are" if is_now else "were")
+def _count_in_words(number: int, top: list[Task], *, is_now: bool = False) -> str:
+    """Return ``The top-level task was`` or ``2 of 3 top-level tasks were``."""
+    singular, plural = ("is", "are") if is_now else ("was", "were")
     if len(top) == 1:
-        return f"The top-level task {verb}"
-    return f"{number:,} of {len(top):,} top-level tasks {verb}"
+        return f"The top-level task {singular}"
+    return f"{number:,} of {len(top):,} top-level tasks {singular if number == 1 else plural}"
 
 
 def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
@@ -189,13 +188,13 @@ def _reasons(run: Run, top: list[Task]) -> list[tuple[str, int]]:
                 failed = run.tasks.get(task.killed_for, task)
             why = failed.failure.name if failed.failure else task.killed
             found.setdefault((task.name, task.state, why), []).append(task)
-    rows = [(_ended(tasks[0]), len(tasks)) for tasks in found.values()]
+    rows = [(_end_in_words(tasks[0]), len(tasks)) for tasks in found.values()]
     return sorted(rows, key=lambda row: -row[1])
 
 
-def _ended(task: Task) -> str:
-    """``move {5} failed: jam``: a task that was not achieved, and why."""
-    how = f"was killed: {task.why_killed or 'nobody said why'}"
+def _end_in_words(task: Task) -> str:
+    """Return a task that was not achieved and the reason: ``move {5} failed: jam``."""
+    how = f"was killed: {task.why_killed or 'no reason given'}"
     if task.state is TaskState.FAILED:
         how = f"failed: {task.failure}"
     text = first_line(f"{task} {how}")

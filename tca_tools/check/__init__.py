@@ -1,3 +1,1 @@
-"""``tca check``: whether what a journal tells keeps the rules of task-level control, and the user's
-own properties.
-"""
+"""``tca check``: check a journal against the rules of task-level control and own properties."""

@@ -1,6 +1,4 @@
-"""``tca check``: holds a journal against the rules of task-level control, and against the user's
-own properties.
-"""
+"""``tca check``: check a journal against the rules of task-level control and own properties."""
 
 from pathlib import Path
 from typing import Any
@@ -24,18 +22,18 @@ from tca_tools.user_file import names_of
     "texts",
     metavar="TEXT",
     multiple=True,
-    help="A further property, such as 'at most 1 planned ahead of take steps' (repeatable).",
+    help="A property to check, such as 'at most 1 planned ahead of take steps' (repeatable).",
 )
 @click.option(
     "--all",
     "everything",
     is_flag=True,
-    help="Show all that is broken, not only what was broken first.",
+    help="Show all broken rules, not only the first one.",
 )
 @click.option(
     "--rerun",
     is_flag=True,
-    help="Handle the inputs of the run again, and compare with its journal.",
+    help="Process the inputs of the run again, and compare the result with the journal.",
 )
 @click.pass_context
 def check(
@@ -48,25 +46,33 @@ def check(
 ) -> None:
     """Check that a run kept the rules of task-level control.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is checked. Properties of your own are
-    texts, or come from Python files, which may also count cases of the whole run. Exit code 0: all is well; 1:
-    something is broken, or the journal is damaged (one that is not closed is not: central still runs, or was killed).
+    LOG is a journal directory or one of its segments; without it, the newest run is checked. Your
+    own properties are texts (--property), or come from Python files, which may also count cases of
+    the whole run. Exit code 0: all is well; 1: a rule or property is broken, or the journal is
+    damaged. A journal that is not closed is not damaged: its central still runs, or was killed.
 
-    With --rerun the inputs that central has kept go through this version's core once more: exit code 1 if that comes to
-    anything else than what the journal has.
+    With --rerun, this version's core processes the inputs that central has stored. Exit code 1: the
+    result differs from the journal.
 
     \b
-    never P, always P, eventually P, P before P, at most N P [in all], never stuck
-      where P is STATE of MESSAGE [with FIELD=VALUE, ...], or handled by MODULE
-      [with ...]; data=VALUE compares the whole data of a message
-      STATE: sent, begun, handled, queued, planned, planned ahead, being achieved,
-             achieved, resolved, killed, failed, recovering, suspended, fired, retried
+    Properties:
+      never P, always P, eventually P, P before P, at most N P [in all], never stuck
+    \b
+    P is one of:
+      STATE of MESSAGE [with FIELD=VALUE, ...]
+      handled by MODULE [with FIELD=VALUE, ...]
+    data=VALUE compares the whole data of a message.
+    \b
+    STATE is one of:
+      sent, begun, handled, queued, planned, planned ahead, being achieved,
+      achieved, resolved, killed, failed, recovering, suspended, fired, retried
     """  # noqa: D301 - click wants the character itself
     journal, files = _sorted(paths)
     if rerun:
-        from tca_tools.check.rerun import rerun as handle_again  # noqa: PLC0415 - only this needs central's core
+        # Imported here, since only this needs central's core
+        from tca_tools.check.rerun import rerun as process_again  # noqa: PLC0415
 
-        lines, is_same = handle_again(journal)
+        lines, is_same = process_again(journal)
         click.echo("\n".join(lines))
         context.exit(not is_same)
     try:
@@ -78,7 +84,7 @@ def check(
     except BadProperty as error:
         raise click.UsageError(str(error)) from error
     misnamed = run.misnamed()
-    if misnamed and run.is_whole:  # else they may be known where it can't be read
+    if misnamed and run.is_whole:  # in a gap of the journal the names may occur
         stated, wrong = next(iter(misnamed.items()))
         raise click.UsageError(f"property '{stated}': {wrong}")
     found = sorted(run.violations, key=lambda violation: violation.place)
@@ -88,27 +94,27 @@ def check(
         *violation_lines(found, journal, everything=everything),
     ):
         click.echo(line)
-    journal.check(of_missing=False)  # of those it has a line of its own
+    journal.check(of_missing=False)  # the head lines show missing segments
     context.exit(bool(run.violations))
 
 
 def _sorted(paths: tuple[Path, ...]) -> tuple[Log, list[Path]]:
-    """The journal, and the files of properties."""
+    """Return the journal and the files of properties."""
     files = [path for path in paths if path.suffix == ".py"]
     logs = [path for path in paths if path.suffix != ".py"]
     if len(logs) > 1:
         raise click.UsageError(
-            f"{logs[1]}: one journal is checked at a time, and files of properties end in .py"
+            f"{logs[1]}: only one journal can be checked at a time; files of properties end in .py"
         )
     for file in files:
         if not file.is_file():
-            raise click.UsageError(f"{file}: there is no such file of properties")
+            raise click.UsageError(f"{file}: no such file of properties")
     return open_log(logs[0] if logs else None), files
 
 
 def _properties_in(path: Path) -> list[Property]:
-    """The properties at the top level of a Python file: alone, in lists, in scenarios, or as texts
-    in PROPERTIES.
+    """Return the properties in a Python file: global variables, in global lists or scenarios, or as
+    texts in PROPERTIES.
     """
     names = names_of(path)
     try:
@@ -118,26 +124,24 @@ def _properties_in(path: Path) -> list[Property]:
             found += [property_from(one) for one in texts if isinstance(one, str)]
     except BadProperty as error:
         raise click.UsageError(f"{path}: {error}") from None
-    found = list(dict.fromkeys(found))  # one may stand alone and in a list
+    found = list(dict.fromkeys(found))  # a property may be a variable and in a list
     if not found:
         raise click.UsageError(
-            f"{path} has no property: put some at its top level, or texts into a list PROPERTIES"
+            f"{path} has no property: assign some to global variables, or list texts in PROPERTIES"
         )
     return found
 
 
 def _found_in(value: Any) -> list[Property]:
-    """The properties that a value is, or has."""
+    """Return the properties that a value is or contains."""
     if isinstance(value, Property):
         return [value]
     if isinstance(value, type):
         return []
     inside = getattr(value, "properties", value)
-    return (
-        [one for one in inside if isinstance(one, Property)]
-        if isinstance(inside, list | tuple)
-        else []
-    )
+    if not isinstance(inside, list | tuple):
+        return []
+    return [one for one in inside if isinstance(one, Property)]
 
 
 if __name__ == "__main__":

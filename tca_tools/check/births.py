@@ -1,6 +1,4 @@
-"""How messages come into a run: under which parent, with which constraints; and what those hold
-back.
-"""
+"""Rules of new messages: their parents, their constraints, and the delays of constraints."""
 
 from tca_tools.check import lives
 from tca_tools.check.failing import check_below
@@ -14,20 +12,20 @@ from tca_wire.rules import NO_GOAL
 from tca_wire.vocabulary import Role
 
 ROUNDING = 1e-9
-"""Rounding of sums of times, in seconds."""
+"""The tolerance for rounding of sums of times, in seconds."""
 
 CENTRAL = "central"
 _WATCHING = (Role.CONDITION, Role.SET_UP, Role.ACTION)
 
 
 def received(world: JournalWorld, fact: facts.Received) -> None:
-    """A message is sent."""
+    """Apply that a message was sent."""
     world.new_number(fact.id, fact.message)
     if fact.id in world.items or fact.id in world.over:
         return
     if world.is_whole and fact.sender not in world.joined and fact.sender != CENTRAL:
-        what = f"{fact.message} {{{fact.id}}} was sent by '{fact.sender}', which is not there"
-        world.broken(PRESENT, fact.id, what)
+        what = f"{fact.message} {{{fact.id}}} was sent by '{fact.sender}', which is not connected"
+        world.report(PRESENT, fact.id, what)
     item = MessageRecord(
         fact.id,
         fact.message,
@@ -42,28 +40,28 @@ def received(world: JournalWorld, fact: facts.Received) -> None:
     if item.role:
         _made_by_central(world, item)
     if item.message_class.fans_out and not item.message_class.has_reply:
-        world.finish(item)  # it goes on in its copies
+        world.finish(item)  # only its copies are under way
     if item.is_task:
         _plant(world, item, fact)
     elif fact.parent != ROOT or fact.constraints:
-        world.broken(PLAIN, item, f"is under {world.name(fact.parent)}, or constrained")
+        world.report(PLAIN, item, f"is under {world.name(fact.parent)}, or constrained")
     elif not item.message_class.fans_out:
-        what = "was sent, and is neither with a handler nor in a queue"
+        what = "was sent, but is neither in a handler nor in a queue"
         world.expect(lambda: item.is_begun or item.is_queued or item.is_over, SETTLED, item, what)
 
 
 def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
-    """Tell what the message was made for."""
+    """Connect a message that central made with the message it was made for."""
     about = world.items.get(item.about) or world.over.get(item.about)
     item.sent_by = about.sent_by if about is not None else ""
     if item.role is Role.LISTENER:
-        listens = f"listens to {world.name(item.about)}, and no wiretap was fired"
+        listens = f"listens to {world.name(item.about)}, but no wiretap was fired"
         world.expect(lambda: item.tap or not world.is_whole, TAPPED, item, listens)
     monitor = world.items.get(item.about)
     sent_for = monitor if item.role.is_of_monitor else item
     item.is_tapped = sent_for is not None and sent_for.role is not Role.LISTENER
     if item.role in _WATCHING and monitor is not None:
-        monitor.again = False  # where it was retried, it has begun to watch again
+        monitor.again = False  # a retried monitor is watching again
         monitor.asked = item.id if item.role is Role.CONDITION else monitor.asked
         monitor.has_fired = monitor.has_fired or item.role is Role.ACTION
         world.touched[monitor] = None
@@ -71,13 +69,13 @@ def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> None:
-    """Put a task under its parent."""
-    lives.begin(world, item)
+    """Add a task to the tree."""
+    lives.sent(world, item)
     parent = world.task(fact.parent, "got a child") if fact.parent != ROOT else None
     if parent is None and fact.parent != ROOT:
         item.is_orphan = True
         if fact.parent >= item.id:
-            world.broken(PARENT, item, f"hangs under {world.name(fact.parent)}, which is no older")
+            world.report(PARENT, item, f"is under {world.name(fact.parent)}, which is not older")
     if parent is not None:
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
@@ -89,7 +87,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
             world.later.append(lambda: check_below(world, parent))
     _constrain(world, fact.constraints)
     if not item.is_goal:
-        what = "was not planned when it was sent, and is no goal"
+        what = "was not planned when it was sent, and is not a goal"
         world.expect(lambda: not ~item.reached & NO_GOAL.at_birth, ORDER, item, what)
 
 
@@ -97,7 +95,7 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
 
 
 def constrained(world: JournalWorld, fact: facts.Constrained) -> None:
-    """Constraints come between tasks that exist."""
+    """Apply new constraints between tasks that exist."""
     _constrain(world, fact.constraints)
 
 
@@ -107,14 +105,16 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
         if after is None:
             continue
         if after.reached & int(constraint.after.moment):
-            world.broken(CONSTRAINT, after, f"got constraint {constraint} when that was past")
-        leader = constraint.before.task  # may be over, or from before the journal
-        before = (
-            world.item(leader, "is waited for")
-            if leader != ROOT and leader not in world.over
-            else None
+            world.report(
+                CONSTRAINT, after, f"got constraint {constraint} on a moment that it had reached"
+            )
+        # The first task may be over, or from before the journal
+        leader, before = constraint.before.task, None
+        if leader != ROOT and leader not in world.over:
+            before = world.item(leader, "is waited for")
+        after.is_incomplete = after.is_incomplete or (
+            before is None and world.is_from_before(leader)
         )
-        after.is_stranger = after.is_stranger or (before is None and world.is_strange(leader))
         hold = Hold(constraint, before, constraint.delay if leader == ROOT else None)
         after.holds.append(hold)
         if before is not None:
@@ -122,22 +122,22 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
 
 
 def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -> None:
-    """A delay is over."""
+    """Apply that a delay is over."""
     constraint = fact.constraint
     delays = (hold for hold in after.holds if hold.constraint == constraint)
     hold = next((hold for hold in delays if not hold.is_over), None)
     if hold is None:
-        wrong = "" if after.is_stranger else "that it never had, or twice"
+        wrong = "" if after.is_incomplete else "that it never had, or twice"
     else:
         hold.is_over = True
         wrong = _too_soon(world, hold)
     if wrong:
-        world.broken(DELAY, after, f"got past a delay {wrong}: {constraint}")
+        world.report(DELAY, after, f"got past a delay {wrong}: {constraint}")
 
 
 def _too_soon(world: JournalWorld, hold: Hold) -> str:
-    """By how much a delay was over too soon; "" if it was not, or if that is not known."""
+    """Return by how much a delay ended too early; "" if it did not, or that is unknown."""
     if hold.due is None:
-        is_known = hold.before is not None and not hold.before.is_stranger
-        return "before that began" if is_known else ""
+        is_known = hold.before is not None and not hold.before.is_incomplete
+        return "before it started" if is_known else ""
     return f"{hold.due - world.now:.6g} s too early" if world.now < hold.due - ROUNDING else ""

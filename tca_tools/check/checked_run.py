@@ -1,12 +1,10 @@
-"""A journal held against the rules of task-level control and against properties, in one pass at a
-bounded cost for each fact.
-"""
+"""Check a journal against the rules and properties, in one pass and at O(1) for each fact."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
 
 from tca_tools.check import presence
-from tca_tools.check.events import end_event, take_fact
+from tca_tools.check.events import apply_fact, finish_event
 from tca_tools.check.judge import Judge
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.rules import CLOCK, RULES, Violation
@@ -21,11 +19,12 @@ from tca_wire.text.nearest import did_you_mean
 
 
 class CheckedRun:
-    """A journal on its way past the rules and properties, and what came of it. Give it every entry,
-    then ``close`` it.
+    """The check of one journal: pass every entry to ``apply``, then call ``close``.
 
-    Properties that look at all records of the run, as those of cases do, need a *history*, which is
-    filled meanwhile.
+    Args:
+        wanted: The properties to check beside the rules.
+        history: Records to fill along the way. Properties that read all records of the run, such as
+            those of cases, need them.
     """
 
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
@@ -36,23 +35,32 @@ class CheckedRun:
         self._touched: dict[MessageRecord, None] = {}
         self.violations: list[Violation] = []
         self.world = JournalWorld(self.violations, is_whole=False)
-        self.history = history  #: is folded along, for properties that ask for all records
+        self.history = history  #: filled along, for properties that read all records
         self.events = 0
         self.facts = 0
         self.gaps: list[str] = []  #: the missing parts, in words
-        self.is_closed = False  #: central ended of its own will
-        self._is_open = False  #: an event is being folded
+        self.is_closed = False  #: central has closed the run
+        self._is_open = False  #: an event is being checked
         self._epoch, self._segment = "", 0
         self._may_have_missed_opening = False
         self.began = 0.0
-        self._shortened = -1.0  #: what had ended by then was removed
-        self.first = self.last = 0  #: numbers of entries
+        self._shortened = -1.0  #: the time until which ended records were removed
+        self.first = self.last = 0  #: the numbers of the first and last entry
 
     @classmethod
     def of(
         cls, journal: Log, wanted: Iterable[Property], history: History | None = None
     ) -> "CheckedRun":
-        """The whole of a journal, checked. Raises BadProperty if a property can't be asked."""
+        """Check a whole journal.
+
+        Args:
+            journal: The journal.
+            wanted: The properties to check beside the rules.
+            history: Records to fill along the way, for properties that read them.
+
+        Raises:
+            BadProperty: A property raised an error.
+        """
         run, losses = cls(wanted, history), journal.losses
         lost = unknown = 0
         for entry in journal:
@@ -60,10 +68,10 @@ class CheckedRun:
             if losses.facts > unknown:
                 run.pass_over(
                     entry,
-                    f"at {entry.time:.2f} s something happened that this version does not know",
+                    f"at {entry.time:.2f} s there is a fact that this version does not know",
                 )
             else:
-                run.take(entry)
+                run.apply(entry)
             lost, unknown = losses.places, losses.facts
         run.skip(losses.places - lost)
         run.skip(int(journal.is_cut_short))
@@ -72,23 +80,22 @@ class CheckedRun:
 
     @property
     def rules_kept(self) -> int:
-        """How many of ``RULES`` are kept."""
-        return len(RULES) - len(
-            {violation.rule for violation in self.violations if violation.source}
-        )
+        """The number of ``RULES`` that are kept."""
+        broken = {violation.rule for violation in self.violations if violation.source}
+        return len(RULES) - len(broken)
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of the run could be read: else what is not broken is not known to hold."""
+        """Whether the whole run could be read; else an unbroken rule is not known to hold."""
         return not self.gaps
 
-    def take(self, entry: facts.Entry) -> None:
-        """The next entry. Several of one number are one event."""
+    def apply(self, entry: facts.Entry) -> None:
+        """Check the next entry. Several entries of one number are one event."""
         if self._is_shortened(entry):
             self.pass_over(entry, "")
             return
         if not (self._is_open and entry.number == self.world.event):
-            self._end_event()
+            self._finish_event()
             self._begin_event(entry)
         if self.history is not None:
             self.history.apply(entry)
@@ -98,38 +105,46 @@ class CheckedRun:
                 self._opened(fact, entry)
             elif type(fact) is facts.Closed:
                 if self.is_closed:
-                    self.world.broken(CLOCK, 0, "central ended a second time")
+                    self.world.report(CLOCK, 0, "central closed the run a second time")
                 self.is_closed = True
             else:
-                take_fact(self.world, fact)
+                apply_fact(self.world, fact)
 
     def _is_shortened(self, entry: facts.Entry) -> bool:
-        """Whether facts may have been removed that belong to an entry."""
+        """Whether facts of an entry may have been removed by ``tca log prune``."""
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
+                until = f"{fact.until:.2f} s"
                 self.gaps.append(
-                    f"what had ended by {fact.until:.2f} s was removed: only what came later is judged"
+                    f"what had ended by {until} was removed: only later entries are checked"
                 )
         return entry.time <= self._shortened
 
     def skip(self, places: int) -> None:
-        """Before the next entry there were so many places that can't be read: nothing is claimed of
-        what was sent before.
+        """Skip places that can't be read: nothing is claimed about messages sent before.
+
+        Args:
+            places: The number of such places before the next entry.
         """
         if not places:
             return
-        self._end_event()
+        self._finish_event()
         which = f"{places} entries or more" if places > 1 else "an entry, or more,"
-        self._begin_anew(f"after {self.world.now:.2f} s {which} can't be read")
+        self._reset(f"after {self.world.now:.2f} s {which} can't be read")
 
     def pass_over(self, entry: facts.Entry, why: str) -> None:
-        """The next entry, of which nothing is claimed, nor of what was sent before."""
+        """Skip an entry: nothing is claimed about it, nor about messages sent before.
+
+        Args:
+            entry: The entry.
+            why: The reason, as a gap in words.
+        """
         is_same = self._is_open and entry.number == self.world.event
-        self._end_event()
+        self._finish_event()
         if self.history is not None:
             self.history.apply(entry)
-        self._note(entry)
+        self._record_extent(entry)
         for fact in entry.facts:
             if isinstance(fact, facts.Opened):
                 self._epoch, self._segment = fact.epoch, fact.segment
@@ -138,15 +153,15 @@ class CheckedRun:
         self.is_closed = any(isinstance(fact, facts.Closed) for fact in entry.facts)
         self.facts += len(entry.facts)
         self.events += not is_same
-        self._begin_anew(why)
+        self._reset(why)
         self.world.events += not is_same
         self.world.now = entry.time
 
-    def _begin_anew(self, why: str) -> None:
-        """Forget what is under way, and keep what has been declared."""
+    def _reset(self, why: str) -> None:
+        """Forget the messages under way, but retain the declarations."""
         known = self.world
         if why:
-            self.gaps.append(f"{why}: what was under way then is not known")
+            self.gaps.append(f"{why}: the messages under way then are unknown")
         self.world = JournalWorld(self.violations, is_whole=False, events=known.events)
         self.world.now, self.world.declared = known.now, known.declared
         self.world.cycles, self.world.accepting = known.cycles, known.accepting
@@ -154,24 +169,22 @@ class CheckedRun:
 
     def _begin_event(self, entry: facts.Entry) -> None:
         world = self.world
-        self._note(entry)
+        self._record_extent(entry)
+        is_opening = bool(entry.facts) and isinstance(entry.facts[0], facts.Opened)
         if not self.events:
-            if not (
-                self._may_have_missed_opening
-                or (entry.facts and isinstance(entry.facts[0], facts.Opened))
-            ):
+            if not (self._may_have_missed_opening or is_opening):
                 self.gaps.append(
-                    "it begins in the middle of a segment: what was sent before is not known"
+                    "it starts in the middle of a segment: messages sent before are unknown"
                 )
-        elif not isinstance(entry.facts[0] if entry.facts else None, facts.Opened):
+        elif not is_opening:
             self._check_clock(entry)
         world.forget()
         world.begin(entry)
         self._is_open = True
         self.events += 1
 
-    def _note(self, entry: facts.Entry) -> None:
-        """Note where the journal begins, and how far it goes."""
+    def _record_extent(self, entry: facts.Entry) -> None:
+        """Record the start of the journal and its last entry so far."""
         if not self.events:
             self.began, self.first = entry.time, entry.number
         self.last = entry.number
@@ -179,36 +192,34 @@ class CheckedRun:
     def _check_clock(self, entry: facts.Entry) -> None:
         world = self.world
         if entry.time < world.now or entry.number < world.event:
-            before, after = (
-                f"entry {world.event} at {world.now:g} s",
-                f"entry {entry.number} at {entry.time:g} s",
-            )
-            world.broken(CLOCK, 0, f"{after} comes after {before}")
+            before = f"entry {world.event} at {world.now:g} s"
+            after = f"entry {entry.number} at {entry.time:g} s"
+            world.report(CLOCK, 0, f"{after} comes after {before}")
         elif self.is_closed:
-            world.broken(CLOCK, 0, f"entry {entry.number} comes after central ended")
+            world.report(CLOCK, 0, f"entry {entry.number} comes after central closed the run")
 
-    def _end_event(self) -> None:
+    def _finish_event(self) -> None:
         if not self._is_open:
             return
         self._is_open = False
         world = self.world
-        end_event(world)
+        finish_event(world)
         world.history = self.history
-        self._follow(world)
+        self._ask_properties(world)
         world.events += 1
 
     def _opened(self, fact: facts.Opened, entry: facts.Entry) -> None:
-        """A segment begins: of this run, of another one, or after some that are missing."""
+        """Apply the start of a segment: of this run, of another one, or after missing segments."""
         is_other = fact.epoch != self._epoch
         is_next = fact.segment == self._segment + 1
         if is_other or not is_next:
             if is_other and self._epoch:
-                self.gaps.append(f"at {entry.time:.2f} s another run begins ({fact.epoch})")
+                self.gaps.append(f"at {entry.time:.2f} s another run starts ({fact.epoch})")
             if (not is_other or fact.segment != 1) and not self._may_have_missed_opening:
                 missing = fact.segment - 1 - (0 if is_other else self._segment)
                 which = f"{missing} segment{'s' * (missing != 1)} before segment {fact.segment}"
                 self.gaps.append(
-                    f"missing: {which}; what was sent before {entry.time:.2f} s is not known"
+                    f"missing: {which}; messages sent before {entry.time:.2f} s are unknown"
                 )
             is_first = is_other and fact.segment == 1
             self.world = JournalWorld(self.violations, is_whole=is_first, events=self.world.events)
@@ -218,9 +229,11 @@ class CheckedRun:
 
     # --- properties -------------------------------------------------------------------------------
 
-    def _follow(self, world: JournalWorld) -> None:
-        """An event is over: ask the properties about what changed, with it or (what is so for one
-        event) before it.
+    def _ask_properties(self, world: JournalWorld) -> None:
+        """Ask the properties after an event.
+
+        They see the messages changed by this event or the one before, since some states last for
+        one event only.
         """
         if not self.judges:
             return
@@ -232,10 +245,10 @@ class CheckedRun:
             self._ask(judge, partial(judge.after, world, changed), world.events)
 
     def _ask(self, judge: Judge, ask: Callable[[], str], place: int) -> None:
-        """Ask for what is wrong with a property after the event at a place, and note it."""
+        """Ask a property after the event at a place, and record a breach."""
         try:
             wrong = ask()
-        except Exception as error:  # a mistake in it, not in the robot
+        except Exception as error:  # an error in the property, not in the robot
             raise BadProperty(
                 f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}"
             ) from error
@@ -247,14 +260,15 @@ class CheckedRun:
             )
 
     def close(self) -> None:
-        """The journal is read, or nothing more of it can be."""
-        self._end_event()
+        """Finish the check at the end of the journal."""
+        self._finish_event()
         for judge in list(self.unbroken):
             self._ask(judge, partial(judge.at_end, self.world), max(self.world.events - 1, 0))
 
     def misnamed(self) -> dict[Property, str]:
-        """The properties of what the journal does not know, or does not allow: they would hold
-        whatever happens.
+        """Return the properties with names or data that the journal does not allow, and the errors.
+
+        In any run, these properties would hold.
         """
         world = self.world
         messages = self.messages | world.declared.keys()
@@ -263,9 +277,8 @@ class CheckedRun:
             for one in judge.stated.predicates:
                 if isinstance(one, OfMessages) and one.is_typed:
                     misfit = "" if judge.matches.has_subject(one) else _misfit(one, world)
-                    unknown = _unknown("message", one.message, messages) or _unknown(
-                        "module", one.module, self.modules
-                    )
+                    unknown = _unknown("message", one.message, messages)
+                    unknown = unknown or _unknown("module", one.module, self.modules)
                     if wrong := unknown or misfit:
                         found[judge.stated] = wrong
         return found
@@ -278,7 +291,7 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def _misfit(predicate: OfMessages, world: JournalWorld) -> str:
-    """Of a message that never came, its declaration must allow that it might have."""
+    """Return why the declarations rule out a predicate's data; "" if they do not."""
     name = predicate.message
     formats = [one.data for one in world.declared.values() if name in ("", one.message)]
     values = [one for one in predicate.data if isinstance(one, FieldValue)] if formats else []

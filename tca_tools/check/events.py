@@ -1,4 +1,4 @@
-"""One event by the rules: each of its facts, and what must be so when all of them are known."""
+"""Check one event by the rules: each of its facts, then the state after all of them."""
 
 from collections.abc import Callable
 from operator import attrgetter
@@ -12,50 +12,55 @@ from tca_wire.journal.takers import takers
 
 
 def check_event(world: JournalWorld, entry: facts.Entry) -> None:
-    """A whole event."""
+    """Check a whole event."""
     world.begin(entry)
     for fact in entry.facts:
-        take_fact(world, fact)
-    end_event(world)
+        apply_fact(world, fact)
+    finish_event(world)
 
 
-def take_fact(world: JournalWorld, fact: facts.Fact) -> None:
-    """The next fact of an event."""
-    if take := _TAKE.get(type(fact)):
-        take(world, fact)
+def apply_fact(world: JournalWorld, fact: facts.Fact) -> None:
+    """Check the next fact of an event."""
+    if apply := _METHODS.get(type(fact)):
+        apply(world, fact)
 
 
-def end_event(world: JournalWorld) -> None:
-    """All facts of an event are known."""
+def finish_event(world: JournalWorld) -> None:
+    """Check the state after all facts of an event."""
     world.end()
     handling.check_places(world)
     moments.check_settled(world)
 
 
-Take = Callable[[JournalWorld, Any], None]
+Apply = Callable[[JournalWorld, Any], None]
 
 
 def _of(
     find: Callable[[JournalWorld, int, str], MessageRecord | None],
     number: str,
     what: str,
-    take: Callable[[JournalWorld, MessageRecord, Any], None],
-) -> Take:
-    """The handler for a fact about one message: *find* it by *number*, or report that *what*
-    happened to none.
+    apply: Callable[[JournalWorld, MessageRecord, Any], None],
+) -> Apply:
+    """Return the function for a fact about one message, which is found by a number in the fact.
+
+    Args:
+        find: Returns the message, or reports an error.
+        number: The attribute of the fact with the number.
+        what: The event, as text for the error.
+        apply: The function to call with the message.
     """
     number_of = attrgetter(number)
 
-    def take_if_known(world: JournalWorld, fact: Any) -> None:
+    def apply_if_known(world: JournalWorld, fact: Any) -> None:
         if (item := find(world, number_of(fact), what)) is not None:
-            take(world, item, fact)
+            apply(world, item, fact)
 
-    return take_if_known
+    return apply_if_known
 
 
 _ITEM, _TASK = JournalWorld.item, JournalWorld.task
 
-_TAKE: dict[type, Take] = {
+_METHODS: dict[type, Apply] = {
     **takers(presence, births, handling, moments, failing, taps),
     facts.TimedOut: _of(_TASK, "constraint.after.task", "got past a delay", births.timed_out),
     facts.Unqueued: _of(_ITEM, "id", "left a queue", handling.unqueued),
@@ -76,4 +81,4 @@ _TAKE: dict[type, Take] = {
     facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
     facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
 }
-"""By kind of fact that the rules are about."""
+"""The function for each kind of fact that the rules concern."""

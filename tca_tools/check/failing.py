@@ -1,6 +1,4 @@
-"""Failures and their exception handlers; kills, suspension and retries, and what they do to all
-under a task.
-"""
+"""Rules of failures, exception handlers, kills, suspensions and retries."""
 
 from collections.abc import Iterator
 
@@ -13,16 +11,12 @@ from tca_wire.messages.failures import NOT_BY_CHOICE
 from tca_wire.points import ROOT, START_HANDLING, STARTS
 from tca_wire.vocabulary import Role
 
-OWN, BESIDE = (
-    0,
-    -1,
-)  # searches for an exception handler that begin anew: of the task's handler, or raised beside it
+OWN, BESIDE = 0, -1
+"""New searches for an exception handler: after a handler's failure, or one raised beside it."""
 
 
 def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None:
-    """A failure is raised on a task that has not ended: the search for an exception handler
-    begins.
-    """
+    """Apply a failure of a task that has not ended: the search for an exception handler starts."""
     if not fact.is_beside and (task.is_killed or task.again):
         task.returned = task.is_killed
         return
@@ -31,53 +25,53 @@ def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None
 
 
 def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
-    """Expect the search to find somebody with the same event."""
+    """Expect that a search ends with the same event."""
     task.searches.append(after)
-    world.later.append(lambda: _check_found(world, task))
+    world.later.append(lambda: _check_search_ended(world, task))
 
 
-def _check_found(world: JournalWorld, task: MessageRecord) -> None:
+def _check_search_ended(world: JournalWorld, task: MessageRecord) -> None:
     if task.searches and not task.is_killed:
-        world.broken(
+        world.report(
             CAUGHT,
             task,
-            f"failed ({task.failure}), and that was neither caught nor called unhandled",
+            f"failed ({task.failure}), but that was neither caught nor declared unhandled",
         )
     task.searches.clear()
 
 
-def _found(world: JournalWorld, task: MessageRecord, what: str) -> int:
-    """The search that ends now."""
+def _pop_search(world: JournalWorld, task: MessageRecord, what: str) -> int:
+    """End the oldest search of a task, and return it."""
     if not task.searches:
-        if not task.is_stranger:
-            world.broken(CAUGHT, task, f"{what}, and nothing failed")
+        if not task.is_incomplete:
+            world.report(CAUGHT, task, f"{what}, but nothing failed")
         return BESIDE
     return task.searches.pop(0)
 
 
 def caught(world: JournalWorld, task: MessageRecord, fact: facts.Caught) -> None:
-    """An exception handler is called."""
+    """Apply the call of an exception handler."""
     handler = world.task(fact.handler, "was called as exception handler")
     if handler is None:
         return
-    _found(world, task, f"was caught by {handler}")
+    _pop_search(world, task, f"was caught by {handler}")
     if not fact.is_beside:
         task.deciding = handler.id
     task.recovering = (*task.recovering, handler.id)
     if handler.role is not Role.EXCEPTION or handler.about != task.id:
-        world.broken(HANDLER, handler, f"deals with {task}, and was not made for that")
-    for wrong in _miscalled(world, task, handler, fact):
-        world.broken(HANDLER, handler, wrong)
+        world.report(HANDLER, handler, f"was called for {task}, but was made for another task")
+    for wrong in _call_errors(world, task, handler, fact):
+        world.report(HANDLER, handler, wrong)
 
 
-def _miscalled(
+def _call_errors(
     world: JournalWorld, task: MessageRecord, handler: MessageRecord, fact: facts.Caught
 ) -> Iterator[str]:
-    """What is wrong with a call of an exception handler, by its attachment."""
+    """Yield the errors in a call of an exception handler, according to its attachment."""
     attached = world.attached.get(fact.attachment)
     if attached is None:
         if world.is_whole:
-            yield f"was called, and attachment {{{fact.attachment}}} is not there"
+            yield f"was called by attachment {{{fact.attachment}}}, which does not exist"
         return
     at = next((one for one in _lineage(task) if one.id == fact.at), None)
     name = world.name(fact.at) if fact.at else "the root"
@@ -85,18 +79,16 @@ def _miscalled(
         if not task.is_orphan:
             yield f"was called at {name}, which is not above {task}"
         return
-    is_here = (
-        at is not None and at.message == attached.message
-        if attached.message
-        else attached.task == fact.at
-    )
+    is_here = attached.task == fact.at
+    if attached.message:
+        is_here = at is not None and at.message == attached.message
     if not is_here or handler.message != attached.handler:
         whose = attached.message or world.name(attached.task)
-        yield f"was called at {name}: {attached.handler} is attached to {whose}"
+        yield f"was called at {name}, but {attached.handler} is attached to {whose}"
     calls = at.invocations if at is not None else world.invocations_at_root
     calls[fact.attachment] = number = calls.get(fact.attachment, 0) + 1
     if 0 < attached.maximum < number:
-        yield f"is call {number} at {name}, and {attached.maximum} are allowed"
+        yield f"is call {number} at {name}, but the maximum is {attached.maximum}"
 
 
 def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
@@ -107,77 +99,83 @@ def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
 
 
 def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -> None:
-    """No handler is left: the top-level task is killed, or the exception handler that could not
-    decide.
+    """Apply that no exception handler was found.
+
+    The top-level task is killed, or the exception handler that could not decide.
     """
-    after = _found(world, task, "was unhandled")
+    after = _pop_search(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
         task.deciding, task.returned = 0, True
-    if _must_pass_over(world, task, fact, is_new=after <= 0):
+    if _check_undecided(world, task, fact, is_new=after <= 0):
         return
     *_, top = _lineage(task)
     top.failure = top.failure or task.failure
     world.touched[top] = None
-    what = f"lives, and nobody dealt with the failure of {task}"
+    what = f"was not killed, though the failure of {task} was not handled"
     world.expect(lambda: top.is_killed or top.is_orphan, CAUGHT, top, what)
 
 
-def _must_pass_over(
+def _check_undecided(
     world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool
 ) -> bool:
-    """Whether it is an exception handler that ends, and not the top-level task. It is the nearest;
-    it must be one where the failure *is_new*, so that its name is known.
+    """Check which exception handler an unhandled failure ends instead of the top-level task.
+
+    It must be the nearest one. A new failure with a name that no handler raises by choice must end
+    one. Returns whether an exception handler ends.
     """
     nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
     if fact.undecided:
         if nearest is not None and nearest.id != fact.undecided:
-            what = f"is not decided for by {world.name(fact.undecided)}, it is said, and {nearest} is nearer"
-            world.broken(CAUGHT, task, what)
-        handler = world.item(fact.undecided, "was said not to have decided")
+            what = f"was left undecided by {world.name(fact.undecided)}, but {nearest} is nearer"
+            world.report(CAUGHT, task, what)
+        handler = world.item(fact.undecided, "was declared undecided")
         if handler is not None:
-            what = f"lives, and could not decide for the failure of {task}"
-            world.expect(lambda: handler.is_killed or handler.is_stranger, CAUGHT, handler, what)
+            what = f"was not killed, though it could not decide about the failure of {task}"
+            world.expect(lambda: handler.is_killed or handler.is_incomplete, CAUGHT, handler, what)
     elif is_new and nearest is not None and task.failure in NOT_BY_CHOICE:
-        what = f"failed ({task.failure}), not by choice: {nearest} could not decide, and was not passed over"
-        world.broken(CAUGHT, task, what)
+        what = (
+            f"failed ({task.failure}), not by choice, but {nearest}, which could not decide, "
+            "was not passed over"
+        )
+        world.report(CAUGHT, task, what)
     return bool(fact.undecided)
 
 
 def reissued(world: JournalWorld, handler: MessageRecord, _: facts.Reissued) -> None:
-    """An exception handler could not deal with its failure."""
-    _must_deal(world, handler, "reissued")
+    """Apply that an exception handler passed its failure on."""
+    _check_is_handler(world, handler, "reissued")
     had_decided, handler.is_void, handler.returned = handler.is_void, True, True
     if handler.parent is not None:
-        _deals_no_more(world, handler.parent, handler.id)
+        _stop_recovering(world, handler.parent, handler.id)
         if not (handler.parent.is_killed or had_decided):
             search(world, handler.parent, handler.id)
 
 
 def resolved(world: JournalWorld, handler: MessageRecord, _: facts.Resolved) -> None:
-    """An exception handler says that it has dealt with its failure."""
-    _must_deal(world, handler, "resolved")
+    """Apply that an exception handler resolved its failure."""
+    _check_is_handler(world, handler, "resolved")
     handler.has_resolved = True
 
 
-def _must_deal(world: JournalWorld, handler: MessageRecord, what: str) -> None:
-    if handler.role is not Role.EXCEPTION and not handler.is_stranger:
-        world.broken(HANDLER, handler, f"{what} a failure, and deals with none")
+def _check_is_handler(world: JournalWorld, handler: MessageRecord, what: str) -> None:
+    if handler.role is not Role.EXCEPTION and not handler.is_incomplete:
+        world.report(HANDLER, handler, f"{what} a failure, but is not an exception handler")
 
 
 def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
-    """An exception handler has ended: what it has not dealt with goes on up the tree."""
+    """Apply that an exception handler has ended: its failure must be recovered or passed on."""
     failing = handler.parent
     if failing is None:
         return
-    _deals_no_more(world, failing, handler.id)
+    _stop_recovering(world, failing, handler.id)
     if failing.is_killed:
         return
     failing.ended_handlers.append(handler)
     world.later.append(lambda: _check_recovered(world, failing))
 
 
-def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) -> None:
-    """The exception handler no longer works on that failure."""
+def _stop_recovering(world: JournalWorld, failing: MessageRecord, handler: int) -> None:
+    """Record that an exception handler no longer works on a failure."""
     failing.recovering = tuple(one for one in failing.recovering if one != handler)
     world.touched[failing] = None
 
@@ -185,34 +183,30 @@ def _deals_no_more(world: JournalWorld, failing: MessageRecord, handler: int) ->
 def _check_recovered(world: JournalWorld, failing: MessageRecord) -> None:
     if failing.ended_handlers and not failing.is_killed:
         handler = failing.ended_handlers[0]
-        world.broken(
-            RECOVERED, failing, f"neither recovered nor failed on when {handler} had ended"
-        )
+        what = f"neither recovered nor passed its failure on when {handler} had ended"
+        world.report(RECOVERED, failing, what)
     failing.ended_handlers.clear()
 
 
 def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> None:
-    """A failure has been dealt with. The task may have ended with its exception handler."""
+    """Apply that a failure was dealt with; the task may have ended with its exception handler."""
     check_recovered(world, task)
-    if not task.ended_handlers and not task.is_stranger:
-        world.broken(RECOVERED, task, "recovered, and no exception handler of it has ended")
+    if not task.ended_handlers and not task.is_incomplete:
+        world.report(RECOVERED, task, "recovered, but none of its exception handlers has ended")
     if handler := _pop_ended(task):
-        if not (handler.has_resolved or handler.is_stranger):
-            world.broken(
-                RESOLVED,
-                task,
-                f"recovered, and {handler} neither resolved its failure nor retried it",
-            )
+        if not (handler.has_resolved or handler.is_incomplete):
+            what = f"recovered, but {handler} neither resolved its failure nor retried it"
+            world.report(RESOLVED, task, what)
         if task.deciding == handler.id:
             task.deciding, task.returned = 0, True
     task.failure, task.is_resolved = "", True
 
 
 def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolved) -> None:
-    """An exception handler has ended, and its failure goes on up the tree."""
+    """Apply that an exception handler ended without a decision: the failure is passed on."""
     if handler := _pop_ended(task):
         if handler.has_resolved:
-            world.broken(RESOLVED, task, f"failed on, and {handler} has resolved its failure")
+            world.report(RESOLVED, task, f"passed its failure on, though {handler} has resolved it")
         search(world, task, int(fact.handler))
 
 
@@ -221,40 +215,37 @@ def _pop_ended(task: MessageRecord) -> MessageRecord | None:
 
 
 def attached(world: JournalWorld, fact: facts.Attached) -> None:
-    """An exception handler is attached."""
+    """Apply the attachment of an exception handler."""
     world.new_number(fact.id, "attachment")
     if fact.task != ROOT:
         world.task(fact.task, "got an exception handler")
     declared = world.declared.get(fact.handler)
     if declared is not None and not declared.message_class.handles_failures:
         what = f"{declared.message_class} {fact.handler} was attached as exception handler"
-        world.broken(HANDLER, 0, what)
+        world.report(HANDLER, 0, what)
     world.attached[fact.id] = fact
 
 
 def removed(world: JournalWorld, fact: facts.Removed) -> None:
-    """An exception handler or wiretap is taken away."""
+    """Apply the removal of an exception handler or wiretap."""
     tap = world.taps.pop(fact.id, None)
     if tap is not None:
         world.taps_before.get(tap.message, {}).pop(fact.id, None)
     elif world.attached.pop(fact.id, None) is None and world.is_whole:
-        world.broken(
-            HANDLER, 0, f"{{{fact.id}}} was removed, and is no exception handler or wiretap"
-        )
+        what = f"{{{fact.id}}} was removed, but is not an exception handler or wiretap"
+        world.report(HANDLER, 0, what)
 
 
 # --- kills, suspension and retries ----------------------------------------------------------------
 
 
 def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
-    """A task is killed."""
+    """Apply the kill of a task."""
     if item.is_killed:
-        world.broken(KILLED, item, "was killed a second time")
+        world.report(KILLED, item, "was killed a second time")
     if any(after <= 0 for after in item.searches):
-        what = (
-            f"failed ({item.failure}) and was killed: that was neither caught nor called unhandled"
-        )
-        world.broken(CAUGHT, item, what)
+        what = f"failed ({item.failure}) and was killed, but neither caught nor declared unhandled"
+        world.report(CAUGHT, item, what)
     item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
     item.never_began = STARTS & ~item.reached
     world.later.append(lambda: check_below(world, item))
@@ -262,50 +253,48 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
     if failing is None:
         return
     item.is_void = True
-    _deals_no_more(world, failing, item.id)
-    failing.searches.append(
-        item.id
-    )  # a killed exception handler has decided nothing: the search goes on
-    what = "was killed, and nobody else was asked to deal with its failure"
+    _stop_recovering(world, failing, item.id)
+    # A killed exception handler has not decided, so the search continues
+    failing.searches.append(item.id)
+    what = "was killed, but no other exception handler was searched for its failure"
     world.expect(lambda: item.id not in failing.searches or failing.is_killed, KILLED, item, what)
 
 
 def check_below(world: JournalWorld, item: MessageRecord) -> None:
-    """Check what is under a killed task: only safety tasks and exception handlers go on."""
+    """Check the children of a killed task: only safety tasks and exception handlers survive."""
     if item.waits_at is not None:
-        world.broken(QUEUED, item, "is killed, and waits for a handler")
+        world.report(QUEUED, item, "was killed, but waits for a handler")
     for child in item.children.values():
         if not child.is_killed and not child.role.survives and not child.is_over:
-            world.broken(KILLED, child, f"lives, and {item} above it is killed")
+            world.report(KILLED, child, f"was not killed with {item}, under which it is")
 
 
 def suspended(world: JournalWorld, item: MessageRecord, fact: facts.SuspendedOrResumed) -> None:
-    """A task is suspended or resumed, with all under it."""
+    """Apply the suspension or resume of a task with its descendants."""
     below, is_new = [item], False
-    for one in below:  # grows while it is walked
+    for one in below:  # the list grows during the loop
         if one.is_suspended is not fact.is_suspended:
             one.is_suspended, is_new = fact.is_suspended, True
             world.touched[one] = None
         below += one.children.values()
     if not is_new and not (item.is_killed or item.is_orphan):
-        world.broken(
-            SUSPENDED, item, f"was {'suspended' if fact.is_suspended else 'resumed'} already"
-        )
+        how = "suspended" if fact.is_suspended else "resumed"
+        world.report(SUSPENDED, item, f"was {how} already")
 
 
 def retried(world: JournalWorld, fact: facts.Retried) -> None:
-    """A task is to be handled again."""
+    """Apply a retry."""
     asking = world.known(world.asked_by)
     if asking is not None and asking.role is Role.EXCEPTION:
         asking.has_resolved = True
     if (item := world.task(fact.task, "was retried")) is None:
         return
     if item.is_killed:
-        world.broken(KILLED, item, "was retried, and it is killed")
+        world.report(KILLED, item, "was retried after it was killed")
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
     item.has_resolved = False
     item.attempts += item.is_begun
-    for child in item.children.values():  # the failures that they were called for are forgotten
+    for child in item.children.values():  # their failures are void
         child.is_void = child.is_void or child.role is Role.EXCEPTION
     item.is_retried = True
     item.passed.clear()
@@ -316,7 +305,9 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
 
 
 def _check_retried(world: JournalWorld, item: MessageRecord) -> None:
-    """Check that a retried task keeps only the monitors that others put under it."""
+    """Check that all children of a retried task are killed, except foreign monitors."""
     for child in item.children.values():
-        if item.again and not (child.is_killed or child.role or child.is_guest):
-            world.broken(KILLED, child, f"lives, and {item} above it is retried")
+        if item.again and not (child.is_killed or child.role or child.is_foreign_monitor):
+            world.report(
+                KILLED, child, f"was not killed when {item}, under which it is, was retried"
+            )

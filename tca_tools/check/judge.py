@@ -1,4 +1,4 @@
-"""Asks a property of a journal, event by event, and says what is wrong, and with which message."""
+"""Check a property event by event, and describe a breach with its message."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,11 +11,11 @@ from tca_tools.properties.predicates import OfMessages
 from tca_tools.properties.world import Found, Predicate
 
 _MOST_NAMED = 6
-"""Messages that are named where many break a property."""
+"""The most messages that the description of a breach names."""
 
 
 class Judge:
-    """A property, and what it remembers of the run. What is wrong is "" as long as nothing is."""
+    """A property with its memory of the run. Methods return the breach in words, "" for none."""
 
     def __init__(self, stated: Property) -> None:
         self.stated = stated
@@ -23,34 +23,27 @@ class Judge:
         self.culprit = 0
         """The message by which it was broken (0: none is known)."""
         self.counted: Counted | None = None
-        """Of a property of cases, once they were counted: how many there were."""
+        """The counts of a property of cases, at the end of the run."""
         self._memory = 0
         self._had_case = False
 
     def after(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> str:
-        """After an event: what is wrong. Where not all of the run is known, only what is
-        certain.
-        """
+        """Check after an event; if parts of the run are missing, report only certain breaches."""
         self.matches.update(world, changed)
-        self._had_case = (
-            self._had_case
-            or self.stated.case is None
-            or self.matches.true_of(self.stated.case).is_true
-        )
+        case = self.stated.case
+        self._had_case = self._had_case or case is None or self.matches.true_of(case).is_true
         self._memory, breach = self.stated.seen(self.matches, self._memory)
         if breach is None or not (world.is_whole or (self.stated.is_certain and breach.messages)):
             return ""
         return self._in_words(breach)
 
     def at_end(self, world: JournalWorld) -> str:
-        """When the journal is read: what is wrong. Of what was to come within some time, that may
-        not be over.
-        """
+        """Check at the end of the journal; a time limit that has not passed is no breach."""
         if isinstance(self.stated, CasesProperty):
             return self._of_cases(self.stated, world)
         left = [task for task in world.tasks if not task.is_over]
         if isinstance(self.stated, NeverStuck) and left:
-            return f"when the journal ends, these have not: {self._blame(left)}"
+            return f"not ended when the journal ends: {self._blame(left)}"
         if self._memory or not (world.is_whole and self.stated.is_owed(self._memory)):
             return ""
         name = next((one.message for one in self.stated.named), "")
@@ -58,51 +51,43 @@ class Judge:
             item for item in world.messages if name and item.message == name and not item.is_over
         ]
         if left:
-            return f"it never did; what stands when the journal ends: {self._blame(left)}"
-        self.culprit = max(
-            (number for number, gone in world.over.items() if name and gone.message == name),
-            default=0,
-        )
-        return (
-            f"it never did; {world.name(self.culprit)} was the last to end"
-            if self.culprit
-            else "it never did"
-        )
+            return f"it never did; not ended when the journal ends: {self._blame(left)}"
+        over = (number for number, ended in world.over.items() if name and ended.message == name)
+        self.culprit = max(over, default=0)
+        if self.culprit:
+            return f"it never did; {world.name(self.culprit)} was the last to end"
+        return "it never did"
 
     def _of_cases(self, stated: CasesProperty, world: JournalWorld) -> str:
-        """What is wrong with the cases of the run. Of a part of one nothing can be said."""
+        """Check the cases of a whole run; nothing can be said about a part of one."""
         if not world.is_whole or world.history is None:
             return ""
         self.counted = stated.count(world.history)
         if stated.allows(self.counted):
             return ""
-        return f"here it is so in {self.counted}, not with {self._blame(self.counted.bad)}"
+        return f"true in {self.counted} cases, not for {self._blame(self.counted.bad)}"
 
     @property
     def vacuous(self) -> str:
-        """Why it says nothing that it holds; "" if it says something."""
+        """Why the property holds trivially; "" if it does not."""
         if isinstance(self.stated, CasesProperty):
             return self.stated.why_not_judged(self.counted) if self.counted is not None else ""
         for one in self.stated.predicates:
             if isinstance(one, OfMessages) and not self.matches.has_subject(one):
-                return (
-                    f"in this run there never was '{one.subject}'"
-                    if one.message or one.data
-                    else ""
-                )
-        return (
-            "" if self._had_case else f"in this run there never was '{words_of(self.stated.case)}'"
-        )
+                named = one.message or one.data
+                return f"in this run there never was '{one.subject}'" if named else ""
+        if self._had_case:
+            return ""
+        return f"in this run there never was '{words_of(self.stated.case)}'"
 
     def _in_words(self, breach: Breach) -> str:
         newest = max((one.id for one in breach.newest), default=0)
-        return ": ".join(
-            part for part in (breach.what, self._blame(breach.messages, newest)) if part
-        )
+        parts = breach.what, self._blame(breach.messages, newest)
+        return ": ".join(filter(None, parts))
 
     def _blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """The messages (a ``TaskAt`` will do) in words, the culprit first; if none is known, that
-        is the oldest.
+        """Return messages in words and set the culprit: the given one, which comes first, or the
+        oldest.
         """
         found = sorted(items, key=lambda item: (item.id != culprit, item.id))
         self.culprit = found[0].id if found else 0
@@ -111,8 +96,9 @@ class Judge:
 
 
 class Matches:
-    """The messages of which the predicates of a property are true. After an event only what it
-    touched is looked at again; functions are asked anew.
+    """The messages for which the predicates of a property are true.
+
+    After an event only the changed messages are tested again; functions are called again.
     """
 
     def __init__(self, predicates: Iterable[Predicate]) -> None:
@@ -124,8 +110,11 @@ class Matches:
         self.passed = 0.0
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
-        """An event is over, which changed these messages at most. Of another world than before
-        nothing is known yet.
+        """Update the matches after an event that changed some messages.
+
+        Args:
+            world: The world; the matches in another world than before are forgotten.
+            changed: All messages that the event changed, and perhaps others.
         """
         is_new, self._world, self.passed = world is not self._world, world, world.passed
         for match in self._matches.values():
@@ -134,22 +123,20 @@ class Matches:
             match.update(world, changed)
 
     def true_of(self, predicate: Predicate) -> Found:
-        """The value of a predicate."""
+        """Return the value of a predicate."""
         return self._matches[id(predicate)].found
 
     def newly(self, predicate: Predicate) -> Found:
-        """Of which messages it has become true with the last event."""
+        """Return the messages for which a predicate became true with the last event."""
         return self._matches[id(predicate)].newly
 
     def has_subject(self, predicate: Predicate) -> bool:
-        """Whether there was any message that it is about, in whatever state: else that it never
-        held says nothing.
-        """
+        """Whether the run had a message that a predicate is about, in any state."""
         return self._matches[id(predicate)].has_subject
 
 
 class _Match:
-    """The matches of one predicate: of a function, which is asked anew after each event."""
+    """The matches of a function, which is called after each event."""
 
     has_subject = True
 
@@ -159,7 +146,7 @@ class _Match:
         self._predicate = predicate
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
-        """An event is over."""
+        """Update the matches after an event."""
         del changed
         value = self._predicate(world)
         self.found = self.newly = Found.of(value)
@@ -167,30 +154,32 @@ class _Match:
         if messages is None and (value is None or isinstance(value, bool)):
             return
         if messages is None or not all(hasattr(one, "id") for one in messages):
-            msg = f"it gave {value!r:.60}: a predicate gives the messages of which it is true, or True or False"
-            raise TypeError(msg)
+            raise TypeError(
+                f"it returned {value!r:.60}: a predicate returns the messages for which it is "
+                "true, or True or False"
+            )
         before, self.now = {one.id for one in self.now}, dict.fromkeys(messages)
-        came = [one for one in messages if one.id not in before]
-        self.newly = Found(bool(came), came)
+        new = [one for one in messages if one.id not in before]
+        self.newly = Found(bool(new), new)
 
 
 class _OfMessages(_Match):
     has_subject = False
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
-        came = []
+        new = []
         for item in changed:
             if world.items.get(item.id) is item and self._holds(item):
                 if item not in self.now:
-                    came.append(item)
+                    new.append(item)
                 self.now[item] = None
             else:
                 self.now.pop(item, None)
-        self.found, self.newly = Found(bool(self.now), self.now), Found(bool(came), came)
+        self.found, self.newly = Found(bool(self.now), self.now), Found(bool(new), new)
 
     def _holds(self, item: MessageRecord) -> bool:
         is_in_state = self._predicate.is_in_state(item)
-        if self.has_subject and not is_in_state:  # the cheaper question first
+        if self.has_subject and not is_in_state:  # the cheaper test comes first
             return False
         is_about = self._predicate.is_about(item)
         self.has_subject = self.has_subject or is_about

@@ -1,4 +1,4 @@
-"""The states of tasks, held against the tables of their life cycles."""
+"""Check the states of tasks against their life cycles."""
 
 from collections.abc import Iterator
 
@@ -11,40 +11,39 @@ from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, Transition, read_li
 from tca_wire.vocabulary import Party
 
 UNKNOWN = -1
-"""Of a serial number: what was declared before the journal begins decides how often the state has
-changed.
-"""
+"""The serial number of a task whose number of changes depends on facts before the journal."""
 
 
 def declared(world: JournalWorld, fact: facts.FormatDefined) -> None:
-    """A message is declared, perhaps with a table of its own."""
+    """Apply a declaration, which may contain a life cycle."""
     try:
         world.cycles[fact.message] = read_life_cycle(fact.life_cycle)
     except BadFormat as error:
-        world.broken(LIFE, 0, f"{fact.message} was declared, and {error}")
+        world.report(LIFE, 0, f"{fact.message} was declared, but {error}")
 
 
-def begin(world: JournalWorld, task: MessageRecord) -> None:
-    """A task is sent."""
+def sent(world: JournalWorld, task: MessageRecord) -> None:
+    """Set the initial state of a task."""
     if not task.message_class.is_monitor:
         task.state = _cycle(world, task).initial
 
 
-def end(world: JournalWorld, task: MessageRecord) -> None:
-    """A task has ended."""
+def ended(world: JournalWorld, task: MessageRecord) -> None:
+    """Set the final state of a task."""
     if not task.message_class.is_monitor:
         cycle = _cycle(world, task)
         task.state = cycle.cancelled if task.is_killed else cycle.done
 
 
-def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
-    """A task waits for a handler, or a *module* gets it: once more, or for the first time, which
-    accepts it.
+def handler_changed(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
+    """Apply that a task waits for a handler, or was given to that of *module*, which accepts it.
+
+    A task that was handled before returns to its initial state.
     """
-    if not task.is_task or task.is_stranger:
+    if not task.is_task or task.is_incomplete:
         return
     if not world.is_whole and module not in world.handlers.get(task.message, {}):
-        task.serial = UNKNOWN  # how its handler was declared is not known
+        task.serial = UNKNOWN  # the declaration of its handler is not known
     if task.serial == UNKNOWN:
         return
     cycle = _cycle(world, task)
@@ -55,36 +54,43 @@ def go_on(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
 
 
 def changed(world: JournalWorld, task: MessageRecord, fact: facts.StateChanged) -> None:
-    """Somebody takes a transition."""
+    """Apply a transition."""
     is_known = world.is_whole or task.message in world.cycles
-    if task.is_stranger or task.message_class.is_monitor or task.serial == UNKNOWN or not is_known:
+    if (
+        task.is_incomplete
+        or task.message_class.is_monitor
+        or task.serial == UNKNOWN
+        or not is_known
+    ):
         task.state, task.serial = fact.state, fact.serial
         return
     cycle = _cycle(world, task)
     step = _step(cycle, task, fact)
-    for wrong in _mistaken(cycle, task, fact, step):
-        world.broken(LIFE, task, wrong)
+    for wrong in _transition_errors(cycle, task, fact, step):
+        world.report(LIFE, task, wrong)
     _follow(task, fact, step)
 
 
-def _mistaken(
+def _transition_errors(
     cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged, step: Transition | None
 ) -> Iterator[str]:
-    """What is wrong with a transition, which its table has as a *step*, if it has it."""
+    """Yield the errors in a transition; *step* is its row in the table, if there is one."""
     if step is None:
         other = cycle.steps.get((task.state, fact.transition))
         whose = f", which is the {other.by}'s" if other else f": {cycle} has no such transition"
-        yield f"was {task.state}, and a {fact.by} took '{fact.transition}'{whose}"
+        yield f"was {task.state} when a {fact.by} took '{fact.transition}'{whose}"
     elif fact.state != (task.state if step.effect is Effect.STOP else step.target):
         yield f"is {fact.state} after '{fact.transition}', which leads to {step.target}"
     due = task.serial + (step is None or step.effect is not Effect.STOP)
     if fact.serial != due:
-        yield f"changed its state for time {fact.serial}, and it was time {due}"
+        yield f"has serial number {fact.serial} for a change of state, which must be {due}"
 
 
 def _step(cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged) -> Transition | None:
-    """The row of the table: central may take those of both, and a server may have taken its own
-    before it knew what clients ask for.
+    """Return the row of the table for a transition; None if it has no such row.
+
+    Central may take the transitions of both parties. A server may take one from an older state,
+    before it has received a client's request.
     """
     parties = (Party.CLIENT, Party.SERVER) if fact.by is Party.CENTRAL else (fact.by,)
     sources = [task.state, *task.overtaken] if fact.by is Party.SERVER else [task.state]

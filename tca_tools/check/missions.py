@@ -1,6 +1,4 @@
-"""Tasks of missions: one that did not complete has failed or was killed, whatever its mission makes
-of that.
-"""
+"""Rules of mission tasks: a task that did not complete has failed or was killed."""
 
 from contextlib import suppress
 
@@ -16,26 +14,20 @@ _COMPLETED = 132  # Status.COMPLETED | Status.TERMINATED, in the results of task
 
 
 def check_status(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
-    """A handler has returned, that of a mission's task with a status."""
+    """Check the status with which a mission task's handler returned."""
     if fact.outcome is Outcome.DONE and not item.is_killed and _is_of_mission(world, item):
         status = _status(fact.body)
         if status != _COMPLETED:
-            world.broken(MISSION, item, f"has status {status}, and counts as done")
+            world.report(MISSION, item, f"has status {status}, but counts as done")
 
 
 def check_recovered(world: JournalWorld, task: MessageRecord) -> None:
-    """A failure of a task has been dealt with: the mission itself does not do that."""
+    """Check that a mission has not dealt with the failure of its task itself."""
     handler = task.ended_handlers[0] if task.ended_handlers else None
-    if (
-        handler is not None
-        and handler.message.startswith("mission ")
-        and _is_of_mission(world, task)
-    ):
-        world.broken(
-            MISSION,
-            task,
-            f"failed ({task.failure}), and counts as done, since {handler} dealt with that",
-        )
+    is_mission = handler is not None and handler.message.startswith("mission ")
+    if is_mission and _is_of_mission(world, task):
+        what = f"failed ({task.failure}), but counts as done, since {handler} dealt with that"
+        world.report(MISSION, task, what)
 
 
 def _is_of_mission(world: JournalWorld, item: MessageRecord) -> bool:

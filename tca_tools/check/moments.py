@@ -1,6 +1,4 @@
-"""Tasks reach moments, others wait for these, and each event brings a task as far as it can
-come.
-"""
+"""Rules of moments: tasks reach them in order and as soon as possible, and waits end with them."""
 
 from tca_tools.check import lives, rules
 from tca_tools.check.failing import handler_ended
@@ -27,34 +25,34 @@ _REACHED = [f"reached {in_words(moments)}" for moments in range(ALL_MOMENTS + 1)
 
 
 def reached(world: JournalWorld, fact: facts.Reached) -> None:
-    """A task reaches moments."""
+    """Apply that a task reached moments."""
     moments = fact.moments
     item = world.task(fact.task, _REACHED[moments & ALL_MOMENTS])
     if item is None:
         return
     if twice := item.reached & moments:
-        world.broken(rules.ONCE, item, f"{_REACHED[twice]} a second time")
+        world.report(rules.ONCE, item, f"{_REACHED[twice]} a second time")
         moments &= ~twice
     before, item.reached = item.reached, item.reached | moments
     for rule, why in too_early(world, item, moments, before):
-        world.broken(rule, item, f"{_REACHED[moments]} {why}")
-    if not (item.is_stranger or item.is_killed):
+        world.report(rule, item, f"{_REACHED[moments]} {why}")
+    if not (item.is_incomplete or item.is_killed):
         check_fired(world, item, moments)
         if moments & START_HANDLING:
-            _begin(world, item)
-    _go_on(world, item, moments)
+            _started(world, item)
+    _update_followers(world, item, moments)
 
 
-def _begin(world: JournalWorld, item: MessageRecord) -> None:
-    """A task is begun."""
+def _started(world: JournalWorld, item: MessageRecord) -> None:
+    """Apply that a task started."""
     item.begun_in = world.event
     if item.place is None and not item.message_class.is_monitor:
-        what = "was begun, and no handler has it"
+        what = "started, but no handler has it"
         world.expect(lambda: item.failure == REJECTED, rules.ONE_HANDLER, item, what)
 
 
-def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    """Tell those that waited for these moments."""
+def _update_followers(world: JournalWorld, item: MessageRecord, moments: int) -> None:
+    """Update everything that waited for moments that a task reached."""
     for hold, follower in item.followers:
         if hold.needs & moments:
             world.touched[follower] = None
@@ -69,12 +67,12 @@ def _go_on(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     if item.waiters:
         world.later.append(lambda: check_waits(world, item))
     if item.reached == ALL_MOMENTS:
-        _end(world, item)
+        _ended(world, item)
 
 
-def _end(world: JournalWorld, item: MessageRecord) -> None:
-    """A task has ended."""
-    lives.end(world, item)
+def _ended(world: JournalWorld, item: MessageRecord) -> None:
+    """Apply that a task has ended."""
+    lives.ended(world, item)
     if item.parent is not None:
         item.parent.children.pop(item.id, None)
         item.parent.watchers -= item.is_watcher
@@ -89,9 +87,7 @@ def _end(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
-    """A module waits for a moment of a task; or for changes, which its end is at the latest; or for
-    other things.
-    """
+    """Apply a module's wait for a moment, for changes, which stop at the task's end, or others."""
     waits = world.waits.setdefault(fact.key, [])
     waits.append(fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING)
     item = world.items.get(fact.task)
@@ -104,15 +100,17 @@ def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
 
 
 def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
-    """A wait is over: its moment is reached, or the module gave up."""
+    """Apply the end of a wait: its moment is reached, or the module gave up."""
     waits, item = world.waits.get(fact.key, []), world.items.get(fact.task)
     if not waits:
         if world.is_whole or world.must_know(fact.task):
-            what = f"'{fact.module}' waits no longer for {world.name(fact.task)}, for which it did not wait"
-            world.broken(rules.WAITS, fact.task, what)
+            what = (
+                f"'{fact.module}' ended a wait for {world.name(fact.task)} that it had not started"
+            )
+            world.report(rules.WAITS, fact.task, what)
         return
     past = next((moment for moment in waits if item is None or item.reached & moment), 0)
-    if not past and len(set(waits)) > 1:  # one was given up, and the fact does not say which
+    if not past and len(set(waits)) > 1:  # the fact does not say which one was given up
         waits[:] = [0] * len(waits)
     waits.remove(past or waits[0])
     if not waits:
@@ -122,15 +120,15 @@ def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
 
 
 def check_waits(world: JournalWorld, item: MessageRecord) -> None:
-    """Check that nobody waits for what is past."""
+    """Check that no module waits for a moment that is past."""
     for key in item.waiters:
         for moment in world.waits.get(key, ()):
             if item.reached & moment:
                 what = f"'{key[0]}' still waits for {in_words(moment)} of {item}, which is past"
-                world.broken(rules.WAITS, item.id, what)
+                world.report(rules.WAITS, item.id, what)
 
 
-# --- no event ends while a task that it touched could still go on ---------------------------------
+# --- every task reaches all moments that it can with the same event -------------------------------
 
 
 def check_settled(world: JournalWorld) -> None:
@@ -138,14 +136,14 @@ def check_settled(world: JournalWorld) -> None:
     for item in world.touched:
         if item.is_over:
             for claim in item.claims.values():
-                what = f"is over, and {claim_in_words(claim)}, which was made for it, is not"
-                world.broken(rules.GRANTED, item, what)
-        elif item.is_task and not item.is_stranger:
+                what = f"has ended, but {claim_in_words(claim)}, which was made for it, has not"
+                world.report(rules.GRANTED, item, what)
+        elif item.is_task and not item.is_incomplete:
             for moments in next_moments(item):
                 if not too_early(world, item, moments, item.reached):
                     what = (
-                        f"nothing keeps {item} from {in_words(moments)}, and it does not reach that"
+                        f"nothing keeps {item} from {in_words(moments)}, but it did not reach that"
                     )
-                    world.broken(rules.SETTLED, item.id, what)
+                    world.report(rules.SETTLED, item.id, what)
             if item.watchers:
                 check_watchers(world, item)

@@ -1,7 +1,6 @@
-"""What keeps a task from its moments: their order, constraints, what it is under, what is under it,
-and its handler.
+"""The causes that keep a task from its moments: order, constraints, parent, children, and handler.
 
-A moment that comes in spite of these is too early; one that does not come without any of them is
+A moment reached in spite of them is too early. A moment that is not reached without any of them is
 missed.
 """
 
@@ -38,17 +37,17 @@ def _needed(of: TaskRules, moments: int) -> int:
 
 
 _NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in RULES]
-"""Whether it is a goal, and moments: all that are reached no later than these."""
+"""By whether a task is a goal, and by moments: all moments that must come first or with them."""
 _PARENT_FIRST = [PARENT_FIRST & ~of.at_birth for of in RULES]
 
 
 def in_words(moments: int) -> str:
-    """Moments in words."""
+    """Return moments in words."""
     return ", ".join(describe_moments(moments))
 
 
 def next_moments(item: MessageRecord) -> Iterator[int]:
-    """What a task reaches next of itself, unless it is too early: moments that come together."""
+    """Yield the next moments of a task that come together, unless they are too early."""
     reached = item.reached
     if item.is_killed:
         if item.place is None:
@@ -57,20 +56,15 @@ def next_moments(item: MessageRecord) -> Iterator[int]:
         if not (item.is_queued or item.is_suspended or item.is_orphan):
             yield first_moments(item)
     else:
-        if (
-            item.is_goal
-            and not reached & START_ACHIEVING
-            and not (item.is_orphan and item.parent is None)
-        ):
+        has_unknown_parent = item.is_orphan and item.parent is None
+        if item.is_goal and not reached & START_ACHIEVING and not has_unknown_parent:
             yield START_ACHIEVING
         if item.returned and item.place is None:
             yield from [end for end in _ENDS if not reached & end][:1]
 
 
 def first_moments(item: MessageRecord) -> int:
-    """The moments that a task reaches when a handler gets it. A goal may have to wait for its
-    achieving.
-    """
+    """Return the moments that a task reaches when it is delivered to a handler."""
     first = RULES[item.is_goal].delivery
     for hold in item.holds:
         if hold.before is item and hold.moment & first:
@@ -81,11 +75,16 @@ def first_moments(item: MessageRecord) -> int:
 def too_early(
     world: JournalWorld, item: MessageRecord, moments: int, before: int
 ) -> list[tuple[Rule, str]]:
-    """What keeps a task, which has reached those *before*, from moments that come together: by
-    which rule, in words.
+    """Return the reasons why moments that come together are too early, with their rules.
+
+    Args:
+        world: The world at the event.
+        item: The task.
+        moments: The moments, as bits.
+        before: The moments that the task has reached before.
     """
     found: list[tuple[Rule, str]] = []
-    if not item.is_stranger:
+    if not item.is_incomplete:
         if _NEEDED[item.is_goal][moments] & ~(before | moments):
             found += _out_of_order(item.is_goal, moments, before | moments)
         if not item.is_killed:
@@ -109,28 +108,25 @@ def _add_held_back(found: list[tuple[Rule, str]], item: MessageRecord, moments: 
     if item.holds and (missing := not_met(item, moments)):
         found.append((rules.CONSTRAINT, f"before {missing}"))
     parent = item.parent
-    if (
-        parent is not None
-        and moments & _PARENT_FIRST[item.is_goal] & ~parent.reached
-        and not item.role
-    ):
+    needed = moments & _PARENT_FIRST[item.is_goal]
+    if parent is not None and needed & ~parent.reached and not item.role:
         found.append((rules.FAMILY, f"before the start of {parent}, under which it is"))
     if moments & START_HANDLING and item.is_suspended and not item.is_orphan:
         found.append((rules.SUSPENDED, "while it was suspended"))
 
 
 def _not_handled(world: JournalWorld, item: MessageRecord) -> Iterator[tuple[Rule, str]]:
-    """The handler must have returned, and its failure must have been dealt with."""
+    """Yield the reasons why a task's handling has not ended."""
     if item.deciding:
         yield rules.RECOVERED, f"while {world.name(item.deciding)} had not dealt with its failure"
     elif item.again:
-        yield rules.SETTLED, "though it is to be handled again"
+        yield rules.SETTLED, "though a retry is due"
     elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
         yield rules.RETURNED, "before its handler returned"
 
 
 def _first_below(item: MessageRecord, moments: int) -> MessageRecord | None:
-    """A task under it that must come first."""
+    """Return a child that must reach the moment first; None if no child must."""
     if moments & END_ACHIEVING:
         return next(iter(item.children.values()))
     if not (moments & END_PLANNING and item.is_goal and item.unplanned):
@@ -140,18 +136,18 @@ def _first_below(item: MessageRecord, moments: int) -> MessageRecord | None:
 
 
 def not_met(item: MessageRecord, moments: int) -> str:
-    """The constraints on moments that come together that are not met yet, in words."""
-    said = [
-        _said(hold)
+    """Return the unmet constraints on moments that come together, in words."""
+    unmet = [
+        _hold_in_words(hold)
         for hold in item.holds
         if hold.moment & moments
         and not hold.is_met
         and not (hold.before is item and hold.needs & moments)
     ]
-    return ", ".join(said)
+    return ", ".join(unmet)
 
 
-def _said(hold: Hold) -> str:
+def _hold_in_words(hold: Hold) -> str:
     constraint = hold.constraint
     if constraint.before.task == ROOT:
         return run_time(constraint.delay)

@@ -1,99 +1,94 @@
-"""Modules, what they handle, their resources, and locks and reservations of these."""
+"""Rules of modules, their handlers, their resources, and locks and reservations."""
 
 from tca_tools.check import lives
 from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.rules import CAPACITY, GRANTED, HANDLES, PRESENT
-from tca_tools.check.world import JournalWorld, said
+from tca_tools.check.world import JournalWorld, place_in_words
 from tca_wire.journal import facts
 
 
 def restarted(world: JournalWorld, fact: facts.CentralRestarted) -> None:
-    """Central is back."""
+    """Apply a restart of central: it holds tasks back."""
     del fact
     world.is_holding = True
 
 
-def went_on(world: JournalWorld, fact: facts.WentOn) -> None:
-    """What was held back may begin."""
+def continued(world: JournalWorld, fact: facts.WentOn) -> None:
+    """Apply that central continues: tasks that it held back may start."""
     del fact
     world.is_holding = False
     world.places_touched.update(dict.fromkeys(world.places.values()))
 
 
 def joined(world: JournalWorld, fact: facts.ModuleJoined) -> None:
-    """A module joins."""
+    """Apply that a module joins."""
     if fact.module in world.joined:
-        world.broken(PRESENT, 0, f"module '{fact.module}' joined, and is there already")
+        world.report(PRESENT, 0, f"module '{fact.module}' joined, but was already connected")
     world.joined[fact.module] = None
 
 
 def left(world: JournalWorld, fact: facts.ModuleLeft) -> None:
-    """A module leaves."""
-    _must_be_there(world, fact.module, "left")
+    """Apply that a module leaves."""
+    _check_connected(world, fact.module, "left")
     world.joined.pop(fact.module, None)
     for message, handlers in world.handlers.items():
         if fact.module in handlers:
-            world.broken(PRESENT, 0, f"module '{fact.module}' left, and still handles {message}")
+            world.report(PRESENT, 0, f"module '{fact.module}' left, but still handles {message}")
     for place in world.places.values():
         if place.module == fact.module:
             if place.capacity:
-                world.broken(
-                    PRESENT,
-                    0,
-                    f"module '{fact.module}' left, and {said(place)} still takes {place.capacity}",
-                )
+                what = f"left, but {place_in_words(place)} still has capacity {place.capacity}"
+                world.report(PRESENT, 0, f"module '{fact.module}' {what}")
             place.capacity = 0 if place.capacity is not None else None
             world.places_touched[place] = None
             world.slots_lost.add(place)
 
 
 def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
-    """The capacity of a resource changes: a slot came, or is gone."""
-    _must_be_there(world, fact.module, f"offered resource '{fact.resource}'")
+    """Apply a change of a resource's capacity: a slot was added or removed."""
+    _check_connected(world, fact.module, f"offered resource '{fact.resource}'")
     place = world.place(fact.module, fact.resource)
-    before = place.capacity if place.capacity is not None else 0 if world.is_whole else None
+    before = place.capacity
+    if before is None and world.is_whole:
+        before = 0
     if before is not None and abs(fact.capacity - before) != 1:
-        world.broken(
-            CAPACITY, 0, f"{said(place)} takes {fact.capacity} at a time, and took {before} before"
-        )
+        what = f"has capacity {fact.capacity}, but had {before} before"
+        world.report(CAPACITY, 0, f"{place_in_words(place)} {what}")
     if before is None or fact.capacity < before:
         world.slots_lost.add(place)
     place.capacity = fact.capacity
 
 
 def recalling(world: JournalWorld, fact: facts.Recalling) -> None:
-    """A slot is to give back what it has ahead, or has."""
+    """Apply that a slot must return its deliveries, or that this is over."""
     place = world.place(fact.module, fact.resource)
     place.is_recalling = not fact.is_over
     world.places_touched[place] = None
 
 
 def format_defined(world: JournalWorld, fact: facts.FormatDefined) -> None:
-    """A message is declared."""
+    """Apply the declaration of a message."""
     world.declared[fact.message] = fact
     lives.declared(world, fact)
 
 
 def handler(world: JournalWorld, fact: facts.HandlerAdded) -> None:
-    """A module handles a message."""
-    _must_be_there(world, fact.module, f"handles {fact.message}")
+    """Apply that a module handles a message."""
+    _check_connected(world, fact.module, f"handles {fact.message}")
     handlers = world.handlers.setdefault(fact.message, {})
     if fact.module in handlers:
-        world.broken(HANDLES, 0, f"module '{fact.module}' handles {fact.message} already")
+        world.report(HANDLES, 0, f"module '{fact.module}' already handles {fact.message}")
     handlers[fact.module] = fact.resource
     (world.accepting.add if fact.accepts else world.accepting.discard)((fact.message, fact.module))
     _handlers_changed(world, fact.message)
 
 
-def no_handler(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
-    """A module stops handling a message."""
+def handler_removed(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
+    """Apply that a module stops handling a message."""
     handlers = world.handlers.get(fact.message, {})
     if handlers.pop(fact.module, None) is None and world.is_whole:
-        world.broken(
-            HANDLES,
-            0,
-            f"module '{fact.module}' handles {fact.message} no longer, and did not before",
-        )
+        what = f"module '{fact.module}' stopped handling {fact.message}, but did not handle it"
+        world.report(HANDLES, 0, what)
     if not handlers:
         world.handlers.pop(fact.message, None)
     _handlers_changed(world, fact.message)
@@ -105,16 +100,16 @@ def _handlers_changed(world: JournalWorld, message: str) -> None:
         world.place("", "")
 
 
-def _must_be_there(world: JournalWorld, module: str, what: str) -> None:
+def _check_connected(world: JournalWorld, module: str, what: str) -> None:
     if world.is_whole and module not in world.joined:
-        world.broken(PRESENT, 0, f"module '{module}' {what}, and is not there")
+        world.report(PRESENT, 0, f"module '{module}' {what}, but is not connected")
 
 
 # --- locks and reservations -----------------------------------------------------------------------
 
 
 def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
-    """A module asks for a lock or reservation."""
+    """Apply the request for a lock or reservation."""
     world.new_number(fact.id, "claim")
     world.claims[fact.id] = fact
     world.place(fact.module, fact.resource).claims.waiting[fact.id] = fact
@@ -124,7 +119,7 @@ def claimed(world: JournalWorld, fact: facts.Claimed) -> None:
 
 
 def granted(world: JournalWorld, fact: facts.Granted) -> None:
-    """A lock or reservation is granted."""
+    """Apply the grant of a lock or reservation."""
     claim = world.claims.get(fact.id)
     if claim is None:
         _unknown(world, fact.id, "granted")
@@ -132,27 +127,29 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
     place = world.place(claim.module, claim.resource)
     if (other := place.claims.held_by) is not None:
         what = "twice" if other is claim else f"while {other.sender} had it ({{{other.id}}})"
-        world.broken(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
+        world.report(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
     for one in place.claims.places:
         for item in one.runs.values():
-            if not _is_own(claim, one, item):  # it must have lost its handler with the same event
-                what = f"was in it when {claim_in_words(claim)} was granted"
-                world.expect(lambda item=item: item.place is None, GRANTED, item, what)  # type: ignore[misc]
+            if not _is_own(claim, one, item):  # its handler must be lost with this event
+                what = f"was in the resource when {claim_in_words(claim)} was granted"
+                _expect_lost(world, item, what)
     place.claims.waiting.pop(fact.id, None)
     place.claims.held_by = claim
 
 
+def _expect_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
+    world.expect(lambda: item.place is None, GRANTED, item, what)
+
+
 def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
-    """Whether the resource is used by the module that asks; of nested handlers only the module is
-    known.
-    """
+    """Whether a run is the requesting handler, or the only run of the requesting module."""
     return item.handling_id == claim.origin or (
         claim.sender == place.module and len(place.runs) == 1
     )
 
 
 def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
-    """A lock or reservation is released, or given up."""
+    """Apply that a lock or reservation is released or given up."""
     claim = world.claims.pop(fact.id, None)
     if claim is None:
         _unknown(world, fact.id, "released or given up")
@@ -168,12 +165,10 @@ def claim_ended(world: JournalWorld, fact: facts.ClaimEnded) -> None:
 
 def _unknown(world: JournalWorld, claim: int, what: str) -> None:
     if world.must_know(claim):
-        world.broken(
-            GRANTED, 0, f"claim {{{claim}}} was {what}, and there is no such lock or reservation"
-        )
+        world.report(GRANTED, 0, f"claim {{{claim}}} was {what}, but does not exist")
 
 
 def claim_in_words(claim: facts.Claimed) -> str:
-    """A lock or reservation."""
+    """Return a lock or reservation in words."""
     kind = "reservation" if claim.is_reserved else "lock"
     return f"the {kind} {{{claim.id}}} of '{claim.resource}' by {claim.sender}"

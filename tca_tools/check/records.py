@@ -1,6 +1,4 @@
-"""Records of the messages, resources and claims of a run at one event. Plain data; the fold fills
-them.
-"""
+"""Records of the messages, resources and claims of a run at one event. Plain data."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +9,7 @@ from tca_wire.points import ALL_MOMENTS
 from tca_wire.vocabulary import MessageClass, Role
 
 WaitKey = tuple[str, int, int, str, str]
-"""Who waits, and for what: see the facts of waits."""
+"""The waiting module and the awaited thing: see the facts of waits."""
 
 
 @dataclass(slots=True, eq=False)
@@ -20,21 +18,19 @@ class Hold:
 
     constraint: Constraint
     before: "MessageRecord | None"
-    """The task that is waited for (None: the root, or it ended before the journal began)."""
-    due: float | None  #: when its delay is over, once that is known
+    """The awaited task (None: the root, or it ended before the journal began)."""
+    due: float | None  #: when its delay ends, once that is known
     is_over: bool = False  #: its delay is over
     needs: int = field(init=False)
     moment: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.needs, self.moment = (
-            int(self.constraint.before.moment),
-            int(self.constraint.after.moment),
-        )
+        self.needs = int(self.constraint.before.moment)
+        self.moment = int(self.constraint.after.moment)
 
     @property
     def is_met(self) -> bool:
-        """Whether it holds nothing back any more."""
+        """Whether it no longer blocks the moment."""
         if self.constraint.delay:
             return self.is_over
         return self.before is None or bool(self.before.reached & self.needs)
@@ -42,9 +38,7 @@ class Hold:
 
 @dataclass(slots=True, eq=False)
 class ResourceClaims:
-    """The locks and reservations of a resource, held and wanted; of a program with several copies,
-    in all of them.
-    """
+    """The granted and pending claims on a resource, in all copies of its module."""
 
     places: "list[ResourceRecord]" = field(default_factory=list)
     waiting: dict[int, facts.Claimed] = field(default_factory=dict)
@@ -53,7 +47,7 @@ class ResourceClaims:
 
 @dataclass(slots=True, eq=False)
 class ResourceRecord:
-    """A resource of a module. What it has and what waits for it is listed by delivery."""
+    """A resource of a module, with its running and waiting messages by delivery."""
 
     module: str
     name: str
@@ -61,94 +55,90 @@ class ResourceRecord:
     capacity: int | None = None  #: None: not known
     runs: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
-    """Messages that a handler may have taken while it waits for its own module."""
-    is_recalling: bool = False  #: nobody is let in before its slot has spoken
+    """Queries that the module sent itself, which run while a handler waits for them."""
+    is_recalling: bool = False  #: no message enters before its slot has answered
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
 class MessageRecord(MessageView):
-    """A message: a task of the tree, or a query, an inform, or one copy of a broadcast or
-    multi-query.
-    """
+    """A message: a task, a query, an inform, or one copy of a broadcast or multi-query."""
 
     id: int
     message: str
     message_class: MessageClass
     sender: str
     sent_by: str
-    """The sender; where that is central, the sender of what it made the message for ("": not
-    known).
-    """
+    """The sender; for central's messages, the sender of the message concerned ("": unknown)."""
     body: bytes
     role: Role = Role.NONE
     about: int = 0
-    original: "MessageRecord | None" = None  #: of a copy
-    copies: int = 0  #: how many of its copies are not over
+    original: "MessageRecord | None" = None  #: the message of a copy
+    copies: int = 0  #: the number of its copies under way
     handling_id: int = field(init=False)  #: its newest delivery
     is_task: bool = field(init=False)
     is_goal: bool = field(init=False)
 
     parent: "MessageRecord | None" = None
     children: "dict[int, MessageRecord]" = field(default_factory=dict)  #: those that have not ended
-    unplanned: int = 0  #: how many goals among them are not planned
+    unplanned: int = 0  #: the number of children that are goals and not planned
     reached: int = 0
     holds: list[Hold] = field(default_factory=list)
     followers: "list[tuple[Hold, MessageRecord]]" = field(default_factory=list)
-    """The constraints of others that wait for it."""
+    """The constraints of other tasks that wait for it."""
     waiters: dict[WaitKey, None] = field(default_factory=dict)  #: the waits for its moments
-    is_guest: bool = False  #: a monitor that others have put there
+    is_foreign_monitor: bool = False  #: a monitor that another module set up
     is_watcher: bool = False  #: a polling or demon monitor that its parent does not wait for
-    watchers: int = 0  #: how many of its children are such
-    is_orphan: bool = False  #: its parent was sent before the journal begins
-    is_stranger: bool = False  #: its constraints are not known, for the same reason
+    watchers: int = 0  #: the number of such monitors among its children
+    is_orphan: bool = False  #: its parent was sent before the journal started
+    is_incomplete: bool = False  #: some of its constraints are unknown
 
     waits_at: ResourceRecord | None = None
-    """The resource whose queue it is in; one without a name: it waits for a handler."""
+    """The resource in whose queue it is; a resource without a name if it waits for a handler."""
     place: ResourceRecord | None = None  #: the resource whose handler has it
-    begun_in: int = -1  #: the event in which it was begun
+    begun_in: int = -1  #: the event in which it started
     is_new: bool = True
     is_begun: bool = False
     is_killed: bool = False
-    never_began: int = 0  #: once it was killed, the starts that it had not reached
+    never_began: int = 0  #: the starts it had not reached when it was killed
     is_suspended: bool = False
     is_over: bool = False
-    state: str = ""  #: of its life cycle
-    serial: int = 0  #: the number of changes of that
-    wanted: bytes = b""  #: the goal that a client wants it to have
+    state: str = ""  #: its state in its life cycle
+    serial: int = 0  #: the number of changes of its state
+    wanted: bytes = b""  #: the newest goal that a client requested
     overtaken: tuple[str, ...] = ()
-    """The states from which clients have asked for something since its handler's last word."""
+    """The states in which clients made requests since its handler's last transition."""
     is_retried: bool = False
     is_resolved: bool = False
     is_answered: bool = False
     is_dropped: bool = False
-    returned: bool = False  #: its handler is done for good
-    again: bool = False  #: it is to be handled once more
+    returned: bool = False  #: its handler has returned for the last time
+    again: bool = False  #: a retry is due
     attempts: int = 1
-    claims: dict[int, facts.Claimed] = field(default_factory=dict)  #: those that its handler made
+    claims: dict[int, facts.Claimed] = field(
+        default_factory=dict
+    )  #: the claims that its handler made
 
     failure: str = ""
-    must_fail: bool = False  #: its handler failed, and the failure is still to be raised
-    deciding: int = 0  #: the exception handler that decides what becomes of it
+    must_fail: bool = False  #: its handler failed, but the failure was not raised yet
+    deciding: int = 0  #: the exception handler that decides about it
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
     searches: list[int] = field(default_factory=list)
-    """Searches for exception handlers that must come: after which one (OWN and BESIDE: anew)."""
-    ended_handlers: "list[MessageRecord]" = field(
-        default_factory=list
-    )  #: exception handlers that have just ended
-    has_resolved: bool = False  #: of an exception handler: it has said so, or asked for a retry
-    is_void: bool = False  #: of an exception handler: it decides nothing any more
-    invocations: dict[int, int] = field(
-        default_factory=dict
-    )  #: how often each attachment was called here
+    """The pending searches for exception handlers: each after a handler, or new (OWN, BESIDE)."""
+    ended_handlers: "list[MessageRecord]" = field(default_factory=list)
+    """The exception handlers that ended with this event."""
+    has_resolved: bool = False  #: this exception handler resolved its failure or retried the task
+    is_void: bool = False  #: this exception handler no longer decides
+    invocations: dict[int, int] = field(default_factory=dict)
+    """The number of calls by attachment at this task."""
 
     is_tapped: bool = True  #: wiretaps are fired for it
-    tap: int = 0  #: of a listener: the wiretap that sent it
+    tap: int = 0  #: the wiretap that sent this listener
     passed: dict[int, int] = field(default_factory=dict)
-    """Those since it was sent or last retried, with the listener (0: nobody handles it)."""
+    """The wiretaps passed since the last retry, with the listener (0: it has no handler)."""
     has_fired: bool = False
-    asked: int = 0  #: of a monitor: its condition under way
-    untested: int = 0  #: of a monitor: answers that it has not looked at
+    asked: int = 0  #: this monitor's query under way
+    untested: int = 0  #: answers that this monitor has not tested
 
     def __post_init__(self) -> None:
         self.handling_id = self.id
@@ -159,7 +149,7 @@ class MessageRecord(MessageView):
 
     @property
     def parent_id(self) -> int:
-        """The task that it is under (0: the root)."""
+        """Its parent (0: the root)."""
         return self.parent.id if self.parent else 0
 
     @property
@@ -169,7 +159,7 @@ class MessageRecord(MessageView):
 
     @property
     def is_queued(self) -> bool:  # type: ignore[override]
-        """Whether it waits for a resource, or for a handler."""
+        """Whether it waits for a resource or a handler."""
         return self.waits_at is not None
 
     @property

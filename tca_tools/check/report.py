@@ -1,6 +1,4 @@
-"""The result of a check as text: the journal, each broken rule with its place, and the story of the
-message.
-"""
+"""The result of a check as text: the journal, the broken rules, the stories of their messages."""
 
 from collections.abc import Iterator
 
@@ -18,66 +16,70 @@ from tca_wire.text.printable import printable
 
 _MOST_GAPS = 5
 _LONGEST_STORY = 40
-"""Sentences of one story that are shown."""
+"""The most sentences of one story that are shown."""
 _MOST_SHOWN = 100
-"""Violations that ``--all`` shows; one breach of a rule may bring about thousands."""
+"""The most violations that ``--all`` shows; one breach may cause thousands of others."""
 
 
 def head_lines(run: CheckedRun, journal: Log) -> Iterator[str]:
-    """The extent of the journal, and its unreadable parts."""
+    """Yield the extent of the journal, and its unreadable parts."""
     span = f"{run.began:.2f} s to {run.world.now:.2f} s"
     numbers = f" (numbers {run.first} to {run.last})" if run.events else ""
-    yield f"{printable(journal.name)}: {run.facts:,} facts in {run.events:,} entries{numbers}, {span}"
+    extent = f"{run.facts:,} facts in {run.events:,} entries{numbers}, {span}"
+    yield f"{printable(journal.name)}: {extent}"
     notes = [printable(gap) for gap in run.gaps[:_MOST_GAPS]]
     if len(run.gaps) > _MOST_GAPS:
-        notes.append(f"and {len(run.gaps) - _MOST_GAPS} more places like these")
+        notes.append(f"and {len(run.gaps) - _MOST_GAPS} more gaps")
     if not run.is_closed:
-        why = (
-            "central still runs"
-            if journal.is_being_written
-            else "central was stopped by force, or this is a copy"
-        )
+        why = "central was stopped by force, or this is a copy"
+        if journal.is_being_written:
+            why = "central still runs"
         notes.append(f"it is not closed: {why}")
     yield from (click.style(f"  {note}", fg="yellow") for note in notes)
 
 
 def verdict_lines(run: CheckedRun, misnamed: dict[Property, str]) -> Iterator[str]:
-    """The verdict, and the properties that say nothing. Of a journal with gaps it says only that no
-    breach was seen.
+    """Yield the verdicts on the rules and on each unbroken property.
+
+    A journal with gaps gets no "good", only that no breach was found.
     """
     if run.rules_kept < len(RULES):
         yield f"{run.rules_kept} of {len(RULES)} rules are kept"
     else:
         yield _good(f"{len(RULES)} rules", is_whole=run.is_whole)
     for judge in run.unbroken:
-        idle = misnamed.get(judge.stated, judge.vacuous)
-        note = click.style(f" (which says nothing: {printable(idle)})", fg="yellow") if idle else ""
-        share = f" ({judge.counted})" if judge.counted and not idle else ""
+        vacuous = misnamed.get(judge.stated, judge.vacuous)
+        note = ""
+        if vacuous:
+            note = click.style(f" (which says nothing: {printable(vacuous)})", fg="yellow")
+        share = f" ({judge.counted})" if judge.counted and not vacuous else ""
         yield _good(printable(str(judge.stated)) + share, is_whole=run.is_whole) + note
 
 
 def _good(what: str, *, is_whole: bool) -> str:
-    return (
-        click.style(f"good: {what}", fg="green")
-        if is_whole
-        else f"no breach in what can be read: {what}"
-    )
+    if is_whole:
+        return click.style(f"good: {what}", fg="green")
+    return f"no breach in the readable part: {what}"
 
 
 def violation_lines(
     violations: list[Violation], journal: Log, *, everything: bool
 ) -> Iterator[str]:
-    """The violations with their stories: all, or the first breach of a rule (others may follow from
-    it) and those of properties.
+    """Yield the violations with their stories.
+
+    Args:
+        violations: The violations, sorted by place.
+        journal: The journal, which is read again for the stories.
+        everything: Whether to show all violations. Else only the first one of the rules, which may
+            have caused others, and those of properties are shown.
     """
     if not violations:
         return
     run, width = History.until(open_log(journal.path)), line_width()
     first_rule = [violation for violation in violations if violation.source][:1]
     firsts = [*first_rule, *(violation for violation in violations if not violation.source)]
-    shown = sorted(violations if everything else firsts, key=lambda violation: violation.place)[
-        :_MOST_SHOWN
-    ]
+    chosen = violations if everything else firsts
+    shown = sorted(chosen, key=lambda violation: violation.place)[:_MOST_SHOWN]
     for violation in shown:
         yield ""
         yield from _violation(violation, run, width)
@@ -94,11 +96,11 @@ def _violation(violation: Violation, run: Run, width: int | None) -> Iterator[st
     if violation.source:
         yield click.style(cut(f"  the rule: {violation.source}", width), dim=True)
     until = run.times[min(violation.place, len(run.times) - 1)] if run.times else 0.0
-    told = [sentence for sentence in story(run, violation.message) if sentence.time <= until]
-    if told:
+    sentences = [one for one in story(run, violation.message) if one.time <= until]
+    if sentences:
         of = cut(printable(run.describe(violation.message)), None if width is None else width - 28)
         yield f"  the story of {of} until then:"
-    if len(told) > _LONGEST_STORY:
-        yield f"     ... {len(told) - _LONGEST_STORY} sentences ..."
-    for sentence in told[-_LONGEST_STORY:]:
+    if len(sentences) > _LONGEST_STORY:
+        yield f"     ... {len(sentences) - _LONGEST_STORY} sentences ..."
+    for sentence in sentences[-_LONGEST_STORY:]:
         yield cut(f"  {sentence.time:10.3f}  {printable(sentence.by(until, until))}", width)

@@ -1,6 +1,4 @@
-"""``tca check --rerun``: a run's inputs through this version's core, beside the facts that its
-journal has.
-"""
+"""``tca check --rerun``: process a run's inputs with this version's core, and compare the facts."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice, zip_longest
@@ -16,21 +14,27 @@ from tca_wire.text.facts_in_words import Wording
 from tca_wire.text.measures import counted
 from tca_wire.text.printable import printable
 
-_SHOWN = 5  # facts of each side
+_SHOWN = 5
+"""The number of facts shown from each side."""
 
 
 def rerun(journal: Log) -> tuple[list[str], bool]:
-    """What came of it, in lines, and whether it is as it was. Raises ClickException if it can't be
-    done.
+    """Process the inputs of a run again.
+
+    Returns:
+        The result in lines, and whether the facts are the same.
+
+    Raises:
+        ClickException: The journal has no inputs, or they can't be processed.
     """
     if not journal.path.is_dir():
         raise click.UsageError(
-            f"{journal.path}: give the folder of the journal, in which its inputs are, too"
+            f"{journal.path}: name the folder of the journal, which also contains its inputs"
         )
     segments = newest_run(journal.path, journal.epoch or "")
     if not segments:
         raise click.ClickException(
-            f"{journal.path} has no inputs of this run: central kept none, or they were removed"
+            f"{journal.path} has no inputs of this run: central stored none, or they were removed"
         )
     try:
         replay = InputReplay(journal.path, segments, cuts=True, from_first=True)
@@ -39,26 +43,25 @@ def rerun(journal: Log) -> tuple[list[str], bool]:
         difference = facts.compare(replay.entries(), [])
     except CentralError as error:
         raise click.ClickException(str(error)) from None
-    since = f"since entry {began}, of which there is an image," if began else "since the run began"
-    done = f"{counted(replay.inputs, 'input')} {since}"
+    since = f"since the image at entry {began}" if began else "since the run started"
+    inputs = f"{counted(replay.inputs, 'input')} {since}"
     if difference is None:
-        return [f"{done} lead to the same {_entries(facts.compared)} in this version"], True
-    return [f"{done}: {_entries(facts.compared)} are the same", "", *_told(difference)], False
+        return [f"{inputs} lead to the same {_entries(facts.compared)} in this version"], True
+    return [f"{inputs}: {_entries(facts.compared)} are the same", "", *_in_words(difference)], False
 
 
 def _entries(number: int) -> str:
     return f"{number:,} {'entry' if number == 1 else 'entries'}"
 
 
-def _told(difference: Difference) -> Iterator[str]:
+def _in_words(difference: Difference) -> Iterator[str]:
     written, given = difference.written, difference.given
     first = written if given is None or written.number < given.number else given
     yield f"FIRST DIFFERENCE at {first.time:.3f} s, entry {first.number}"
     old = written.facts if written.number == first.number else []
     new = given.facts if given is not None and given.number == first.number else []
-    same = next(
-        (place for place, (one, other) in enumerate(zip_longest(old, new)) if one != other), 0
-    )
+    pairs = enumerate(zip_longest(old, new))
+    same = next((place for place, (one, other) in pairs if one != other), 0)
     yield f"  the first {same} facts are the same" if same else f"  {_cause(first)}"
     yield "  the journal has"
     yield from _facts(old[same:])
@@ -67,9 +70,9 @@ def _told(difference: Difference) -> Iterator[str]:
 
 
 def _cause(entry: Entry) -> str:
-    return (
-        printable(Wording().cause(entry.cause)) if entry.cause is not None else "of central's own"
-    )
+    if entry.cause is None:
+        return "caused by central itself"
+    return printable(Wording().cause(entry.cause))
 
 
 def _facts(facts: Iterable[Fact]) -> Iterator[str]:

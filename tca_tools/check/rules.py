@@ -1,6 +1,4 @@
-"""The rules that every run keeps, in words, and where each is written. How they are tested is in
-the fold's files.
-"""
+"""The rules that every run keeps, in words, with their sources. Other files check them."""
 
 from typing import NamedTuple
 
@@ -9,7 +7,7 @@ MANUAL = "TCA 8.5 manual"
 
 
 class Rule(NamedTuple):
-    """Something that is true of every run."""
+    """A rule that every run keeps."""
 
     text: str
     source: str
@@ -24,11 +22,9 @@ class Violation(NamedTuple):
     rule: str
     source: str
     place: int
-    """How many entries come before the one that breaks it."""
+    """The number of events before the one that breaks it."""
     event: int
-    """The number of that entry, which is that of its event: events that change nothing have no
-    entry.
-    """
+    """The number of that event's entry; events that change nothing have a number but no entry."""
     time: float
     message: int
     """The message that it is about (0: none)."""
@@ -44,10 +40,12 @@ NUMBERS = Rule(
     "a message is received once, and has a number above all before it",
     "facts.py: ids from one counter",
 )
-KNOWN = Rule("nothing happens to what was never sent", f"{PAPER}, schema TaskTree: received")
+KNOWN = Rule(
+    "nothing happens to a message that was never sent", f"{PAPER}, schema TaskTree: received"
+)
 ENDED = Rule("nothing happens to a task that has ended", f"{PAPER}, schema TaskTree: finished")
 PRESENT = Rule(
-    "a module joins before it does anything, and once; what it leaves is gone", f"{MANUAL}, modules"
+    "a module joins once, before it does anything, and leaves nothing behind", f"{MANUAL}, modules"
 )
 
 # --- the task tree --------------------------------------------------------------------------------
@@ -73,26 +71,26 @@ FAMILY = Rule(
     f"{PAPER}, schema TaskTree: achievConst of the parent",
 )
 CONSTRAINT = Rule(
-    "no moment comes before what its constraints put before it", f"{MANUAL}, temporal constraints"
+    "no moment is reached before the points that its constraints put before it",
+    f"{MANUAL}, temporal constraints",
 )
-DELAY = Rule(
-    "a delay is over when its time is, and not before", "TCM 2.10: DelayFor, DelayForAfter"
-)
+DELAY = Rule("a delay ends on time, not earlier", "TCM 2.10: DelayFor, DelayForAfter")
 SETTLED = Rule(
-    "what may happen happens at once",
+    "everything that may happen happens at once",
     "TCM 2.10: the agenda is drained before anything else is done",
 )
 KILLED = Rule(
-    "what is killed is not begun, and dies with all under it", f"{MANUAL}, killing task trees"
+    "a killed task does not start, and its descendants are killed with it",
+    f"{MANUAL}, killing task trees",
 )
-SUSPENDED = Rule("nothing is begun while it is suspended", "TCM 2.10: Suspend")
+SUSPENDED = Rule("no task starts while it is suspended", "TCM 2.10: Suspend")
 
 LIFE = Rule(
-    "a task's state goes by its life cycle, and its changes are numbered one after the other",
+    "a task's state follows its life cycle, and its changes are numbered consecutively",
     "Lütkebohle et al., The Task-State Pattern, 4.4 and 4.5",
 )
 RESTARTED = Rule(
-    "after a restart of central no task begins before all are back or lost, or somebody says so",
+    "after a restart no task starts until all modules are back or lost, or the user says so",
     "docs/reliability.md",
 )
 
@@ -109,21 +107,22 @@ HANDLES = Rule(
     f"{MANUAL}, handlers",
 )
 CAPACITY = Rule("a resource is never over its capacity", f"{MANUAL}, resources: capacity")
-FREE = Rule("nothing waits for a resource that is free", f"{MANUAL}, resources: pending messages")
+FREE = Rule("no message waits for a free resource", f"{MANUAL}, resources: pending messages")
 LOCKED = Rule(
-    "nobody gets into what others have locked or reserved",
+    "no message enters a resource that another module has locked or reserved",
     f"{MANUAL}, resources: locks and reservations",
 )
 GRANTED = Rule(
-    "a lock or reservation is granted once, when nobody is in", f"{MANUAL}, resources: locks"
+    "a lock or reservation is granted once, when the resource is empty",
+    f"{MANUAL}, resources: locks",
 )
 QUEUED = Rule(
     "a message waits in one queue until it leaves it", f"{MANUAL}, resources: pending messages"
 )
-ANSWERED = Rule(
-    "whoever asked is answered once, as soon as there is an answer", f"{MANUAL}, queries"
+ANSWERED = Rule("a query is answered once, as soon as there is an answer", f"{MANUAL}, queries")
+WAITS = Rule(
+    "a wait for a moment ends when the moment is reached", f"{MANUAL}, waiting for commands"
 )
-WAITS = Rule("who waits for a moment goes on when it is reached", f"{MANUAL}, waiting for commands")
 
 # --- failures, wiretaps, monitors -----------------------------------------------------------------
 
@@ -136,14 +135,16 @@ HANDLER = Rule(
     f"{MANUAL}, exception handlers",
 )
 RECOVERED = Rule(
-    "a failing task is handled when its exception handler has dealt with that",
+    "a failed task continues when its exception handler has dealt with the failure",
     "TCM 2.10: exceptions, DoneHandling",
 )
 MISSION = Rule(
     "a task of a mission that did not complete has failed or was killed", "docs/missions.md"
 )
 RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
-TAPPED = Rule("a wiretap sends its listener before the tapped task goes on", f"{MANUAL}, wiretaps")
+TAPPED = Rule(
+    "a wiretap sends its listener before the tapped task continues", f"{MANUAL}, wiretaps"
+)
 MONITOR = Rule("a monitor watches from its start to its end", f"{MANUAL}, monitors")
 KEPT = Rule(
     "a monitor that is not waited for ends when its parent waits for nothing else", "decision 42"

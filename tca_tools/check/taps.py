@@ -1,4 +1,4 @@
-"""Wiretaps and monitors: what they hold back, and when they send messages."""
+"""Rules of wiretaps and monitors: the tasks they hold back, and when they send messages."""
 
 from tca_tools.check.records import Hold, MessageRecord
 from tca_tools.check.rules import KEPT, MONITOR, TAPPED
@@ -11,12 +11,12 @@ from tca_wire.vocabulary import CENTRAL, Role
 
 
 def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
-    """A wiretap is added."""
+    """Apply that a wiretap is added."""
     world.new_number(fact.id, "wiretap")
-    if fact.task in world.over:  # it calls at once, or not at all
+    if fact.task in world.over:  # such a wiretap fires at once or never
         world.late_taps.add(fact.id)
         what = (
-            f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, and it was not fired"
+            f"{world.name(fact.task)} got wiretap {{{fact.id}}} after its end, but it was not fired"
         )
         world.expect(lambda: fact.id not in world.late_taps, TAPPED, fact.task, what)
     elif fact.task != ROOT:
@@ -34,14 +34,16 @@ def forget_task(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def fired(world: JournalWorld, fact: facts.TapFired) -> None:
-    """A wiretap sends its listener."""
+    """Apply that a wiretap sends its listener."""
     tap, tapped = world.taps.get(fact.tap), world.items.get(fact.tapped)
     world.late_taps.discard(fact.tap)
     if tap is None:
         if world.is_whole:
-            world.broken(TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, and is not there")
+            world.report(
+                TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, but does not exist"
+            )
         elif tapped is not None:
-            tapped.is_stranger = True  # what holds it is not known
+            tapped.is_incomplete = True  # the tap may hold it
         return
     if tapped is not None:
         _pass(world, tap, tapped, fact.listener)
@@ -49,44 +51,36 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
     if listener is None:
         return
     if listener.tap:
-        world.broken(TAPPED, listener, "was sent by a wiretap twice")
+        world.report(TAPPED, listener, "was sent by a wiretap twice")
     listener.tap = tap.id
     if (
         listener.role is not Role.LISTENER
         or listener.about != fact.tapped
         or listener.message != tap.listener
     ):
-        world.broken(
-            TAPPED, listener, f"was sent for {world.name(fact.tapped)}: {tap.listener} should be"
-        )
-    if (
-        tapped is not None
-        and tapped.is_task
-        and listener.is_task
-        and (end := CONDITIONS[tap.condition].holds_until)
-    ):
-        _hold(tapped, listener, CONDITIONS[tap.condition].before, end)
+        what = f"was sent for {world.name(fact.tapped)}, but the listener is {tap.listener}"
+        world.report(TAPPED, listener, what)
+    rule = CONDITIONS[tap.condition]
+    if tapped is not None and tapped.is_task and listener.is_task and rule.holds_until:
+        _hold(tapped, listener, rule.before, rule.holds_until)
 
 
 def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
-    """Central says that it sends no listener: there is no room, or too many listen to each
-    other.
-    """
-    world.kept_out = fact.sender == CENTRAL
+    """Apply that central refused a listener: queues are full, or listeners tap each other."""
+    world.is_listener_refused = fact.sender == CENTRAL
 
 
 def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int) -> None:
-    tapped.passed[tap.id] = listener or world.kept_out
+    tapped.passed[tap.id] = listener or world.is_listener_refused
     if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
         whose = world.name(tap.task) if tap.task else tap.message
-        world.broken(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
+        world.report(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
 
 
 def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int) -> None:
-    is_to_come = (
-        moment == START_HANDLING or not tapped.reached & moment
-    )  # it may be handled once more
-    if is_to_come and not listener.reached & end:
+    # The tapped task may be handled again
+    is_pending = moment == START_HANDLING or not tapped.reached & moment
+    if is_pending and not listener.reached & end:
         points = Point(TaskId(listener.id), Moment(end)), Point(TaskId(tapped.id), Moment(moment))
         hold = Hold(Constraint(*points), listener, None)
         tapped.holds.append(hold)
@@ -94,8 +88,10 @@ def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int)
 
 
 def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
-    """Check that a task goes on only after its wiretaps have fired; those without a handler for the
-    listener do not. What is sent for a wiretap is not tapped, nor what a monitor sends that was.
+    """Check that a task continues only after its wiretaps have fired.
+
+    A wiretap without a handler for its listener does not fire. Messages sent for a wiretap are not
+    tapped, nor are those of a monitor that was sent for one.
     """
     of_message = world.taps_before.get(item.message)
     if not of_message or not item.is_tapped or not item.is_task:
@@ -105,73 +101,67 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
         if tap.id not in item.passed:
-            world.broken(TAPPED, item, f"went on, and {which} was not fired")
+            world.report(TAPPED, item, f"continued, but {which} was not fired")
         elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
-            world.broken(
-                TAPPED, item, f"went on, and {which} was passed over, though somebody handles it"
-            )
+            what = f"continued, but {which} was passed over, though its listener has a handler"
+            world.report(TAPPED, item, what)
 
 
 # --- monitors -------------------------------------------------------------------------------------
 
 
 def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
-    """The monitor of that number; None, with a complaint if it can't be, or if nothing can be
-    claimed of it.
+    """Return the monitor of a number; None, after an error, if there is no such monitor.
+
+    Also None for a monitor with unknown constraints.
     """
     item = world.task(number, what)
-    if item is None or item.is_stranger:
+    if item is None or item.is_incomplete:
         return None
     if not item.message_class.is_monitor:
-        world.broken(MONITOR, item, f"{what}, and is no monitor")
+        world.report(MONITOR, item, f"{what}, but is not a monitor")
         return None
     return item
 
 
 def spared(_: JournalWorld, item: MessageRecord, __: facts.OutlivesRetry) -> None:
-    """Others than the handler of the task above have put a monitor there."""
-    item.is_guest = True
+    """Apply that a monitor was set up by another module than its parent's handler."""
+    item.is_foreign_monitor = True
 
 
 def waited_for(_: JournalWorld, item: MessageRecord, __: facts.WaitedFor) -> None:
-    """A monitor was sent to be waited for."""
+    """Apply that a parent waits for the end of a monitor."""
     if item.is_watcher and item.parent is not None:
         item.is_watcher = False
         item.parent.watchers -= 1
 
 
 def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
-    """Check that a task is not kept by monitors that were not sent to be waited for."""
+    """Check that a task does not wait for monitors that it should not wait for."""
     if not item.returned or not 0 < item.watchers == len(item.children):
         return
     for child in item.children.values():
-        if not (child.returned or child.again or child.is_killed or child.is_stranger):
-            world.broken(KEPT, child, f"still watches, and {item} waits for nothing else")
+        if not (child.returned or child.again or child.is_killed or child.is_incomplete):
+            world.report(KEPT, child, f"still watches, though {item} waits for nothing else")
 
 
 def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> None:
-    """The condition of a monitor was asked."""
+    """Apply the test of a monitor's condition."""
     if not item.reached & START_HANDLING:
-        world.broken(MONITOR, item, "was tested, and had not begun to watch")
+        world.report(MONITOR, item, "was tested before it started to watch")
     if item.returned and not item.again:
-        world.broken(MONITOR, item, "was tested, and watches no longer")
+        world.report(MONITOR, item, "was tested after it had stopped watching")
     if not item.untested:
-        world.broken(MONITOR, item, "was tested, and its condition was not answered")
+        world.report(MONITOR, item, "was tested, but its condition was not answered")
     item.untested = 0
 
 
 def answered(world: JournalWorld, condition: MessageRecord) -> None:
-    """The condition of a monitor was answered: it is tested with the same event, if it still
-    watches.
-    """
+    """Apply the answer to a monitor's query: a watching monitor is tested with the same event."""
     item = world.items.get(condition.about)
-    if (
-        item is None
-        or item.is_stranger
-        or item.asked != condition.id
-        or item.returned
-        or item.is_killed
-    ):
+    if item is None or item.is_incomplete or item.asked != condition.id:
+        return
+    if item.returned or item.is_killed:
         return
     item.asked, item.untested = 0, 1
     world.later.append(lambda: _check_tested(world, item))
@@ -179,12 +169,12 @@ def answered(world: JournalWorld, condition: MessageRecord) -> None:
 
 def _check_tested(world: JournalWorld, item: MessageRecord) -> None:
     if item.untested and not (item.again or item.is_killed):
-        world.broken(MONITOR, item, "was not tested, and its condition was answered")
+        world.report(MONITOR, item, "was not tested, though its condition was answered")
     item.untested = 0
 
 
 def monitor_ended(world: JournalWorld, item: MessageRecord, _: facts.MonitorEnded) -> None:
-    """A monitor ends; one that has not begun never will begin."""
+    """Apply the end of a monitor, also of one that has not started."""
     if item.returned and not (item.again or item.is_killed):
-        world.broken(MONITOR, item, "ended a second time")
+        world.report(MONITOR, item, "ended a second time")
     item.again, item.returned, item.asked = False, True, 0

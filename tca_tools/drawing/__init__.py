@@ -1,1 +1,1 @@
-"""Parts of pictures, and how pictures become files."""
+"""Parts of pictures, and writing pictures to files."""

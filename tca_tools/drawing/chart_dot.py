@@ -1,9 +1,9 @@
 """A state machine as a picture, in the language of Graphviz.
 
-States are boxes with what they do, and containers are frames around them. A dot is where a machine
-or a container begins, a ring where a container has completed; a double frame is a final state. In
-the SVG the state of number 3 has the id "state-3", and the class "active", "current" or "foreseen"
-if it is.
+States are boxes with their activities, and containers are frames around them. A dot is the start of
+a machine or container, a ring the completion of a container; a double frame is a final state. In
+the SVG, state number 3 has the id "state-3", and may have the class "active", "current" or
+"foreseen".
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,9 +19,11 @@ from tca_wire.text.printable import printable
 
 INK, FAINT = "#1f2933", "#52606d"
 _LOOKS = f"""\
-  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", labelloc=t, labeljust=l,
+  graph [fontname="Helvetica,Arial,sans-serif", fontsize=12, fontcolor="{INK}", \
+labelloc=t, labeljust=l,
     bgcolor=white, pad=0.3, nodesep=0.4, ranksep=0.4, compound=true];
-  node [shape=box, style="rounded,filled", fillcolor=white, fontname="Helvetica,Arial,sans-serif", fontsize=12,
+  node [shape=box, style="rounded,filled", fillcolor=white, \
+fontname="Helvetica,Arial,sans-serif", fontsize=12,
     fontcolor="{INK}", color="{INK}", penwidth=1, margin="0.12,0.06", height=0.3];
   edge [fontname="Helvetica,Arial,sans-serif", fontsize=10, penwidth=1, arrowsize=0.7,
     fontcolor="{INK}", color="{INK}"];
@@ -39,7 +41,7 @@ _LEFT = '<br align="left"/>'
 _FILLS = {"active": "#ffcf70", "current": "#9fdc8f", "foreseen": "#ffe27a"}
 _ACTIVE_FRAME, _LIKELY = "#c77700", "#9a6b00"
 _COLOURS = {"failed": "#b3261e", "timeout": "#8a6d00", "interrupted": "#7b3fa0"}
-"""The colours of arrows for endings that are no success."""
+"""The colours of arrows for endings other than success."""
 _LONGEST, _LONGEST_LINE = 36, 88
 
 
@@ -48,33 +50,33 @@ def chart_dot(
     marks: Mapping[int, str] | None = None,
     likely: Mapping[int, str] | None = None,
 ) -> str:
-    """A directed graph of the machine. *marks*: the classes of states that stand out, by their
-    numbers; *likely*: the likelihoods of arrows that do, by their places.
+    """Return a directed graph of a machine.
+
+    Args:
+        chart: The machine.
+        marks: The classes of highlighted states, by number.
+        likely: The likelihoods of highlighted arrows, in words, by index.
     """
     return graph(_Picture(chart, marks or {}, likely or {}).lines())
 
 
 def graph(lines: Iterable[str], name: str = "machine") -> str:
-    """A directed graph, with the looks of all our graphs."""
+    """Return a directed graph in the common style."""
     return f"digraph {name} {{\n" + _LOOKS + "".join(f"  {line}\n" for line in lines) + "}\n"
 
 
 def chart_lines(chart: MachineChart) -> Iterator[str]:
-    """The lines of a machine that stands in a larger graph."""
+    """Yield the lines of a machine for a larger graph."""
     return _Picture(chart, {}, {}).lines()
 
 
 def report_marks(report: CoordinationReport) -> dict[int, str]:
-    """The states that stand out in a run with a preview: the current one, and those that it
-    foresees.
-    """
+    """Return the marks of a run with a preview: its current state and the foreseen ones."""
     return {**{row.state: "foreseen" for row in report.preview}, report.current: "current"}
 
 
 def likely_arrows(chart: MachineChart, report: CoordinationReport) -> dict[int, str]:
-    """The arrows on the path that is foreseen, by their places in the chart: their likelihoods in
-    words.
-    """
+    """Return the likelihoods in words of the arrows on the foreseen path, by index in the chart."""
     foreseen = {row.state: percent(row.likelihood) for row in reversed(report.preview)}
     path = [report.current, *(row.state for row in report.preview)]
     steps = set(pairwise(number for number in path if 0 <= number < len(chart.states)))
@@ -87,17 +89,17 @@ def likely_arrows(chart: MachineChart, report: CoordinationReport) -> dict[int, 
 
 
 def text(words: str, longest: int = _LONGEST) -> str:
-    """Words in a label of HTML."""
+    """Return words for an HTML label, cut to a length."""
     return escape(cut(printable(words), longest)) or "?"
 
 
 def small(words: str, colour: str = FAINT) -> str:
-    """A line of a label, in small print."""
+    """Return a line of an HTML label in small print."""
     return f'<font point-size="9" color="{colour}">{text(words, _LONGEST_LINE)}</font>'
 
 
 def quoted(*lines: str) -> str:
-    """Lines as a text that is no label of HTML."""
+    """Return lines as a quoted text, for a label that is not HTML."""
     safe = (printable(line).replace("\\", "\\\\").replace('"', '\\"') for line in lines)
     return '"' + "\\n".join(safe) + '"'
 
@@ -109,20 +111,17 @@ class _Picture:
     likely: Mapping[int, str]
 
     def lines(self) -> Iterator[str]:
-        """All states, then all arrows."""
+        """Yield all states, then all arrows."""
         tops = self.chart.inside(-1)
         whole = self.chart.states[0].kind
-        if whole in (
-            StateKind.ACTIVITY,
-            StateKind.WAIT,
-            StateKind.COMPOUND,
-        ):  # no frame around it all
+        # A coordination machine has no frame around it
+        if whole in (StateKind.ACTIVITY, StateKind.WAIT, StateKind.COMPOUND):
             yield _BEGIN.format("begin")
             yield self._arrow("begin", self._head(tops[0]), self._cut(-1, tops[0]))
         for top in tops:
             yield from self._state(top)
         for number in range(len(self.chart.states)):
-            yield from self._ways_inside(number)
+            yield from self._inner_arrows(number)
         for place in range(len(self.chart.arrows)):
             yield self._transition(place)
 
@@ -133,7 +132,8 @@ class _Picture:
         names = f'id="state-{number}", class="{mark}"'
         if not self._is_frame(number):
             fill = f'fillcolor="{_FILLS[mark]}", penwidth=2' if mark else ""
-            yield f"s{number} [{names}, label=<{_label(state, '<br/>')}>, {_SHAPES.get(state.kind, '')} {fill}];"
+            label, shape = _label(state, "<br/>"), _SHAPES.get(state.kind, "")
+            yield f"s{number} [{names}, label=<{label}>, {shape} {fill}];"
             return
         style = "rounded,dashed" if state.kind.is_concurrent else "rounded"
         looks = f'color="{_ACTIVE_FRAME}", penwidth=2' if mark else f'color="{FAINT}", penwidth=1'
@@ -146,14 +146,11 @@ class _Picture:
 
     # --- arrows -----------------------------------------------------------------------------------
 
-    def _ways_inside(self, number: int) -> Iterator[str]:
-        """From where a container begins to its first state, and from its last ones to where it
-        ends.
-        """
+    def _inner_arrows(self, number: int) -> Iterator[str]:
+        """Yield the arrows from a container's start, and from its completing states to its end."""
         inside, begin, end = self.chart.inside(number), f"begin_{number}", f"end_{number}"
-        if self.chart.states[
-            number
-        ].kind.is_concurrent:  # they stand below its beginning, and above its end
+        if self.chart.states[number].kind.is_concurrent:
+            # Invisible arrows place the states between the start and the end
             for inner in inside:
                 yield f"{begin} -> {self._head(inner)} [style=invis];"
                 yield f"{self._tail(inner)} -> {end} [style=invis];"
@@ -166,7 +163,7 @@ class _Picture:
                 yield f"{self._tail(inside[-1])} -> {end} [style=invis];"
 
     def _transition(self, place: int) -> str:
-        """An arrow of its own for each: lines of one label read as what must be true together."""
+        """Return one arrow per transition: several lines in a label would read as one condition."""
         arrow = self.chart.arrows[place]
         looks, words = [f'id="arrow-{place}"'], [text(line) for line in arrow.symbol.splitlines()]
         if colour := _COLOURS.get(arrow.symbol.partition(" [")[0], ""):
@@ -179,25 +176,25 @@ class _Picture:
         source, target = self._tail(arrow.source), self._head(arrow.target)
         if arrow.target > arrow.source:
             return self._arrow(source, target, [*looks, *self._cut(arrow.source, arrow.target)])
-        cut_at = self._cut(arrow.target, arrow.source)  # what is written first stands above
+        cut_at = self._cut(arrow.target, arrow.source)  # the state declared first is above
         return self._arrow(target, source, [*looks, "dir=back", *cut_at])
 
     def _arrow(self, source: str, target: str, looks: list[str]) -> str:
         return f"{source} -> {target} [{', '.join(looks)}];"
 
     def _head(self, number: int) -> str:
-        """The node where an arrow to a state ends; of a container the one that stands for its
-        frame.
-        """
+        """Return the node where an arrow to a state ends; for a container, its start."""
         return f"{'begin_' if self._is_frame(number) else 's'}{number}"
 
     def _tail(self, number: int) -> str:
-        """The node where an arrow out of a state begins."""
+        """Return the node where an arrow from a state starts."""
         return f"{'end_' if self._is_frame(number) else 's'}{number}"
 
     def _cut(self, source: int, target: int) -> list[str]:
-        """The frames at which an arrow is cut; none that holds both its ends. Its head has room
-        before a frame.
+        """Return the attributes that cut an arrow at the frames of its ends.
+
+        A frame that contains both ends does not cut it. An arrow to a frame is longer, so that its
+        head is visible.
         """
         ends = (
             ("ltail=cluster_{}", source, target),
@@ -213,7 +210,7 @@ class _Picture:
         return self.chart.states[number].kind.is_container
 
     def _has_ring(self, number: int) -> bool:
-        """Whether a container has a ring: some state in it completes the whole."""
+        """Whether a container has a ring, since one of its states completes it."""
         is_concurrent = self.chart.states[number].kind.is_concurrent
         return not is_concurrent and any(
             self.chart.states[inner].completes for inner in self.chart.inside(number)

@@ -1,4 +1,4 @@
-"""A picture that Graphviz lays out. Knows nothing of what it shows."""
+"""Draw pictures with Graphviz."""
 
 import shutil
 import subprocess
@@ -9,8 +9,14 @@ from tca_wire.text.missing import missing_package
 
 
 def drawn(source: str, kind: str) -> bytes:
-    """Dot source as "svg", "png" or "pdf", by this machine's Graphviz or a package's. Raises
-    NoPicture.
+    """Return the picture of dot source, drawn by the installed Graphviz or else by pygraphviz.
+
+    Args:
+        source: The dot source.
+        kind: "svg", "png" or "pdf".
+
+    Raises:
+        NoPicture: Neither is installed, or drawing failed.
     """
     if program := shutil.which("dot"):
         done = subprocess.run(

@@ -1,8 +1,7 @@
-"""A picture as a page of its own: one file, nothing fetched, hover titles, zoom with the wheel, pan
-by dragging.
+"""A picture as an HTML page: one file, titles on hover, zoom with the wheel, pan by dragging.
 
-A chart is made wider only, with its labels in sight, and the names of bars that begin left of what
-is seen; any other picture is made larger as a whole.
+Zooming a chart changes its width only, and keeps its labels and the names of bars in view. Any
+other picture is scaled as a whole.
 """
 
 import re
@@ -13,15 +12,20 @@ _HERE = Path(__file__).parent
 
 
 def zoomed_page(title: str, svg: str) -> str:
-    """A page with one picture; *svg* is a document that begins with ``<svg ``."""
+    """Return a page with one picture; *svg* is a document that starts with ``<svg ``."""
     start = svg.index("<svg ") + len("<svg ")
     in_pixels = re.sub(r'((?:width|height)="[0-9.]+)pt"', r'\1"', svg[start:], count=2)
     return _page(title, f'<main><svg class="zoomed" {in_pixels}</main>')
 
 
 def wide_page(title: str, head: str, labels: str, plot: str) -> str:
-    """A page with a chart: its head, and below it labels that stay and a plot (``<svg ...>``) that
-    gets wider.
+    """Return a page with a chart.
+
+    Args:
+        title: The title of the page.
+        head: The part above the chart.
+        labels: The labels at the left, which are not zoomed.
+        plot: The plot (``<svg ...>``), whose width is zoomed.
     """
     inner = plot.replace("<svg ", '<svg class="zoomed wide" preserveAspectRatio="none" ', 1)
     return _page(

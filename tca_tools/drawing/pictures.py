@@ -1,4 +1,4 @@
-"""Pictures as files of the kinds that their names ask for. Knows nothing of what they show."""
+"""Write pictures to files, in the format of the file name."""
 
 import re
 from pathlib import Path
@@ -12,13 +12,11 @@ from tca_wire.text.missing import missing_package
 _MACHINES = (".dot", ".svg", ".png", ".pdf")
 _MOST_PIXELS = 40_000_000
 _DOTS = 2.0
-"""Pixels of a PNG for each of the SVG, along an edge: sharp when it is looked at closely or
-printed.
-"""
+"""The scale of a PNG relative to the SVG, so that it is sharp when enlarged or printed."""
 
 
 def converted(svg: str, kind: str) -> bytes:
-    """The picture *svg* as "png" or "pdf". Raises NoPicture if that can't be done here."""
+    """Return the picture *svg* as "png" or "pdf". Raises NoPicture if it can't be converted."""
     try:
         import vl_convert  # noqa: PLC0415 - pictures are an extra
     except ImportError:
@@ -35,8 +33,15 @@ def converted(svg: str, kind: str) -> bytes:
 
 
 def write_svg(path: Path, svg: str, title: str = "") -> None:
-    """Write an SVG picture, as a page (.html) with that title, or as .png or .pdf. Raises
-    ToolError.
+    """Write an SVG picture as .svg, .html, .png or .pdf.
+
+    Args:
+        path: The file; its suffix is the format.
+        svg: The picture.
+        title: The title of an .html page.
+
+    Raises:
+        ToolError: The picture can't be converted or written.
     """
     kind = path.suffix[1:]
     if kind == "html":
@@ -46,21 +51,30 @@ def write_svg(path: Path, svg: str, title: str = "") -> None:
 
 
 def write_graph(path: Path, source: str, title: str = "") -> None:
-    """Write dot source, or the picture of it: as a page (.html) with that title, .svg, .png or
-    .pdf. Raises ToolError, NoPicture if that can't be drawn here.
+    """Write dot source as .dot, or its picture as .svg, .html, .png or .pdf.
+
+    Args:
+        path: The file; its suffix is the format.
+        source: The dot source.
+        title: The title of an .html page.
+
+    Raises:
+        ToolError: The file can't be written; NoPicture if the picture can't be drawn.
     """
     kind = path.suffix[1:]
     if kind == "dot":
         write_output(path, source)
         return
-    with made_for(path):  # without "dot" a library draws into a file of its own
+    with made_for(path):  # pygraphviz needs a temporary file
         picture = drawn(source, "svg" if kind == "html" else kind)
     write_output(path, zoomed_page(title, picture.decode()) if kind == "html" else picture)
 
 
 def write_machine(path: Path, source: str) -> None:
-    """Write dot source of a machine as the kind of picture that the file's name asks for, if
-    nothing is in the way. Raises ToolError if that can't be done.
+    """Write the picture of a machine to a new file, in the format of its name.
+
+    Raises:
+        ToolError: The file exists, has another suffix, or can't be written.
     """
     if path.suffix not in _MACHINES:
         raise NoPicture(f"a machine can be drawn as {', '.join(_MACHINES)}, not as '{path.name}'")

@@ -1,6 +1,4 @@
-"""The small things that our SVG pictures are made of: rectangles, texts, documents and their common
-look.
-"""
+"""The elements of SVG pictures: rectangles, lines, texts, documents, and their common style."""
 
 from collections.abc import Iterable
 from html import escape
@@ -10,7 +8,7 @@ from tca_tools.terminal import columns_of
 from tca_wire.text.printable import printable
 
 UNTOUCHED = ' pointer-events="none"'
-"""For what lies over a shape whose title is wanted at the mouse."""
+"""The attribute of an element that must not hide the hover title of a shape below it."""
 STYLE = Path(__file__).with_name("svg.css").read_text()
 _WIDTHS = {
     "ijl'|": 0.23,
@@ -21,18 +19,15 @@ _WIDTHS = {
     "mMW@%": 0.92,
 }
 _WIDTH = 0.6
-"""Of other characters; all as parts of the size of the letters, in the fonts above, rounded up."""
+"""The width of other characters. All widths are relative to the font size, and rounded up."""
 _SIZE = 12.0
 
 
 def width_of(words: str) -> float:
-    """About how many pixels wide a text is in the letters of ``STYLE``; rather too many than too
-    few.
-    """
+    """Return the approximate width of a text in pixels in the font of ``STYLE``, rounded up."""
     narrow = sum(_WIDTH_OF.get(letter, _WIDTH) for letter in words)
-    wide = (columns_of(words) - len(words)) * (
-        1.0 - _WIDTH
-    )  # such letters take the room of two columns
+    # A character of two columns is as wide as the font size
+    wide = (columns_of(words) - len(words)) * (1.0 - _WIDTH)
     return (narrow + max(wide, 0.0)) * _SIZE * 1.05
 
 
@@ -40,7 +35,7 @@ _WIDTH_OF = {letter: width for letters, width in _WIDTHS.items() for letter in l
 
 
 def document(width: float, height: float, title: str, style: str, body: Iterable[str]) -> str:
-    """A whole picture."""
+    """Return a whole picture."""
     size = f'width="{width:.0f}" height="{height:.0f}"'
     head = f"""\
 <svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width:.0f} {height:.0f}">
@@ -53,7 +48,7 @@ def document(width: float, height: float, title: str, style: str, body: Iterable
 def rectangle(
     look: str, left: float, top: float, right: float, height: float, title: str = ""
 ) -> str:
-    """A rectangle with its title; *right* may be no more than *left*, but it stays visible then."""
+    """Return a rectangle with a hover title; it is visible even if *right* is not above *left*."""
     place = (
         f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
     )
@@ -62,21 +57,21 @@ def rectangle(
     return f"<rect {look} {place}/>"
 
 
-def words(look: str, x: float, y: float, said: str, more: str = "") -> str:
-    """A text of the class *look*; *more*: other attributes."""
-    return f'<text class="{look}" x="{x:.2f}" y="{y:.1f}"{more}>{text(said)}</text>'
+def words(look: str, x: float, y: float, content: str, more: str = "") -> str:
+    """Return a text of the class *look*; *more* are other attributes."""
+    return f'<text class="{look}" x="{x:.2f}" y="{y:.1f}"{more}>{text(content)}</text>'
 
 
 def line(look: str, x: float, y: float, right: float, bottom: float) -> str:
-    """A straight line of the class *look*."""
+    """Return a straight line of the class *look*."""
     return f'<line class="{look}" x1="{x:.2f}" y1="{y:.1f}" x2="{right:.2f}" y2="{bottom:.1f}"/>'
 
 
 def text(words: str) -> str:
-    """*words* as SVG takes them."""
+    """Return a text escaped for SVG."""
     return escape(printable(words))
 
 
 def lines(words: str) -> str:
-    """Several lines of *words* as SVG takes them."""
+    """Return a text of several lines escaped for SVG."""
     return "\n".join(map(text, words.split("\n")))

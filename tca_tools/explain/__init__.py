@@ -1,1 +1,1 @@
-"""Why tasks wait, and what became of them."""
+"""Explain why tasks wait, and their outcomes."""

@@ -1,6 +1,4 @@
-"""Exception handlers: which were called for a failure, and whom they had handled again, or killed.
-Pure.
-"""
+"""Exception handlers: those called for a failure, and the tasks they retried or killed. Pure."""
 
 from bisect import bisect_left
 from collections.abc import Iterator
@@ -23,20 +21,16 @@ _TIME = attrgetter("time")
 
 
 class Call(NamedTuple):
-    """An exception handler was called for a task; or it passed the failure on, or might not be
-    called once more.
-    """
+    """A call of an exception handler; or that it passed the failure on, or had no calls left."""
 
     time: float
     place: int
-    """Twice which of the calls it is; one more, if it passed the failure on."""
+    """The order: twice the number of the call, plus one if the failure was passed on."""
     text: str
 
 
 def calls(at: RunAt, task: Task, start: float = -inf, end: float = inf) -> Iterator[Call]:
-    """The calls of exception handlers for the failures of a task, as known at a moment: those from
-    *start* to *end*.
-    """
+    """Yield the calls of exception handlers for a task's failures from *start* to *end*."""
     found = _calls(at, task, start, end)
     return (call for call in found if start <= call.time < end)
 
@@ -61,21 +55,22 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
     first, last = (bisect_left(spents, time, key=_TIME) for time in (start, end))
     for spent in spents[first:last]:
         later = bisect_left(task.caught_by, spent.time, key=run.sent)
-        text = f"{spent.handler} had been called {times(spent.calls)}, as often as it may"
+        text = f"{spent.handler} had been called {times(spent.calls)}, its maximum"
         yield Call(spent.time, 2 * later, text)
 
 
-def passed_on(run: Run, handler: int, what: str = "the failure") -> Iterator[tuple[float, str]]:
-    """When, and how, an exception handler let *what* go on up the tree, if it did."""
+def passed_on(run: Run, handler: int, failure: str = "the failure") -> Iterator[tuple[float, str]]:
+    """Yield when and how an exception handler passed *failure* on up the tree, if it did."""
     if handler in run.reissued:
-        yield run.reissued[handler], f"passed {what} on"
+        yield run.reissued[handler], f"passed {failure} on"
     if handler in run.left_open:
-        yield run.left_open[handler], f"returned without dealing with {what}"
+        yield run.left_open[handler], f"returned without dealing with {failure}"
 
 
 def called_for(run: Run, handler: Task) -> Task:
-    """For whose failure it was called; where that is an exception handler's that failed, for whose
-    that was.
+    """Return the failed task for which an exception handler was called.
+
+    If that is a failed exception handler itself, it is the task for which that was called.
     """
     while handler.role is Role.EXCEPTION and handler.about in run.tasks:
         handler = run.tasks[handler.about]
@@ -83,26 +78,26 @@ def called_for(run: Run, handler: Task) -> Task:
 
 
 def decider(run: Run, asker: Handling | None) -> Task | None:
-    """The exception handler that asked for a kill or retry; None if none did."""
+    """Return the exception handler that requested a kill or retry; None if another one did."""
     task = run.tasks.get(asker.message_id) if asker is not None else None
     return task if task is not None and task.role is Role.EXCEPTION else None
 
 
 def retried(run: Run, task: Task, retry: Retry) -> str:
-    """``to be handled again, with other data (retried by safety)``; if an exception handler that
-    was called for another task asked for it, with which and why.
+    """Return ``retried with other data by safety``.
+
+    If an exception handler called for another task requested it, this names both and the failure.
     """
     handler, why = decider(run, retry.asker), by_whom(retry.by)
     if handler is not None and (failed := called_for(run, handler)) is not task:
         failure = first_line(failed.was("failure", handler.received))
         why += f": {handler}, called for {failed}, which had failed: {failure}"
-    return f"to be handled again{', with other data' * retry.is_other} (retried{why})"
+    with_data = " with other data" if retry.is_other else ""
+    return f"retried{with_data}{why}"
 
 
 def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
-    """The decisions of an exception handler on the failed task and the tasks above it, with their
-    times.
-    """
+    """Yield an exception handler's decisions on the failed task and its ancestors, with times."""
     if handler.role is not Role.EXCEPTION:
         return
     above = [run.tasks[number] for number in lineage(run, TaskId(called_for(run, handler).id))]
@@ -113,9 +108,10 @@ def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
             if decider(run, retry.asker) is handler:
                 retried.add(retry.time)
                 how = ", with other data" if retry.is_other else ""
-                yield retry.time, f"has {task} handled again{how}"
+                yield retry.time, f"retries {task}{how}"
         if decider(run, task.killer) is handler:
-            killed[task.written("killed")] = task  # and with it those under it
+            # The highest task comes last and replaces its descendants, killed at the same time
+            killed[task.written("killed")] = task
     for time, task in killed.items():
         if time not in retried:
             yield time, f"kills {task}"

@@ -1,16 +1,12 @@
-"""The graph of waits at a moment: what keeps a task from one of its moments, and what that waits
-for.
+"""The graph of waits at a moment.
 
-- ``keeping(at, node)``: what keeps a task from one of its moments, or a message from its answer.
-What is planned ahead
-  is kept from being planned by one thing and from being achieved by another: each wait says which
-  moments it ``holds``.
-- ``further(at, wait)``: the nodes that have to come about first; ``steps(at, node)`` does both.
-- ``Ends``: what all waits lead to in the end; ``causes(at)``: what most tasks wait for.
-- ``waits_now(at, number)``: what people are told of a message.
+- ``blocking_waits(at, node)``: the waits before a moment of a task, or before a message's answer.
+  Different waits may block planning and achieving: each says which moments it ``holds``.
+- ``prerequisites(at, wait)``: the nodes that a wait is for; ``steps(at, node)`` does both.
+- ``Ends``: the ends of all chains of waits; ``causes(at)``: the ends that most tasks wait for.
+- ``waits_now(at, number)``: the current waits of a message, to be shown.
 
-A wait in a queue (RESOURCE) or for a lock (LOCK) leads to what keeps the resource busy
-(keepers.py).
+A wait in a queue (RESOURCE) or for a lock (LOCK) leads to the holders of the resource (holders.py).
 """
 
 from bisect import bisect_right
@@ -21,15 +17,15 @@ from math import inf
 from operator import itemgetter
 from typing import NamedTuple
 
-from tca_tools.explain.keepers import Keepers, ahead_of_claim, kept_out, kept_since
+from tca_tools.explain.holders import Holders, held_since, holders_for_claim, holders_for_message
 from tca_tools.explain.overlapping import children_within
 from tca_tools.explain.waits import (
     Node,
     Wait,
     begun_at,
+    blocking_tasks,
     is_of_state,
     is_to_be_handled_again,
-    kept_by,
     lasting,
     moments_before,
     next_moment,
@@ -50,21 +46,20 @@ from tca_tools.journal.records import (
     Queueing,
     Task,
     TaskState,
-    going_on,
-    lately,
 )
+from tca_tools.journal.sequences import active_at, newest_active
 from tca_tools.journal.whole_run import Run
 from tca_wire.points import END_ACHIEVING, END_HANDLING, END_PLANNING, START_HANDLING
 from tca_wire.waits import NAMED, WaitKind
 from tca_wire.waits import ends as walker
 
-_KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
-"""Waits for a resource that others keep busy."""
+_HELD = (WaitKind.RESOURCE, WaitKind.LOCK)
+"""Waits for a resource with holders."""
 
 _SINCE = itemgetter(0)
 
-_TOLD = 20
-"""Things that many wait for."""
+_MOST_CAUSES = 20
+"""The number of causes that ``causes`` returns."""
 _RANKS = (
     WaitKind.CIRCLE,
     WaitKind.HANDLER,
@@ -77,29 +72,29 @@ _RANKS = (
     WaitKind.RUNNING,
     WaitKind.CONDITION,
 )
-"""Why something waits for nothing else, in the order in which it is told: what stands first,
-monitors that watch last. None: for something that the journal does not tell.
+"""The kinds of ends of waits, in the order in which they are shown: standstills first, watching
+monitors last. None: the journal does not contain the cause.
 """
 _RANK = {kind: rank for rank, kind in enumerate(_RANKS)}
 
 
-# --- what keeps a node from coming about ----------------------------------------------------------
+# --- what blocks a node ---------------------------------------------------------------------------
 
 
-class _Kept(NamedTuple):
-    """The waits and nodes that keep a node from coming about."""
+class _Blocking(NamedTuple):
+    """The waits and nodes that block a node."""
 
     waits: list[Wait]
-    """Those for what is no subtask."""
+    """The waits, without those for subtasks."""
     subtasks: list[Node]
 
 
-_NOTHING = _Kept([], [])
+_NOTHING = _Blocking([], [])
 
 
 @remembered
 def _waits_of(at: RunAt, number: int) -> list[Wait]:
-    """The waits of a message, whatever they keep it from, except for children."""
+    """Return all waits of a message, except for children."""
     message, time = at.run.messages[number], at.moment
     waits = list(of_message(at.run, message, time))
     if isinstance(message, Task):
@@ -110,23 +105,23 @@ def _waits_of(at: RunAt, number: int) -> list[Wait]:
 
 @remembered
 def next_node(at: RunAt, number: int) -> Node:
-    """The next node of a task, message or claim."""
+    """Return the next node of a task, message or claim."""
     task = at.run.tasks.get(number)
     return Node(number) if task is None or task.received > at.moment else _next(task, at.moment)
 
 
 def _next(task: Task, time: float) -> Node:
     state = task.state_at(time)
-    runs = bool(going_on(task.handlings, time)) or watches(task, state, time)
+    runs = bool(active_at(task.handlings, time)) or watches(task, state, time)
     if runs and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
         return Node(task.id, END_HANDLING)
     return Node(task.id, next_moment(task, state, time))
 
 
-def keeping(at: RunAt, node: Node) -> list[Wait]:
-    """The waits that keep a task from a moment, or a message from being answered."""
-    kept = _kept(at, node)
-    return kept.waits + [_subtask(at.run, one) for one in kept.subtasks]
+def blocking_waits(at: RunAt, node: Node) -> list[Wait]:
+    """Return the waits that block a moment of a task, or the answer to a message."""
+    blocking = _blocking(at, node)
+    return blocking.waits + [_subtask(at.run, one) for one in blocking.subtasks]
 
 
 def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
@@ -136,18 +131,18 @@ def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
 
 
 @remembered
-def _kept(at: RunAt, node: Node) -> _Kept:
-    """What keeps a node from coming about; nothing of a claim, and of what is unknown."""
+def _blocking(at: RunAt, node: Node) -> _Blocking:
+    """Return what blocks a node; nothing for a claim, and for an unknown message."""
     message = at.run.messages.get(node.number)
     if message is None or message.received > at.moment:
         return _NOTHING
-    return _Kept(*_look(at.run, message, node, _waits_of(at, node.number), at.moment))
+    return _Blocking(*_select(at.run, message, node, _waits_of(at, node.number), at.moment))
 
 
-def _look(
+def _select(
     run: Run, message: Message, node: Node, waits: list[Wait], time: float
 ) -> tuple[list[Wait], list[Node]]:
-    """Those of the waits that keep it from a node, and the subtasks that do."""
+    """Return the waits that block a node of a message, and the subtasks that do."""
     if not isinstance(message, Task):
         return [one for one in waits if node.delivery in (0, _delivery(one))], []
     if not node.moment:
@@ -156,102 +151,101 @@ def _look(
     found = [
         one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))
     ]
-    # what is achieved is planned
+    # A task must be planned before it is achieved
     last = wanted & END_ACHIEVING or wanted & END_PLANNING
     if not last:
         return found, []
     named = {one.on for one in found if one.kind in (WaitKind.SUBTASK, WaitKind.RECOVERY)}
-    under = kept_by(run, children_within(run, message, last, time, time), last, time)
+    under = blocking_tasks(run, children_within(run, message, last, time, time), last, time)
     open_ones = (one for one in under if one.received <= time < one.time_of(last))
     subtasks = (Node(one.id, last) for one in open_ones)
     return found, [one for one in subtasks if one not in named]
 
 
 def _resumes(task: Task, wait: Wait, time: float) -> bool:
-    """Whether it is for a task to be resumed that, as was decided meanwhile, is to be handled once
-    more.
-    """
+    """Whether a wait is for the resume of a task whose retry was requested since."""
     begun = wait.kind is WaitKind.RESUME and task.time_of(START_HANDLING) <= time
     return begun and is_to_be_handled_again(task, time)
 
 
 def _delivery(wait: Wait) -> int:
-    """Which delivery a run of a handler, or a wait of one, is."""
+    """Return the delivery of a handler's run, or of a wait in it."""
     run = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
     return run.delivery if isinstance(run, Handling) else 0
 
 
-def further(at: RunAt, wait: Wait) -> list[Node]:
-    """The nodes that must come about before a wait is over; empty for a leaf, or if they are not
-    known.
-    """
+def prerequisites(at: RunAt, wait: Wait) -> list[Node]:
+    """Return the nodes that a wait is for; empty for a leaf, or if they are unknown."""
     number = wait.on.number
     if wait.is_leaf:
         return []
     if wait.kind is WaitKind.RESOURCE:
-        return _nodes(at, keepers_of(at, wait))
+        return _nodes(at, holders_of(at, wait))
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(number)
-        is_to_come = task is not None and task.time_of(wait.on.moment) > at.moment
+        is_pending = task is not None and task.time_of(wait.on.moment) > at.moment
     elif wait.kind is WaitKind.CHANGE:
-        is_to_come = number in at.tasks and at.tasks[number].state not in OVER
+        is_pending = number in at.tasks and at.tasks[number].state not in OVER
     elif wait.kind is WaitKind.REPLY:
         query = at.run.messages.get(number)
-        is_to_come = query is not None and query.received <= at.moment
+        is_pending = query is not None and query.received <= at.moment
     else:
         return [wait.on]
     on = wait.on if wait.kind is WaitKind.TASK else next_node(at, number)
-    return [on] if is_to_come else []
+    return [on] if is_pending else []
 
 
-def keepers_of(at: RunAt, wait: Wait) -> Keepers:
-    """The keepers of a resource from a queued message (RESOURCE) or a lock (LOCK)."""
+def holders_of(at: RunAt, wait: Wait) -> Holders:
+    """Return the holders of the resource for which a message (RESOURCE) or lock (LOCK) waits."""
     queueing, claim = wait.record, at.run.claims.get(wait.on.number)
     if isinstance(queueing, Queueing):
         message = at.run.messages.get(queueing.message_id)
         if message is not None:
-            return kept_out(at, queueing.module, queueing.resource, message)
+            return holders_for_message(at, queueing.module, queueing.resource, message)
     elif claim is not None and not at.is_granted(claim):
-        return ahead_of_claim(at, claim)
-    return Keepers()
+        return holders_for_claim(at, claim)
+    return Holders()
 
 
-def _nodes(at: RunAt, by: Keepers) -> list[Node]:
-    """A lock; or the runs of which the first that returns makes room: those that wait for nothing,
-    if there are any.
+def _nodes(at: RunAt, by: Holders) -> list[Node]:
+    """Return the nodes of holders: a lock, or the runs that do not wait themselves, else all runs.
+
+    The first run that returns frees a slot.
     """
     if by.claim is not None:
         return [Node(by.claim.id)]
-    free = [one for one in by.runs if not lately(one.waits, at.moment)]
+    free = [one for one in by.runs if not newest_active(one.waits, at.moment)]
     return [node_of(at.run, one) for one in free or by.runs]
 
 
 @remembered
 def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
-    """All that has to come about before a node does; and the kinds of its waits that are leaves."""
-    kept = _kept(at, node)
-    if kept is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
+    """Return the nodes that must come before a node, and the kinds of its waits that are leaves."""
+    blocking = _blocking(at, node)
+    if blocking is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
         return _of_claim(at, claim)
-    nodes = [one for wait in kept.waits for one in further(at, wait)] + kept.subtasks
-    return list(dict.fromkeys(nodes)), list(
-        dict.fromkeys(wait.kind for wait in kept.waits if wait.is_leaf)
-    )
+    nodes = [one for wait in blocking.waits for one in prerequisites(at, wait)]
+    nodes += blocking.subtasks
+    leaves = dict.fromkeys(wait.kind for wait in blocking.waits if wait.is_leaf)
+    return list(dict.fromkeys(nodes)), list(leaves)
 
 
 def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
-    """A lock that is wanted waits for all that is ahead of it. One in force waits for the handler,
-    or else the task, for which it was wanted; of a retried one until that is handled again. Outside
-    of handlers it waits for what its module waits for there.
+    """Return what a lock waits for.
+
+    A pending lock waits for its holders. A lock in force waits for the handler that requested it,
+    else for the end of that handler's task, or for its retry. A lock requested outside of handlers
+    waits for what its module waits for there.
     """
     if not at.is_granted(claim):
-        by = ahead_of_claim(at, claim)
+        by = holders_for_claim(at, claim)
         nodes = [node_of(at.run, one) for one in by.runs]
         return nodes + [Node(one.id) for one in (by.claim,) if one is not None], []
     if claim.by is None:
         sender = at.run.modules.get(claim.sender)
         nodes = []
-        for wait in lately(sender.waits, at.moment) if sender else ():
-            nodes += further(at, of_handler_wait(at.run, wait))
+        for wait in newest_active(sender.waits, at.moment) if sender else ():
+            nodes += prerequisites(at, of_handler_wait(at.run, wait))
         return nodes, [] if nodes else [WaitKind.LOCKED]
     task = at.tasks.get(claim.by.message_id)
     if claim.by.until > at.moment:
@@ -262,75 +256,72 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
 
 
 def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
-    """The constraints of tasks above that keep a task from what it comes to next, each with whose
-    it is.
-    """
-    way = [next_node(at, number)]
-    for node in way:  # grows while it is walked
-        for wait in _kept(at, node).waits:
-            if isinstance(wait.record, Hold) and node is not way[0]:
+    """Yield the constraints on ancestors that block a task's next node, each with the ancestor."""
+    path = [next_node(at, number)]
+    for node in path:  # the list grows during the loop
+        for wait in _blocking(at, node).waits:
+            if isinstance(wait.record, Hold) and node is not path[0]:
                 yield node.number, wait.record
-            way += [wait.on] * (wait.kind is WaitKind.PARENT)
+            path += [wait.on] * (wait.kind is WaitKind.PARENT)
 
 
-# --- as people are told ---------------------------------------------------------------------------
+# --- waits for display ----------------------------------------------------------------------------
 
 
 def waits_now(at: RunAt, number: int) -> list[Wait]:
-    """The waits of a message now. *start* is since when this is its cause: of a queued one, since
-    when the same keeps the resource busy. The newest of many subtasks stands for all but the first
-    ones.
+    """Return the current waits of a message, with the start of their current causes.
+
+    A wait in a queue starts when the current holders got the resource. Only the first subtasks are
+    listed, and the newest, which stands for the rest.
     """
-    kept = _kept(at, next_node(at, number))
-    waits = list(kept.waits)
-    waits += (_subtask(at.run, one) for one in kept.subtasks[:-1][:NAMED])
-    if kept.subtasks:
-        left = max(len(kept.subtasks) - NAMED - 1, 0)
-        waits.append(_subtask(at.run, kept.subtasks[-1], (inf,) * left))
+    blocking = _blocking(at, next_node(at, number))
+    waits = list(blocking.waits)
+    waits += (_subtask(at.run, one) for one in blocking.subtasks[:-1][:NAMED])
+    if blocking.subtasks:
+        left = max(len(blocking.subtasks) - NAMED - 1, 0)
+        waits.append(_subtask(at.run, blocking.subtasks[-1], (inf,) * left))
     task = at.run.tasks.get(number)
     if task is None:
-        return [_told(at, wait) for wait in waits]
+        return [_since_cause(at, wait) for wait in waits]
     place = task.place_at(at.moment)
     since, state = task.stage(place)
     if state is TaskState.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
-    told = []
+    shown = []
     for wait in waits:
         if is_of_state(wait, state):
             start = max(wait.start, since)
             in_all = min(begun_at(task, place), start)
-            told.append(wait._replace(start=start, since=in_all))
+            shown.append(wait._replace(start=start, since=in_all))
         else:
-            told.append(_told(at, wait))
-    return told
+            shown.append(_since_cause(at, wait))
+    return shown
 
 
-def _told(at: RunAt, wait: Wait) -> Wait:
-    """A wait since its cause is the cause."""
+def _since_cause(at: RunAt, wait: Wait) -> Wait:
+    """Return a wait with the start of its current cause."""
     start = wait.start
-    if wait.kind in _KEPT:
-        kept = kept_since(at, keepers_of(at, wait), start)
-        return wait._replace(start=kept, since=start)
+    if wait.kind in _HELD:
+        held = held_since(at, holders_of(at, wait), start)
+        return wait._replace(start=held, since=start)
     if wait.kind is WaitKind.CONDITION:
         start = max(start, _last_outcome(at, wait.on.number))
     return wait._replace(start=start, since=start)
 
 
 def _last_outcome(at: RunAt, monitor: int) -> float:
-    """Since when the condition of a monitor has held, or has not: the first of the tests in a row
-    that found it so.
-    """
+    """Return the first of the latest tests of a monitor's condition with the same outcome."""
     tests = at.run.tests.get(monitor, [])
     place = bisect_right(tests, at.moment, key=_SINCE)
     while place > 1 and tests[place - 2][1] == tests[place - 1][1]:
         place -= 1
-    return tests[place - 1][0] if place > 1 else -inf  # before the first one nothing else was known
+    return tests[place - 1][0] if place > 1 else -inf  # one test does not show a change
 
 
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
-    """The handlers under a suspended task that still work."""
+    """Yield waits for the handlers that still work under a suspended task."""
     now = at.tasks[task.id]
-    for run in at.ran_on(now):
+    for run in at.working_under(now):
         wait = lasting(run, WaitKind.RUNNING, node_of(at.run, run), 0)
         yield wait._replace(start=max(now.since, run.start))
 
@@ -339,33 +330,33 @@ def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
 
 
 class End(NamedTuple):
-    """The end of a chain of waits: it waits for nothing else. Ends sort by what is told first."""
+    """The end of a chain of waits: a node that does not wait. Ends sort by display order."""
 
     rank: int
-    """The place of its kind among ``_RANKS``."""
+    """The index of its kind in ``_RANKS``."""
     number: int
-    """The message, task or lock; of a circle the first one in it."""
+    """The message, task or lock; for a cycle, its member with the smallest number."""
 
     @property
     def kind(self) -> WaitKind | None:
-        """Why it waits for nothing else (None: the journal does not tell)."""
+        """The kind of the end (None: the journal does not contain the cause)."""
         return _RANKS[self.rank]
 
     @property
-    def goes_on(self) -> bool:
-        """Whether it is no wait where it is the task's own: it runs, or watches."""
+    def is_active(self) -> bool:
+        """Whether the node runs or watches, so that it does not wait."""
         return self.kind in (WaitKind.RUNNING, WaitKind.CONDITION)
 
 
 class Cause(NamedTuple):
-    """Something that tasks wait for in the end."""
+    """Something for which tasks wait in the end."""
 
     ends: tuple[End, ...]
-    """It; several, of messages of one name that nobody handles."""
+    """The ends: one, or several for unhandled messages of one name."""
     tasks: int
-    """How many wait for it."""
+    """The number of tasks that wait for it."""
     first: int
-    """The first task that does."""
+    """The first task that waits for it."""
 
 
 class Ends:
@@ -375,25 +366,29 @@ class Ends:
         self._at = at
         self._walk: walker.Ends[Node, End] = walker.Ends(self)
         self._left: int | None = None
-        """The number of waits that may be looked at (None: all)."""
+        """The number of steps that the walk may still take (None: any)."""
         self._awaited: set[Node] = set()
-        """All that something else waits for."""
+        """The nodes that others wait for."""
 
     @classmethod
     def at(cls, at: RunAt) -> "Ends":
-        """Those of a moment, as far as they have been looked for already."""
+        """Return the ends at a moment; ends already found are cached."""
         found: Ends = at.memo.setdefault(cls, cls(at))
         return found
 
     def of(self, number: int, within: int | None = None) -> tuple[End, ...]:
-        """The ends of a message's waits: the first ``MOST``, and one more if there are more.
-        Itself, if it waits for nothing that has a number; nothing, if there are more than so many
-        waits *within* which it was looked for.
+        """Return the ends of a message's waits: the first ``MOST``, and one more if there are more.
+
+        The message is its own end if it does not wait for another node.
+
+        Args:
+            number: The message.
+            within: The most steps to take; if they are not enough, no ends are returned.
         """
         return self.of_node(next_node(self._at, number), within)
 
     def of_node(self, node: Node, within: int | None = None) -> tuple[End, ...]:
-        """The ends of the waits of any node."""
+        """Return the ends of a node's waits."""
         self._left = within
         try:
             return self._walk.of(node)
@@ -401,7 +396,7 @@ class Ends:
             return ()
 
     def steps(self, node: Node) -> tuple[list[Node], list[End]]:
-        """One step of the walk."""
+        """Take one step of the walk; called by the walker."""
         if self._left is not None:
             self._left -= 1
             if self._left < 0:
@@ -414,15 +409,15 @@ class Ends:
 
     @staticmethod
     def circle(nodes: list[Node]) -> End:
-        """The end of those that wait for each other."""
+        """Return the end that stands for a cycle of waits."""
         return End(_RANK[WaitKind.CIRCLE], min(node.number for node in nodes))
 
     def members(self, circle: End) -> list[int]:
-        """All that wait for each other in a circle."""
+        """Return the members of a cycle."""
         return sorted({node.number for node in self._walk.circles[circle]})
 
     def last(self) -> set[End]:
-        """All ends that something else has been found to wait for."""
+        """Return all ends found so far that another node waits for."""
         known = (
             (to.number, self._walk.known[to][0]) for to in self._awaited if to in self._walk.known
         )
@@ -430,37 +425,39 @@ class Ends:
 
 
 def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
-    """How many tasks wait, for how many things in the end, and the things that most of them wait
-    for. What nobody handles counts once a name; a task counts for its first ``MOST`` ends.
+    """Return the number of waiting tasks, the number of causes, and the most important causes.
+
+    Unhandled messages of one name count as one cause; a task counts for its first ``MOST`` ends.
     """
     ends = Ends.at(at)
     waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
     for task in islice(at.run.tasks.values(), len(at.tasks)):
         if task.state_at(at.moment) not in OVER:
             found = ends.of(task.id)
-            if found[0].number != task.id or not found[0].goes_on:
-                if id(found) not in waiting:  # as they are all kept
+            if found[0].number != task.id or not found[0].is_active:
+                # Cached tuples have stable identities
+                if id(found) not in waiting:
                     waiting[id(found)] = found, []
                 waiting[id(found)][1].append(task.id)
     first: dict[End, int] = {}
-    things: dict[object, list[End]] = {}
+    by_key: dict[object, list[End]] = {}
     counts: Counter[object] = Counter()
     for found, tasks in waiting.values():
         first[found[0]] = min(tasks[0], first.get(found[0], tasks[0]))
-        for thing, end in {_thing(at, end): end for end in reversed(found)}.items():
-            things.setdefault(thing, []).append(end)
-            counts[thing] += len(tasks)
-    ranked = sorted(things, key=lambda thing: (-counts[thing], min(things[thing])))[:_TOLD]
-    told = [tuple(sorted(set(things[thing]))) for thing in ranked]
+        for key, end in {_cause_key(at, end): end for end in reversed(found)}.items():
+            by_key.setdefault(key, []).append(end)
+            counts[key] += len(tasks)
+    ranked = sorted(by_key, key=lambda key: (-counts[key], min(by_key[key])))[:_MOST_CAUSES]
+    shown = [tuple(sorted(set(by_key[key]))) for key in ranked]
     return (
         sum(len(tasks) for _, tasks in waiting.values()),
-        len({*things, *(_thing(at, end) for end in ends.last())}),
+        len({*by_key, *(_cause_key(at, end) for end in ends.last())}),
         [
-            Cause(one, counts[thing], first.get(one[0], one[0].number))
-            for one, thing in zip(told, ranked, strict=True)
+            Cause(one, counts[key], first.get(one[0], one[0].number))
+            for one, key in zip(shown, ranked, strict=True)
         ],
     )
 
 
-def _thing(at: RunAt, end: End) -> object:
+def _cause_key(at: RunAt, end: End) -> object:
     return at.run.name(end.number) if end.kind is WaitKind.HANDLER else end

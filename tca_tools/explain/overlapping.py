@@ -1,6 +1,4 @@
-"""Records of a task that has many, by when they go on: looking at one moment then costs no walk
-through all. Pure.
-"""
+"""Find the records of a task that are active in a span, in O(log n) if the task has many. Pure."""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -13,41 +11,41 @@ from tca_wire.points import END_ACHIEVING, TaskId
 
 _T = TypeVar("_T")
 _FEW = 16
-"""Records that are looked through one by one."""
+"""Up to this number of records, all are returned: a search would cost more."""
 
 
 def children_within(
     run: Run, task: Task, moment: int, start: float, end: float
 ) -> Sequence[TaskId]:
-    """The tasks right under a task, but for some that were sent after *end* or had reached a moment
-    by *start*.
+    """Return the children of a task, without some that were sent after *end* or had reached the
+    moment by *start*.
     """
     return _within(run, task.children, (task.id, moment), moment, start, end)
 
 
 def called_within(run: Run, task: Task, start: float, end: float) -> Sequence[TaskId]:
-    """The exception handlers of a task, but for some that were called after *end* or had ended by
-    *start*.
+    """Return the exception handlers of a task, without some that were called after *end* or had
+    ended by *start*.
     """
     return _within(run, task.caught_by, (called_within, task.id), END_ACHIEVING, start, end)
 
 
 def _within(
-    run: Run, some: Sequence[TaskId], key: object, moment: int, start: float, end: float
+    run: Run, tasks: Sequence[TaskId], key: object, moment: int, start: float, end: float
 ) -> Sequence[TaskId]:
-    if len(some) <= _FEW:
-        return some
+    if len(tasks) <= _FEW:
+        return tasks
 
     def span(number: TaskId) -> tuple[float, float]:
         known = run.tasks.get(number)
         return run.sent(number), known.time_of(moment) if known else inf
 
-    return worked_out(run, key, lambda: Overlaps(some, span)).within(start, end)
+    return cached(run, key, lambda: Overlaps(tasks, span)).within(start, end)
 
 
 def has_many(task: Task) -> bool:
-    """Whether so much happened to a task that a look through all of it takes long."""
-    some = (
+    """Whether a task has too many records to read all of them each time."""
+    records = (
         task.stages,
         task.handlings,
         task.queueings,
@@ -55,12 +53,12 @@ def has_many(task: Task) -> bool:
         task.suspensions,
         task.caught_by,
     )
-    return sum(map(len, some)) > 2 * _FEW
+    return sum(map(len, records)) > 2 * _FEW
 
 
-def worked_out(run: Run, key: object, work_out: Callable[[], _T]) -> _T:
-    """A result that holds as long as nothing more happens in the run."""
+def cached(run: Run, key: object, compute: Callable[[], _T]) -> _T:
+    """Return a result, computed again only after the run has got new entries."""
     known: tuple[int, _T] | None = run.memo.get(key)
     if known is None or known[0] != len(run.times):
-        known = run.memo[key] = len(run.times), work_out()
+        known = run.memo[key] = len(run.times), compute()
     return known[1]

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from tca_tools.explain.deciding import calls, decisions, passed_on, retried
 from tca_tools.explain.wait_words import (
+    describe_event,
     for_claim,
     in_queue,
-    of_ahead,
     of_query,
     suspended,
     told,
@@ -43,28 +43,29 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import NAMED, WaitFor, WaitKind
 
 NOT_HANDLED = "no exception handler handled that"
-"""Of a task that failed and was killed for that: how it failed is said already."""
+"""The reason of a kill after a failure, which the story already describes."""
 _START = attrgetter("start")
 _SHORTEST = 0.0005
-"""Seconds: of what has just begun no length is said."""
+"""Shorter durations so far, in seconds, are not shown."""
 _BAD = {TaskState.FAILED, TaskState.KILLED}
-_IS_TOLD = {*_BAD, TaskState.QUEUED, TaskState.HANDLING, TaskState.SUSPENDED}
-"""States of which other sentences tell."""
+_DESCRIBED = {*_BAD, TaskState.QUEUED, TaskState.HANDLING, TaskState.SUSPENDED}
+"""States that other sentences describe."""
 
 
 class Sentence(NamedTuple):
-    """Something that happened: when, and how long it took (None: it goes on, or took no time)."""
+    """One event or span in the story of a message."""
 
     time: float
     begun: str
-    """The part that is known from its beginning on."""
+    """The part of the text that is known at the start."""
     seconds: float | None = None
+    """The duration; None for an event, and for a span that has not ended."""
     is_open: bool = False
-    """Whether it goes on when the journal ends."""
+    """Whether the span had not ended when the journal ended."""
     ending: str = ""
-    """How it ended, behind that."""
+    """The part of the text that is known at the end."""
     is_bad: bool = False
-    """Whether it says that the message failed or was killed."""
+    """Whether the message failed or was killed."""
 
     @property
     def text(self) -> str:
@@ -72,57 +73,61 @@ class Sentence(NamedTuple):
         return self.begun + self.ending
 
     def known(self, moment: float) -> "Sentence":
-        """The sentence as known at a moment: without a later end."""
-        goes_on = self.seconds is not None and self.time + self.seconds > moment
-        if self.is_open or goes_on:
+        """Return the sentence as known at a moment, without a later end."""
+        ends_later = self.seconds is not None and self.time + self.seconds > moment
+        if self.is_open or ends_later:
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
     def by(self, moment: float, time: float) -> str:
-        """The text as known at a moment, when the clock showed *time*: with how long it took, or
-        has so far.
+        """Return the text as known at a moment, with the duration until its end or so far.
+
+        Args:
+            moment: The moment, as a time of an entry.
+            time: The same on the entries' clock.
         """
         so_far = time - self.time
         if self.known(moment).is_open:
-            return self.begun + f", {so_far:.3f} s so far" * (so_far >= _SHORTEST)
-        took = "" if self.seconds is None else f", {self.seconds:.3f} s"
-        return self.text + took
+            return self.begun + (f", {so_far:.3f} s so far" if so_far >= _SHORTEST else "")
+        return self.text + ("" if self.seconds is None else f", {self.seconds:.3f} s")
 
 
 Sentences = Iterator[Sentence]
 
 
 def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
-    took = None if end == inf else end - start
-    return Sentence(start, text, took, took is None, ending)
+    seconds = None if end == inf else end - start
+    return Sentence(start, text, seconds, seconds is None, ending)
 
 
 def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
-    """All that happened to a message or task, in order; nothing of one that is unknown. What had
-    begun at *moment* is told as it was known then, but for how it ended: that is Sentence's.
+    """Return the story of a message or task in order; [] if it is unknown.
+
+    Sentences that started by *moment* describe the state as known then, and have the later end in
+    ``ending``.
     """
     message = run.messages.get(message_id)
     if message is None:
         return []
-    told = [_birth(run, message), *_failures(run, message, moment)]
+    found = [_birth(run, message), *_failures(run, message, moment)]
     for time, why in message.became("dropped"):
         if why:
-            told.append(Sentence(time, f"{_ended_so(message, time)}: {why}"))
+            found.append(Sentence(time, f"{_dropped(message, time)}: {why}"))
     if isinstance(message, Task):
-        told += _exception_handlers(run, message, moment)
-        told += _suspensions(run, message, moment)
-        told += _changes(message, moment)
-        told += _kills(message)
-        told += _tests(run, message, moment)
-        told += _plans(run, message)
-        told += _preview(run, message)
-    told += _waits_in_queues(run, message, moment)
+        found += _exception_handlers(run, message, moment)
+        found += _suspensions(run, message, moment)
+        found += _changes(message, moment)
+        found += _kills(message)
+        found += _tests(run, message, moment)
+        found += _plans(run, message)
+        found += _preview(run, message)
+    found += _waits_in_queues(run, message, moment)
     for handling in message.handlings:
-        told += _run(RunAt(run, moment), handling)
+        found += _run(RunAt(run, moment), handling)
     if isinstance(message, Task):
-        told += _states(run, message, moment)
-    # at one time: what happened before what follows from it
-    return sorted(told, key=attrgetter("time"))
+        found += _states(run, message, moment)
+    # The sort is stable: at one time, causes come before their effects
+    return sorted(found, key=attrgetter("time"))
 
 
 def _birth(run: Run, message: Message) -> Sentence:
@@ -154,10 +159,10 @@ def _failures(run: Run, message: Message, moment: float) -> Sentences:
 
 
 def _kills(task: Task) -> Sentences:
-    """When it was killed, or watched no longer."""
+    """Yield when it was killed, or stopped watching."""
     for time, why in task.became("watched"):
         if why:
-            yield Sentence(time, f"watches no longer: {why}")
+            yield Sentence(time, f"stops watching: {why}")
     for time, why in task.became("killed"):
         if why is not None:
             reason = kill_reason(why, task.was("killed_by", time))
@@ -166,42 +171,38 @@ def _kills(task: Task) -> Sentences:
             yield Sentence(time, f"killed: {reason}", is_bad=True)
 
 
-def _ended_so(query: Message, given_up: float) -> str:
-    """Whether it came to nothing: a multi-query that is given up ends with the answers that there
-    are.
-    """
+def _dropped(query: Message, given_up: float) -> str:
+    """Return the end of a message that was dropped; a multi-query retains the answers it got."""
     answers = [
         one for one in query.handlings if one.outcome is Outcome.DONE and one.until < given_up
     ]
     has_some = query.message_class.asks_many and query.was_given_up and answers
-    return "ended with the answers that had come" if has_some else "came to nothing"
+    return "ended with the answers received" if has_some else "dropped"
 
 
 def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
-    """Those that were called for it, those that were not, and what came of that; or what it decided
-    as one.
-    """
+    """Yield the calls of exception handlers and their outcomes; its own decisions, if it is one."""
     later = nextafter(moment, inf)
     for call in (*calls(RunAt(run, moment), task, end=later), *calls(RunAt(run), task, later)):
         yield Sentence(call.time, f"exception handler {call.text}")
-    what = f"the failure of {run.describe(task.parent)}"
-    yield from (Sentence(*one) for one in passed_on(run, task.id, what))
+    failure = f"the failure of {run.describe(task.parent)}"
+    yield from (Sentence(*one) for one in passed_on(run, task.id, failure))
     for retry in task.retries:
         yield Sentence(retry.time, retried(run, task, retry))
     yield from (Sentence(*one) for one in decisions(run, task))
 
 
 def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
-    """When it was suspended and resumed, and which handlers ran on."""
+    """Yield when it was suspended and resumed, and the handlers that were still running."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
         text = suspended(one)
-        if one.end is None or one.is_resumed or one.goes_on(moment):
+        if one.end is None or one.is_resumed or one.is_active(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
             text += f" with {cause}"
         yield _lasting(one.start, one.until, text)
-        for handling in one.still:
+        for handling in one.handlings:
             number = handling.message_id
             if handling.start < one.start and task.id in (number, one.cause):
                 who = "its handler" if number == task.id else run.describe(number)
@@ -211,15 +212,13 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
 
 
 def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
-    """The results of a monitor's condition; tests with the same outcome, one after the other, are
-    one sentence.
-    """
+    """Yield the results of a monitor's tests; a row of equal results is one sentence."""
 
     def outcome(test: tuple[float, bool]) -> tuple[bool, bool]:
         return test[0] <= moment, test[1]
 
-    for (_, holds), some in groupby(run.tests.get(monitor.id, ()), key=outcome):
-        first, *more = [time for time, _ in some]
+    for (_, holds), tests in groupby(run.tests.get(monitor.id, ()), key=outcome):
+        first, *more = [time for time, _ in tests]
         text = f"its condition {'holds' if holds else 'does not hold'}"
         if more:
             yield _lasting(first, more[-1], text, f", {1 + len(more)} times")
@@ -228,46 +227,44 @@ def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
 
 
 def _changes(task: Task, moment: float) -> Sentences:
-    """The requests of clients, the answers to them, and intermediate results: one after the other,
-    these are told together.
-    """
+    """Yield the requests of clients, the replies, and the intermediate results, a row as one."""
 
     def kind(one: LifeChange) -> tuple[bool, object]:
         return one.time <= moment, one.effect is Effect.RESULT and one.transition
 
     for (_, are_results), changes in groupby(task.life, key=kind):
-        first, *more = some = list(changes)
+        first, *more = row = list(changes)
         if are_results and more:
             last = more[-1]
-            ending = f", {len(some)} times; the last: {data_text(last.body)}"
+            ending = f", {len(row)} times; the last: {data_text(last.body)}"
             yield _lasting(first.time, last.time, str(first), ending)
             continue
-        for one in some:
+        for one in row:
             data = data_text(one.body)
             yield Sentence(one.time, f"{one}: {data}" if data else str(one))
 
 
 def _preview(run: Run, task: Task) -> Sentences:
-    """How long it was ahead of its state, and what became of that."""
+    """Yield how long it was early work, and whether that was kept."""
     if (sent := agent_task(run, task)) is None:
         return
-    ending = ", which is entered: kept"
+    ending = ", kept: the state is entered"
     if sent.is_wasted:
-        ending = ", and wasted: that does not follow"
+        ending = ", wasted: the state is not entered"
     ahead = f"ahead of the state '{sent.state}'"
     for (time, role), (until, _) in pairwise([*sent.roles, (inf, None)]):
         if role is TaskRole.AHEAD:
             yield _lasting(time, until, ahead, ending)
         elif role is TaskRole.RESTORING:
-            yield Sentence(time, f"undoes what was wasted {ahead}")
+            yield Sentence(time, f"undoes wasted work {ahead}")
 
 
 def _plans(run: Run, task: Task) -> Sentences:
-    """Its deadlines, and the kills that were to come."""
+    """Yield its deadlines and planned kills."""
     for one in run.ahead.get(task.id, ()):
         at = RunAt(run, one.set_at)
-        if said := of_ahead(at, at.tasks[task.id], one):
-            yield Sentence(one.set_at, said)
+        if text := describe_event(at, at.tasks[task.id], one):
+            yield Sentence(one.set_at, text)
 
 
 # --- queues and handlers --------------------------------------------------------------------------
@@ -276,12 +273,12 @@ def _plans(run: Run, task: Task) -> Sentences:
 def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
-            continue  # it passed through, to a handler that was free
-        told = "no module handles it"
+            continue  # a handler was free
+        text = "no module handles it"
         if queueing.module:
             until = moment if queueing.start <= moment else inf
-            told = f"queued {in_queue(run, queueing, message, until)}"
-        yield _lasting(queueing.start, queueing.until, told)
+            text = f"queued {in_queue(run, queueing, message, until)}"
+        yield _lasting(queueing.start, queueing.until, text)
 
 
 def _run(at: RunAt, handling: Handling) -> Sentences:
@@ -295,65 +292,63 @@ def _run(at: RunAt, handling: Handling) -> Sentences:
             yield from _claim(at, wait, claim)
         else:
             yield _wait(at, wait)
-    yield from _questions(at, handling)
+    yield from _queries(at, handling)
 
 
 def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
-    """A lock that a handler waits for, and has."""
+    """Yield a handler's wait for a lock, and how long it has the lock."""
     if claim.granted != wait.start:
         until = at.moment if wait.start <= at.moment else inf
-        told = for_claim(at.run, wait, claim, until)
-        yield _lasting(wait.start, wait.until, f"its handler waits {told}")
+        text = for_claim(at.run, wait, claim, until)
+        yield _lasting(wait.start, wait.until, f"its handler waits {text}")
     if claim.granted is not None:
         yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")
 
 
 def awaited(run: Run, wait: HandlerWait) -> str:
-    """The thing a handler waited for when it began to: ``for the reply to next stance {7}``."""
+    """Return what a handler waited for at the start: ``for the reply to next stance {7}``."""
     return in_words(wait_for(RunAt(run, wait.start), of_handler_wait(run, wait)))
 
 
 def _plain(run: Run, wait: HandlerWait) -> WaitFor:
-    """The thing a handler waited for, without where that was."""
+    """Return what a handler waited for, without its place."""
     kind, name = of_handler_wait(run, wait).kind, wait.name or run.name(wait.awaited)
     return WaitFor(kind, wait.awaited, name, int(wait.moment or 0))
 
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     run = at.run
-    what = _plain(run, wait)
-    if wait.goes_on(at.moment):
-        what = wait_for(at, of_handler_wait(run, wait))
-    sentence = _lasting(wait.start, wait.until, f"its handler waits {in_words(what)}")
-    if circle := run.deadlock(wait):
-        took = sentence.seconds if wait.end != wait.start else None
-        return sentence._replace(seconds=took, ending=f", and is refused: {circle}")
+    cause = _plain(run, wait)
+    if wait.is_active(at.moment):
+        cause = wait_for(at, of_handler_wait(run, wait))
+    sentence = _lasting(wait.start, wait.until, f"its handler waits {in_words(cause)}")
+    if cycle := run.deadlock(wait):
+        seconds = sentence.seconds if wait.end != wait.start else None
+        return sentence._replace(seconds=seconds, ending=f", and is refused: {cycle}")
     query = None if wait.moment else run.messages.get(wait.awaited)
     if query is None or wait.end is None:
         return sentence
     ending = ""
     if query.was_given_up:
         asked = of_query(RunAt(run, nextafter(wait.end, 0.0)), query)
-        ending = f", and gives up: {whereabouts(asked) if asked.because else 'no answer came'}"
-    elif failure := _failure_told(query, wait.end):
+        ending = f", and gives up: {whereabouts(asked) if asked.because else 'no answer arrived'}"
+    elif failure := _failure_of(query, wait.end):
         ending = f", which fails: {failure}"
     return sentence._replace(ending=ending)
 
 
-def _failure_told(query: Message, moment: float) -> str:
-    """With what a query had failed, in a line; "" if it had not. Of a question to many single
-    failures say nothing.
-    """
+def _failure_of(query: Message, moment: float) -> str:
+    """Return the failure of a query in one line; "" for none, and for a multi-query."""
     if not query.message_class.asks_one:
         return ""
     return first_line(query.was("failure", moment))
 
 
-def _questions(at: RunAt, handling: Handling) -> Sentences:
-    """The queries for whose replies it did not wait, or later."""
+def _queries(at: RunAt, handling: Handling) -> Sentences:
+    """Yield the queries whose replies the handler did not await, or only later."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
-        text, fetched = f"its handler asked {query}, and goes on", first.get(query.id)
+        text, fetched = f"its handler asked {query}, and continues", first.get(query.id)
         if fetched is not None and fetched.start <= max(at.moment, query.received):
             if fetched.start > query.received:
                 yield _lasting(query.received, fetched.start, text)
@@ -364,7 +359,7 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
         now = of_query(at, query)
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
-        failure = _failure_told(query, end) if end < inf else ""
+        failure = _failure_of(query, end) if end < inf else ""
         yield _lasting(query.received, end, text, f"; it fails: {failure}" if failure else "")
 
 
@@ -372,7 +367,7 @@ def _questions(at: RunAt, handling: Handling) -> Sentences:
 
 
 def _states(run: Run, task: Task, moment: float) -> Sentences:
-    """The states that nothing else tells of, with what ended them or keeps them up."""
+    """Yield the states that other sentences do not describe, with their causes."""
     waits, at = waits_for_display(run, task, together=True), RunAt(run, moment)
     starts = [one.start for one in waits]
     state = TaskState.HELD
@@ -381,26 +376,24 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
         if end - start < NO_TIME:
             continue
         if state in OVER:
-            went_on = state is TaskState.FAILED and task.killed is None
-            if before is TaskState.ENDING or (went_on and task.written("failure", start) < start):
+            survived = state is TaskState.FAILED and task.killed is None
+            if before is TaskState.ENDING or (survived and task.written("failure", start) < start):
                 yield Sentence(start, "has ended")
-            elif state not in _IS_TOLD:
+            elif state not in _DESCRIBED:
                 yield Sentence(start, str(state))
             continue
-        if state in _IS_TOLD:
+        if state in _DESCRIBED:
             continue
-        kept = waits[bisect_left(starts, start) : bisect_left(starts, end)]
-        is_at_work = any(isinstance(one.record, Handling) for one in kept)
-        if not kept or (state is TaskState.PLANNING and is_at_work):
+        causes = waits[bisect_left(starts, start) : bisect_left(starts, end)]
+        is_at_work = any(isinstance(one.record, Handling) for one in causes)
+        if not causes or (state is TaskState.PLANNING and is_at_work):
             yield _lasting(start, end, str(state))
         else:
-            yield from _in_state(at, task, state, kept)
+            yield from _in_state(at, task, state, causes)
 
 
 def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentences:
-    """The waits of a task in a state; many waits that ended before it came to that state are told
-    together.
-    """
+    """Yield the waits of a task in a state; waits with the same kind and start share a sentence."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
     yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}
@@ -408,9 +401,9 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
         if not any(one.start <= wait.start < one.end for one in watched):
             groups.setdefault((wait.kind, wait.on.moment, wait.start), []).append(wait)
     for group in groups.values():
-        is_told_at_once = len(group) > NAMED or group[0].kind is WaitKind.SUBTASK
-        for some in [group] if is_told_at_once else [[one] for one in group]:
-            yield _of_group(at, task, state, some)
+        is_one_sentence = len(group) > NAMED or group[0].kind is WaitKind.SUBTASK
+        for part in [group] if is_one_sentence else [[one] for one in group]:
+            yield _of_group(at, task, state, part)
 
 
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
@@ -422,9 +415,7 @@ def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
-    """Which of what it waited for failed or was killed instead: whatever is reaches all moments at
-    once.
-    """
+    """Return which awaited tasks failed or were killed: such a task reaches all moments at once."""
     if end == inf or (task.killed is not None and task.written("killed") <= end):
         return ""
     bad = []
@@ -434,4 +425,6 @@ def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
             time, state = one.stage(-1)
             if time == wait.end and state in _BAD:
                 bad.append(str(one))
-    return f", but {listed(bad)} came to nothing" if bad else ""
+    if not bad:
+        return ""
+    return f", but {listed(bad)} {'was' if len(bad) == 1 else 'were'} not achieved"

@@ -1,9 +1,8 @@
-"""Waits as people are told of them: names are filled in, what keeps a resource busy, and what all
-waits lead to.
+"""Waits for display: with names, with the holders of resources, and with the ends of all waits.
 
-Here a ``Wait`` becomes a ``WaitFor``; the words of that are in tca_wire/text/waits_in_words.py.
-``reasons`` are the clauses of what a task waits for now, ``in_the_end`` is what they lead to,
-``coming`` what is to happen to it.
+This turns a ``Wait`` into a ``WaitFor``, whose words are in tca_wire/text/waits_in_words.py.
+``reasons`` describes the current waits of a task, ``in_the_end`` the end of all waits, and
+``coming`` the planned events of a task.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,18 +11,24 @@ from typing import NamedTuple, TypeVar
 
 from msgspec.structs import replace
 
-from tca_tools.explain.graph import End, Ends, keepers_of, next_node, steps, waits_now
-from tca_tools.explain.keepers import Keepers, WaitPart, kept_out, parts_in_queue, parts_of_claim
+from tca_tools.explain.graph import End, Ends, holders_of, next_node, steps, waits_now
+from tca_tools.explain.holders import (
+    Holders,
+    WaitPart,
+    holders_for_message,
+    parts_in_queue,
+    parts_of_claim,
+)
 from tca_tools.explain.waits import Wait
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import (
     OVER,
     Claim,
-    EventAhead,
     HandlerWait,
     Handling,
     Hold,
     Message,
+    PlannedEvent,
     Queueing,
     Suspension,
     TaskState,
@@ -47,20 +52,24 @@ _T = TypeVar("_T")
 
 
 class Age(NamedTuple):
-    """Since when something is so."""
+    """The starts of a wait."""
 
     since: float
-    """Since when its cause is the cause."""
+    """The start of the current cause."""
     begun: float
-    """Since when it waits in all, for whatever reason."""
+    """The start of the uninterrupted waiting, for any causes."""
 
 
 # --- a wait, with names ---------------------------------------------------------------------------
 
 
 def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
-    """Waits with names; of many of one kind the first ones, and how many more there are. *however*:
-    until tasks end, in whatever way.
+    """Return waits with names; of many of one kind, the first ones and the number of others.
+
+    Args:
+        at: The run at a moment.
+        waits: The waits.
+        however: Whether the awaited subtasks must just end, with any outcome.
     """
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
@@ -77,20 +86,20 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
 
 
 _ALONE = {WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, WaitKind.LISTENER}
-"""Each is told with what keeps it up."""
+"""Kinds that are not grouped, since each wait has its own causes."""
 
 
 def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
-    """One wait with names, and with what keeps a resource or a query busy at that moment."""
+    """Return a wait with names, and with the current holders of its resource or query."""
     number, kind, record = wait.on.number, wait.kind, wait.record
     if isinstance(record, Queueing):
-        return of_queueing(at, keepers_of(at, wait), record)
+        return of_queueing(at, holders_of(at, wait), record)
     if isinstance(record, Hold):
         return _of_constraint(at, kind, record)
     if kind is WaitKind.REPLY and number in at.run.messages:
         return of_query(at, at.run.messages[number])
     if kind is WaitKind.LOCK:
-        return of_claim(at, keepers_of(at, wait), at.run.claims[number])
+        return of_claim(at, holders_of(at, wait), at.run.claims[number])
     if kind is WaitKind.CONDITION:
         return _of_condition(at, number)
     moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
@@ -99,9 +108,9 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
-    by, since_birth = (
-        (record.by, record.since_birth) if isinstance(record, Suspension) else ("", False)
-    )
+    by, since_birth = "", False
+    if isinstance(record, Suspension):
+        by, since_birth = record.by, record.since_birth
     return WaitFor(kind, number, name, moment, by, since_birth=since_birth)
 
 
@@ -125,8 +134,9 @@ def _of_condition(at: RunAt, monitor: int) -> WaitFor:
 
 
 def of_query(at: RunAt, query: Message) -> WaitFor:
-    """A query that is waited for, with where it is; of one to many how many have answered, and
-    where the others are.
+    """Return the wait for a query with its place.
+
+    For a multi-query, it has the number of answers and the places of the other copies.
     """
     reply = WaitFor(WaitKind.REPLY, query.id, query.name)
     if query.answered is not None and query.answered <= at.moment:
@@ -141,21 +151,21 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
         runs = [run] if run and not queueing else []
     where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
     for one in queueings:
-        by = kept_out(at, one.module, one.resource, query) if one.module else Keepers()
+        by = holders_for_message(at, one.module, one.resource, query) if one.module else Holders()
         where.append(of_queueing(at, by, one))
     return replace(reply, answered=answered, because=tuple(where))
 
 
-def of_claim(at: RunAt, by: Keepers, claim: Claim) -> WaitFor:
-    """A lock or reservation that is waited for."""
+def of_claim(at: RunAt, by: Holders, claim: Claim) -> WaitFor:
+    """Return the wait for a lock or reservation."""
     because = _because(at, by)
     return WaitFor(
         WaitKind.LOCK, claim.id, _called(claim), 0, claim.module, claim.resource, because=because
     )
 
 
-def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
-    """A stay in a queue, with what keeps the resource busy."""
+def of_queueing(at: RunAt, by: Holders, queueing: Queueing) -> WaitFor:
+    """Return the wait in a queue, with the holders of the resource."""
     module, resource, because = queueing.module, queueing.resource, _because(at, by)
     if not module:
         return WaitFor(WaitKind.HANDLER, name=at.run.name(queueing.message_id))
@@ -165,35 +175,35 @@ def of_queueing(at: RunAt, by: Keepers, queueing: Queueing) -> WaitFor:
 
 
 def in_queue(run: Run, queueing: Queueing, message: Message, until: float = inf) -> str:
-    """A stay in a queue in words, cut by the causes that it had by then."""
+    """Return the wait in a queue in words, divided by its causes until a time."""
     return _by_cause(run, parts_in_queue(run, queueing, message), of_queueing, queueing, until)
 
 
 def for_claim(run: Run, wait: HandlerWait, claim: Claim, until: float = inf) -> str:
-    """The wait for a lock or reservation in words, cut by the causes that it had by then."""
+    """Return the wait for a lock or reservation in words, divided by its causes until a time."""
     return _by_cause(run, parts_of_claim(run, wait, claim), of_claim, claim, until)
 
 
 def _by_cause(
     run: Run,
     parts: list[WaitPart],
-    made: Callable[[RunAt, Keepers, _T], WaitFor],
+    wait_of: Callable[[RunAt, Holders, _T], WaitFor],
     record: _T,
     until: float,
 ) -> str:
     known = [
-        (made(RunAt(run, start), by, record), min(end, until, run.time) - start)
+        (wait_of(RunAt(run, start), by, record), min(end, until, run.time) - start)
         for start, end, by in parts
         if start <= until
     ]
     return causes_in_words(known)
 
 
-def _because(at: RunAt, by: Keepers) -> tuple[WaitFor, ...]:
+def _because(at: RunAt, by: Holders) -> tuple[WaitFor, ...]:
     running = [_of_message(at, WaitKind.RUNNING, run) for run in by.runs[:NAMED]]
     found = first_ones(running, len(by.runs))
     if by.claim is not None:
-        found.append(_keeper(at, by.claim))
+        found.append(_of_holder(at, by.claim))
     return tuple(found)
 
 
@@ -201,14 +211,14 @@ def _of_message(at: RunAt, kind: WaitKind, run: Handling) -> WaitFor:
     return WaitFor(kind, run.message_id, at.run.name(run.message_id))
 
 
-def _keeper(at: RunAt, claim: Claim) -> WaitFor:
-    """The holder of a claim on a resource, or the first in line for it; and its message."""
+def _of_holder(at: RunAt, claim: Claim) -> WaitFor:
+    """Return the lock in force on a resource, or the first pending one, with its message."""
     kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
-    whose: tuple[WaitFor, ...] = ()
+    because: tuple[WaitFor, ...] = ()
     if claim.by is not None:
         how = WaitKind.RUNNING if claim.by.until > at.moment else WaitKind.TASK
-        whose = (_of_message(at, how, claim.by),)
-    return WaitFor(kind, claim.id, _called(claim), 0, claim.sender, claim.resource, because=whose)
+        because = (_of_message(at, how, claim.by),)
+    return WaitFor(kind, claim.id, _called(claim), 0, claim.sender, claim.resource, because=because)
 
 
 def _called(claim: Claim) -> str:
@@ -219,45 +229,43 @@ def _called(claim: Claim) -> str:
 
 
 def reasons(at: RunAt, task: TaskAt) -> list[str]:
-    """The reasons why a task waits, in words that go behind ``how``: ``["until take steps {2} is
-    achieved"]``.
-    """
+    """Return why a task waits, to follow ``how``: ``["until take steps {2} is achieved"]``."""
     return clauses(named_waits_now(at, task, shown(at, task)))
 
 
 def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
-    """The waits of a task now, with names."""
+    """Return the current waits of a task with names."""
     return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
-    """The waits of a task as shown: without running handlers, which the states show."""
+    """Return the current waits of a task without its own handler, which its state shows."""
     waits = waits_now(at, task.id)
     if task.state is TaskState.ENDING:
         return waits
-    kept = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
-    return [one for one in kept if with_children or one.kind is not WaitKind.SUBTASK]
+    others = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
+    return [one for one in others if with_children or one.kind is not WaitKind.SUBTASK]
 
 
 def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
-    """The queries that its handler has sent, and goes on, without their replies."""
+    """Return the unanswered queries of a handler that does not wait for them."""
     if task.waits or not task.handling:
         return []
     return [of_query(at, query) for query in task.asking[:NAMED]]
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
-    """The words before the reasons of a task: "waits", "watches"."""
+    """Return the word before the reasons of a task: "waits" or "watches"."""
     return "watches" if task.watches and task.state is not TaskState.ENDING else verb
 
 
 def suspended(one: Suspension) -> str:
-    """``suspended by panel``."""
+    """Return ``suspended by panel``."""
     return suspended_by(one.by, since_birth=one.since_birth)
 
 
 def age_of(waits: list[Wait]) -> Age | None:
-    """Since when a task waits for all of these, and since when it waits in all."""
+    """Return the starts of a task's waits; None if it does not wait."""
     if not waits:
         return None
     return Age(max(one.start for one in waits), min(one.since for one in waits))
@@ -272,48 +280,50 @@ class Last(NamedTuple):
     thing: str
     number: int
     which: str
-    """Why it waits for nothing else, behind its name: "no module handles", "is suspended"."""
+    """Why it does not wait for another node: "no module handles", "is suspended"."""
     more: int
-    """How many others there are."""
+    """The number of other ends."""
 
     def __str__(self) -> str:
-        at_least = "at least " * (self.more >= MOST)
-        others = (
-            f", and for {at_least}{counted(min(self.more, MOST), 'other')}" if self.more else ""
-        )
-        return f"for {self.thing}, which {self.which}{others}"
+        text = f"for {self.thing}, which {self.which}"
+        if not self.more:
+            return text
+        at_least = "at least " if self.more >= MOST else ""
+        return f"{text}, and for {at_least}{counted(min(self.more, MOST), 'other')}"
 
 
 def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | None:
-    """The end of a task's waits; None if it waits for nothing else, if ``reasons`` say as much, or
-    if it is not found *within* so many waits.
+    """Return the end of a task's waits; None if ``reasons`` already describe it.
+
+    Args:
+        at: The run at a moment.
+        task: The task.
+        within: The most steps to take to find the end; None if it is not found.
     """
     if task.state in OVER:
         return None
     ends = Ends.at(at).of(task.id, within)
     if ends and ends[0].kind is not WaitKind.CIRCLE:
         ends = tuple(end for end in ends if end.number != task.id)
-    if not ends or _is_said(at, task, ends):
+    if not ends or _is_described(at, task, ends):
         return None
     return last_of(at, ends[0], len(ends) - 1)
 
 
-def _is_said(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
-    """Whether each is what it waits for next, and no more is to be said of it than is said
-    there.
-    """
+def _is_described(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
+    """Whether the current waits of a task describe all ends of its waits."""
     nexts, _ = steps(at, next_node(at, task.id))
-    said = {one.number for one in nexts}
-    for number in said & at.run.claims.keys():
+    described = {one.number for one in nexts}
+    for number in described & at.run.claims.keys():
         claim = at.run.claims[number]
-        # who has it is told, or what keeps the task from it
+        # The description of a claim names its holder
         if at.is_granted(claim) or claim.by is task.handling:
-            said |= {one.number for one in steps(at, next_node(at, number))[0]}
-    return all(end.number in said and _is_plain(at, task, end) for end in ends)
+            described |= {one.number for one in steps(at, next_node(at, number))[0]}
+    return all(end.number in described and _is_plain(at, task, end) for end in ends)
 
 
 def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
-    """Whether there is nothing to say of it but its name."""
+    """Whether the name of an end is its whole description."""
     if end.kind is WaitKind.RESUME:
         return task.state is TaskState.SUSPENDED
     is_plain = end.kind in (None, WaitKind.RUNNING, WaitKind.LOCKED)
@@ -321,25 +331,20 @@ def _is_plain(at: RunAt, task: TaskAt, end: End) -> bool:
 
 
 def last_of(at: RunAt, end: End, more: int = 0) -> Last:
-    """One end in words, and how many more there are."""
+    """Return the description of an end, with the number of other ends."""
     claim = at.run.claims.get(end.number)
     if claim:
-        return Last(
-            f"the {claim}",
-            end.number,
-            f"{claim.sender} {'has' if at.is_granted(claim) else 'waits for'}",
-            more,
-        )
+        verb = "has" if at.is_granted(claim) else "waits for"
+        return Last(f"the {claim}", end.number, f"{claim.sender} {verb}", more)
     query, task = at.run.messages.get(end.number), at.tasks.get(end.number)
     which = _why_last(at, end, query) if query else ""
-    which = which or (_why_standing(at, end, task) if task else "has not been answered")
+    if not which:
+        which = _why_standing(at, end, task) if task else "has not been answered"
     return Last(at.describe(end.number), end.number, which, more)
 
 
 def _why_last(at: RunAt, end: End, query: Message) -> str:
-    """Why a message that is in no other's way goes no further: where it is; "" if that is not
-    known.
-    """
+    """Return why a message is the end of its waits; "" if that is unknown."""
     if end.kind is WaitKind.CIRCLE:
         others = (one for one in Ends.at(at).members(end) if one != end.number)
         return f"waits for itself by way of {listed([*map(at.describe, others)])}"
@@ -363,30 +368,28 @@ def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
 
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
-    """The events set for a task at a time or after a point: ``deadline: end achieving by 9.500
-    s``.
-    """
-    return list(filter(None, (of_ahead(at, task, one) for one in task.ahead)))
+    """Return the planned events of a task in words: ``deadline: end achieving by 9.500 s``."""
+    return list(filter(None, (describe_event(at, task, one) for one in task.ahead)))
 
 
-def of_ahead(at: RunAt, task: TaskAt, ahead: EventAhead) -> str:
-    """One of them; "" if it is not to come any more."""
-    after, due = ahead.after, ahead.set_at + ahead.seconds
-    if ahead.moment is not None:
-        if ahead.moment in task.reached or due <= at.time:
+def describe_event(at: RunAt, task: TaskAt, event: PlannedEvent) -> str:
+    """Return a planned event in words; "" if it is no longer pending."""
+    after, due = event.after, event.set_at + event.seconds
+    if event.moment is not None:
+        if event.moment in task.reached or due <= at.time:
             return ""
-        return f"deadline: {describe_moments(ahead.moment)[0]} by {run_time(due)}"
-    who = f"{_SCOPES[ahead.scope]} to be killed{by_whom(ahead.by)}"
+        return f"deadline: {describe_moments(event.moment)[0]} by {run_time(due)}"
+    who = f"{_SCOPES[event.scope]}will be killed{by_whom(event.by)}"
     if after is not None:
         if not at.has_reached(after):
-            later = f"{duration(ahead.seconds)} after" if ahead.seconds else "when"
+            later = f"{duration(event.seconds)} after" if event.seconds else "when"
             return f"{who} {later} {at.describe(after.task)} {reached(after.moment)}"
-        due = max(due, (at.reached_at(after) or 0.0) + ahead.seconds)
+        due = max(due, (at.reached_at(after) or 0.0) + event.seconds)
     return f"{who} at {run_time(due)}" if due > at.time else ""
 
 
 _SCOPES = {
-    Scope.TASK: "is",
-    Scope.DESCENDANTS: "what is under it is",
-    Scope.SIBLINGS: "its siblings are",
+    Scope.TASK: "",
+    Scope.DESCENDANTS: "its descendants ",
+    Scope.SIBLINGS: "its siblings ",
 }

@@ -1,11 +1,10 @@
-"""The list of waits: for each task and message all that it waited for, read off its records.
+"""The list of waits: for each task and message all its waits, read from its records.
 
-- ``waits_of(run, number)``: all that a task or message ever waited for. Each wait has one cause and
-one span; several
-  may overlap, so the list is linear in the journal.
-- ``waits_for_display(run, task)``: the same as people are told of it, cut to the states of the task.
+- ``waits_of(run, number)``: all waits of a task or message. Each wait has one cause and one span.
+  Waits may overlap, so the lists are linear in the journal.
+- ``waits_for_display(run, task)``: the same for display, divided by the states of the task.
 
-graph.py has what was so at a moment. Words come last.
+graph.py has the waits at a moment; wait_words.py puts waits into words.
 """
 
 from bisect import bisect_left, bisect_right
@@ -16,7 +15,7 @@ from operator import attrgetter, itemgetter
 from typing import NamedTuple, TypeVar
 
 from tca_tools.explain.deciding import decider
-from tca_tools.explain.overlapping import children_within, has_many, worked_out
+from tca_tools.explain.overlapping import cached, children_within, has_many
 from tca_tools.journal.fates import watching
 from tca_tools.journal.records import (
     OVER,
@@ -30,9 +29,8 @@ from tca_tools.journal.records import (
     Suspension,
     Task,
     TaskState,
-    going_on,
-    lately,
 )
+from tca_tools.journal.sequences import active_at, newest_active
 from tca_tools.journal.whole_run import Run
 from tca_tools.spans import Overlaps, Span
 from tca_wire.points import (
@@ -51,11 +49,11 @@ from tca_wire.waits import NAMED, WaitKind
 
 _ALWAYS = -inf, inf
 NO_TIME = 1e-6
-"""Seconds: what lasts no longer is no wait to tell of."""
+"""Waits that are not longer, in seconds, are not shown."""
 _OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
-"""Waits for points of other tasks that the order of tasks demands."""
+"""Waits for points of other tasks, caused by the order of tasks."""
 _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
-"""Causes that keep a task only since it is in its state: before that something else did."""
+"""Causes that block a task only since the start of its state: another cause did before."""
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
@@ -69,55 +67,53 @@ _LEAVES = (
 
 
 class Node(NamedTuple):
-    """Something that has to come about."""
+    """A node of the graph of waits: something that must happen."""
 
     number: int
     """The task, message or claim."""
     moment: int = 0
-    """The moment that the task is to reach. 0: it is to be resumed, answered, or its claim granted
-    or released.
-    """
+    """The moment to reach; 0 for a resume, an answer, or the grant or release of a claim."""
     delivery: int = 0
-    """Of what was sent to many: the one of them that is to be handled (0: all)."""
+    """For a message to many receivers, the delivery that must be handled (0: all)."""
 
 
 class Wait(NamedTuple):
-    """One thing that something waits for, and from when until when."""
+    """One wait: its span, its kind, and the node that it is for."""
 
     start: float
     end: float
-    """inf: it goes on."""
+    """inf if it has not ended."""
     kind: WaitKind
     on: Node
-    """The node that has to come first; of a leaf the thing itself."""
+    """The node that must come first; for a leaf, the cause itself."""
     holds: int
-    """The moments of the waiting task that it keeps from being reached, as bits."""
+    """The moments of the waiting task that it blocks, as bits."""
     record: Hold | Queueing | Handling | HandlerWait | Suspension | None = None
-    """The record of the wait, if that is more than a point of a task."""
+    """The record of the wait, if it is not just for a point of a task."""
     since: float = 0.0
-    """Since when it has waited in all without a break, whatever for; no later than *start*."""
+    """The start of the uninterrupted waiting, for any causes; not after *start*."""
     others: Sequence[float] = ()
-    """The ends of further subtasks that it stands for."""
+    """The ends of the other subtasks that it stands for."""
 
     @property
     def is_leaf(self) -> bool:
-        """Whether nothing else has to come about first."""
+        """Whether it is not for another node."""
         is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
-        return (
-            self.kind in _LEAVES or is_own or (self.kind is WaitKind.CHANGE and not self.on.number)
-        )
+        is_any_change = self.kind is WaitKind.CHANGE and not self.on.number
+        return self.kind in _LEAVES or is_own or is_any_change
 
 
 def lasting(
     record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int
 ) -> Wait:
-    """A wait that lasts as long as its record."""
+    """Return a wait with the span of its record."""
     return Wait(record.start, record.until, kind, on, holds, record, record.start)
 
 
 def has_come(run: Run, wait: HandlerWait) -> bool:
-    """Whether what a handler waited for a task for had come when the wait was over; True if it is
-    no certain task.
+    """Whether the awaited moment or change of a task had come when a handler's wait ended.
+
+    True if the wait was not for a known task.
     """
     task = run.tasks.get(wait.awaited)
     if task is None or wait.end is None:
@@ -128,7 +124,7 @@ def has_come(run: Run, wait: HandlerWait) -> bool:
 
 
 def node_of(run: Run, handling: Handling) -> Node:
-    """That a run of a handler ends."""
+    """Return the node for the return of a handler."""
     if handling.message_id in run.tasks:
         return Node(handling.message_id, END_HANDLING)
     is_one_of_many = handling.delivery != handling.message_id
@@ -138,12 +134,10 @@ def node_of(run: Run, handling: Handling) -> Node:
 # --- the moments of a task that matter at a time --------------------------------------------------
 
 _NO_LATER = [{0: 0, **rules.no_later} for rules in RULES]
-"""As bits all that comes no later than a moment, and the moment: of a goal (True), and of what only
-acts.
-"""
+"""For each moment, the bits of all moments that come first or with it: for commands, for goals."""
 _NEXT = {
     TaskState.HELD: START_HANDLING,
-    TaskState.QUEUED: END_HANDLING,  # once more
+    TaskState.QUEUED: END_HANDLING,  # it is handled again
     TaskState.PLANNING: END_PLANNING,
     TaskState.PLANNED: START_ACHIEVING,
     TaskState.HANDLING: END_HANDLING,
@@ -152,26 +146,24 @@ _NEXT = {
     TaskState.SUSPENDED: 0,
     TaskState.ENDING: END_ACHIEVING,
 }
-"""The moment that a task in a state comes to next (0: it is to be resumed)."""
+"""The next moment of a task by state (0: it must be resumed)."""
 
 
 def killed_at(task: Task) -> float:
-    """When a task was killed; inf if it was not."""
+    """Return when a task was killed; inf if it was not."""
     return inf if task.killed is None else task.written("killed")
 
 
 def past(task: Task, time: float) -> int:
-    """The moments that a task had reached, as bits."""
-    past = 0
+    """Return the moments that a task had reached, as bits."""
+    bits = 0
     for moment, place in PLACES.items():
-        past |= moment if task.times[place] <= time else 0
-    return past
+        bits |= moment if task.times[place] <= time else 0
+    return bits
 
 
 def next_moment(task: Task, state: TaskState, time: float) -> int:
-    """The next moment of a task in a state; a task handled once more comes to the same one
-    again.
-    """
+    """Return the next moment of a task in a state; a retried task reaches a moment again."""
     if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
@@ -180,28 +172,28 @@ def next_moment(task: Task, state: TaskState, time: float) -> int:
 
 
 def moments_before(task: Task, moment: int, time: float) -> int:
-    """The moments that a task has to reach before that one, and that one, unless it has. A
-    constraint between two of its own moments adds what comes before the first.
+    """Return the moments that a task must still reach up to a moment, as bits.
+
+    A constraint between two moments of the task adds the moments before the first.
     """
     if task.time_of(moment) <= time:
-        is_again = moment == END_HANDLING and (
-            going_on(task.handlings, time) or task.was_retried(time)
-        )
-        return END_HANDLING if is_again else 0  # it is handled again, or to be
-    if killed_at(task) <= time:  # it reaches none before its handler has returned
+        # A task that is handled again, or will be, must end its handling once more
+        is_again = active_at(task.handlings, time) or task.was_retried(time)
+        return END_HANDLING if moment == END_HANDLING and is_again else 0
+    if killed_at(task) <= time:  # a killed task waits for its handler only
         return END_HANDLING | (moment & ENDS)
     before = _NO_LATER[task.message_class.is_goal]
     left = ~past(task, time)
     found = before[moment] & left
     known = (one.constraint for one in task.holds if one.added <= time)
     own = [one for one in known if one.before.task == task.id]
-    for one in own * len(own):  # each may add what the next one needs
+    for one in own * len(own):  # a constraint may add the moment that another one needs
         found |= before[one.before.moment] & left if one.after.moment & found else 0
     return found
 
 
 def is_to_be_handled_again(task: Task, time: float) -> bool:
-    """Whether it was retried and not handled since, or its last handler left before it returned."""
+    """Whether a retry is due, or the last handler left before it returned."""
     begun = bisect_right(task.handlings, time, key=_START)
     if not begun:
         return True
@@ -214,12 +206,12 @@ def is_to_be_handled_again(task: Task, time: float) -> bool:
 
 
 def waits_of(run: Run, number: int) -> list[Wait]:
-    """All that a task or message ever waited for, oldest first; nothing of what is unknown."""
+    """Return all waits of a task or message, oldest first; [] if it is unknown."""
     message = run.messages.get(number)
     if message is None:
         return []
     if isinstance(message, Task) and has_many(message):
-        return worked_out(run, (waits_of, number), lambda: _all_waits(run, message))
+        return cached(run, (waits_of, number), lambda: _all_waits(run, message))
     return _all_waits(run, message)
 
 
@@ -234,8 +226,8 @@ def _all_waits(run: Run, message: Message) -> list[Wait]:
 
 
 def of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
-    """In queues, and while it is handled; only what goes on at a *time*."""
-    is_one = isinstance(message, Task)  # of others there may be several at once
+    """Yield a message's waits in queues and in handlers; only those active at *time*, if given."""
+    is_one = isinstance(message, Task)  # other messages may have several handlers at once
     begun = message.time_of(START_HANDLING) if isinstance(message, Task) else -inf
     queueings = _lasting(message.queueings, time)
     copies = _lasting(run.copies.get(message.id, ()), time, is_one=False)
@@ -244,28 +236,24 @@ def of_message(run: Run, message: Message, time: float | None = None) -> Iterato
         holds = START_HANDLING if begun > queueing.start else ENDS
         yield lasting(queueing, kind, Node(message.id), holds)
     for handling in _lasting(message.handlings, time, is_one=is_one):
-        waits = handling.waits if time is None else lately(handling.waits, time)
+        waits = handling.waits if time is None else newest_active(handling.waits, time)
         if time is None or not waits:
             yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), ENDS)
         yield from (of_handler_wait(run, wait) for wait in waits)
 
 
 def _lasting(spans: Sequence[_Span], time: float | None, *, is_one: bool = True) -> Sequence[_Span]:
-    """All spans, or (at a *time*) those that go on then: *is_one*, if they come one after the
-    other.
-    """
+    """Return the spans active at *time*, or all for None; *is_one* if they do not overlap."""
     if time is None:
         return spans
     if not is_one:
-        return [one for one in spans if one.goes_on(time)]
-    last = going_on(spans, time)
+        return [one for one in spans if one.is_active(time)]
+    last = active_at(spans, time)
     return [last] if last is not None else []
 
 
 def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
-    """The wait of a handler or program for a reply, a task or a lock; or for a change, or for
-    handlers.
-    """
+    """Return the ``Wait`` of a handler or program."""
     kind = wait.kind
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
@@ -275,15 +263,21 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
 def _subtasks(
     run: Run, task: Task, moment: int, window: Span = _ALWAYS, *, together: bool = False
 ) -> Iterator[Wait]:
-    """The waits for tasks right under a task, which keep it from being planned or achieved, as far
-    as they lie between two times. *together*: of those that begin at one time, only the first ones,
-    of which the last stands for the rest.
+    """Yield the waits for a task's children, which block its planning or achievement.
+
+    Args:
+        run: The run.
+        task: The waiting task.
+        moment: END_PLANNING or END_ACHIEVING.
+        window: The waits are cut to this span.
+        together: Whether to yield only the first of the waits that start at one time; the last of
+            them stands for the rest.
     """
     since, over = window
     last, number, begun = min(task.time_of(moment), over), 0, -inf
     others: list[float] = []
     children = children_within(run, task, moment, since, over)
-    for child in kept_by(run, children, moment, None):
+    for child in blocking_tasks(run, children, moment, None):
         start, end = max(child.received, since), min(child.time_of(moment), last)
         if start >= end or (together and end - start < NO_TIME):
             continue
@@ -296,43 +290,44 @@ def _subtasks(
         yield wait._replace(others=others) if together else wait
 
 
-def kept_by(run: Run, children: Sequence[TaskId], moment: int, time: float | None) -> list[Task]:
-    """The tasks that keep the one they are under from being planned or achieved, at a *time* or
-    ever. Of a monitor that ends with all else there it is what that has sent, unless a constraint
-    keeps it.
+def blocking_tasks(
+    run: Run, children: Sequence[TaskId], moment: int, time: float | None
+) -> list[Task]:
+    """Return the tasks that block a moment of their parent, at a time or (None) ever.
+
+    A monitor that ends with its siblings blocks nothing itself, unless a constraint blocks its end:
+    the tasks that it sent do.
     """
     found: list[Task] = []
     rest = [*reversed(children)]
     while rest:
         child = run.tasks[rest.pop()]
-        is_outside_sequence = child.message_class.is_outside_sequence and not child.is_waited_for
-        if moment != END_ACHIEVING or not is_outside_sequence:
+        ends_with_siblings = child.message_class.is_outside_sequence and not child.is_waited_for
+        if moment != END_ACHIEVING or not ends_with_siblings:
             found.append(child)
             continue
-        if is_kept := _is_kept(run, child, time):
+        if is_blocked := _is_blocked(run, child, time):
             found.append(child)
         if time is None:
             rest += reversed(child.children)
-        elif not is_kept:
+        elif not is_blocked:
             rest += reversed(children_within(run, child, moment, time, time))
     return found
 
 
-def _is_kept(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint keeps a monitor from its end; what comes before it is handled once more
-    does not.
-    """
+def _is_blocked(run: Run, monitor: Task, time: float | None) -> bool:
+    """Whether a constraint blocks a monitor's end; one before its next handling does not count."""
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
-            goes_on = time is None or wait.start <= time < wait.end
+            is_active = time is None or wait.start <= time < wait.end
             is_of_end = wait.holds in (END_HANDLING, END_ACHIEVING)
-            if goes_on and is_of_end and wait.kind is not WaitKind.DELAY:
+            if is_active and is_of_end and wait.kind is not WaitKind.DELAY:
                 return True
     return False
 
 
 def _of_task(run: Run, task: Task) -> Iterator[Wait]:
-    """The waits of a task other than for queues, handlers and its children."""
+    """Yield the waits of a task, except in queues, in handlers, and for its children."""
     killed, found = killed_at(task), list[Wait]()
     for hold in task.holds:
         found += _of_constraint(run, task, hold, killed)
@@ -343,7 +338,8 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
             on = Node(parent.id, moment)
             found.append(Wait(task.received, end, WaitKind.PARENT, on, moment))
     found += [_of_suspension(task, suspension) for suspension in task.suspensions]
-    again: dict[object, Wait] = {}  # retried twice before it is handled, it waits once
+    # Two retries before the next handling cause one wait
+    again: dict[object, Wait] = {}
     for retry in reversed(task.retries):
         for wait in _of_retry(run, task, retry, killed):
             again[wait.on, wait.end] = wait
@@ -356,29 +352,30 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
 
 
 def own_waits(run: Run, task: Task, start: float, end: float) -> Iterable[Wait]:
-    """Those of a task that go on between two times, perhaps with others."""
+    """Return a task's own waits that are active in a span, possibly with others."""
     if not has_many(task):
         return _of_task(run, task)
-    known = worked_out(run, (own_waits, task.id), lambda: Overlaps(_of_task(run, task), _SPAN))
+    known = cached(run, (own_waits, task.id), lambda: Overlaps(_of_task(run, task), _SPAN))
     return known.within(start, end)
 
 
 def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[Wait]:
-    """Until a point is reached; then, if it has a delay, until that is over. One between two
-    moments of the task itself is none of its own: what holds the first holds the second, too
-    (``moments_before``).
+    """Yield the waits of a constraint: until its point is reached, and until its delay is over.
+
+    A constraint between two moments of one task is no wait: the waits before the first moment count
+    for the second, too (see ``moments_before``).
     """
     before, moment = hold.constraint.before, int(hold.constraint.after.moment)
-    # whether it is to be handled once more
-    is_anew = hold.tap is not None and task.time_of(moment) < hold.added
-    last = min(task.time_of(END_ACHIEVING if is_anew else moment), killed)
+    # A listener may hold a task that has reached the moment and is handled again
+    is_again = hold.tap is not None and task.time_of(moment) < hold.added
+    last = min(task.time_of(END_ACHIEVING if is_again else moment), killed)
     other, met = run.tasks.get(before.task), -inf
     if other is not None:
         met = other.time_of(before.moment)
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
-        holds = ENDS if is_anew else moment
+        holds = ENDS if is_again else moment
         yield Wait(hold.added, min(met, last), kind, on, holds, hold)
     if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
@@ -386,7 +383,7 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
 
 
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
-    """The wait of a suspended task: it neither begins an interval nor is handled once more."""
+    """Return the wait of a suspended task: it neither starts an interval nor is handled again."""
     start = suspension.start
     holds = _NO_LATER[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
     if not holds and is_to_be_handled_again(task, start):
@@ -395,8 +392,8 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
-    """The exception handlers that decide, one after the other, and those for failures raised beside
-    its handler.
+    """Yield the waits for exception handlers: one after the other, and those for failures raised
+    beside the task's handler.
     """
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
@@ -406,7 +403,7 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
         on, end = Node(one.id, END_ACHIEVING), one.time_of(END_ACHIEVING)
         end = min(until.get(one.id, inf), end)
         waits.append(Wait(one.received, end, WaitKind.RECOVERY, on, ENDS))
-    if not called:  # the journal begins later
+    if not called:  # the journal starts later
         waits = [Wait(-inf, inf, WaitKind.RECOVERY, Node(0), ENDS)]
     deciding = Overlaps(waits, _SPAN)
     for since, over, state in task.spans():
@@ -416,68 +413,73 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
                 yield wait._replace(start=start, end=end)
 
 
-# --- what is to be handled again ------------------------------------------------------------------
+# --- retries --------------------------------------------------------------------------------------
 
 
 def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wait]:
-    """The waits of a task that is to be handled again, unless it is killed, for all tasks under it
-    to end: then it is queued, or handled.
-    """
+    """Yield a retried task's waits until its descendants have ended and it is handled again."""
     if task.time_of(START_HANDLING) >= retry.time:
         return
-    begun = _begun(task, retry)
-    is_over = min(begun, killed)
+    begun = _start_after(task, retry)
+    over = min(begun, killed)
     asker = decider(run, retry.asker)
     if asker is not None:
-        end, on = min(asker.time_of(END_ACHIEVING), is_over), Node(asker.id, END_ACHIEVING)
+        end, on = min(asker.time_of(END_ACHIEVING), over), Node(asker.id, END_ACHIEVING)
         yield Wait(retry.time, end, WaitKind.RECOVERY, on, ENDS)
-    still = children_within(run, task, END_ACHIEVING, retry.time, begun)
-    children = [run.tasks[number] for number in still]
+    numbers = children_within(run, task, END_ACHIEVING, retry.time, begun)
+    children = [run.tasks[number] for number in numbers]
     if task.message_class.is_monitor:
-        children = _before_it_begins(task, retry, children, asker)
+        children = _before_restart(task, retry, children, asker)
     awaited = [TaskId(child.id) for child in children if not child.outlives_retry]
-    for child in kept_by(run, awaited, END_ACHIEVING, retry.time):
+    for child in blocking_tasks(run, awaited, END_ACHIEVING, retry.time):
         if child is not asker:
             start, on = max(retry.time, child.received), Node(child.id, END_ACHIEVING)
-            end = min(child.time_of(END_ACHIEVING), is_over)
+            end = min(child.time_of(END_ACHIEVING), over)
             yield Wait(start, end, WaitKind.SUBTASK, on, ENDS)
 
 
-def _begun(task: Task, retry: Retry) -> float:
-    """When a retried task was queued or handled, or else ended."""
+def _start_after(task: Task, retry: Retry) -> float:
+    """Return when a retried task was queued or handled, else when it ended."""
     queued = bisect_left(task.queueings, retry.time, key=_START)
     starts = [one.start for one in task.handlings[retry.runs : retry.runs + 1]]
     starts += [one.start for one in task.queueings[queued : queued + 1]]
     return min(starts, default=task.time_of(END_ACHIEVING))
 
 
-def _before_it_begins(
+def _before_restart(
     monitor: Task, retry: Retry, children: list[Task], asker: Task | None
 ) -> list[Task]:
-    """The tasks under a retried monitor until it begins anew. That is in no journal: it begins when
-    nothing is under it any more, whoever asked has ended, and it is not suspended.
+    """Return the children of a retried monitor that were sent before it restarted.
+
+    The journal has no fact for the restart. It happens once the monitor's children and the asker
+    have ended and the monitor is not suspended.
     """
-    begins, found = retry.time, list[Task]()
+    restart, found = retry.time, list[Task]()
     if asker is not None:
-        begins = max(begins, asker.time_of(END_ACHIEVING))
+        restart = max(restart, asker.time_of(END_ACHIEVING))
     for child in children:
         for suspension in monitor.suspensions:
-            if suspension.start <= begins:
-                begins = max(begins, suspension.until)
-        if child.received >= begins and bisect_left(monitor.children, child.id) >= retry.sent:
+            if suspension.start <= restart:
+                restart = max(restart, suspension.until)
+        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.sent:
             break
         if not child.outlives_retry:
-            begins = max(begins, child.time_of(END_ACHIEVING))
+            restart = max(restart, child.time_of(END_ACHIEVING))
         found.append(child)
     return found
 
 
-# --- as people are told ---------------------------------------------------------------------------
+# --- waits for display ----------------------------------------------------------------------------
 
 
 def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[Wait]:
-    """The waits of a task for what came next in each of its states, oldest first. *together*: of
-    subtasks that it waits for from one time on, the last that is named stands for the rest.
+    """Return the waits of a task for its next moment in each of its states, oldest first.
+
+    Args:
+        run: The run.
+        task: The task.
+        together: Whether the last named of the subtasks awaited from one time on stands for the
+            rest.
     """
     found: list[Wait] = []
     own = Overlaps(_of_task(run, task), _SPAN)
@@ -489,8 +491,8 @@ def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[W
         waits = [(one.start, one) for one in own.within(since, over)]
         for moment in (END_ACHIEVING, END_PLANNING):
             if moment & wanted:
-                some = _subtasks(run, task, moment, (since, over), together=together)
-                waits += ((run.tasks[one.on.number].received, one) for one in some)
+                subtasks = _subtasks(run, task, moment, (since, over), together=together)
+                waits += ((run.tasks[one.on.number].received, one) for one in subtasks)
         waits += ((one.start, one) for one in handled.within(since, over))
         for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
@@ -507,15 +509,14 @@ def _moments_in_state(task: Task, state: TaskState, since: float) -> int:
 
 
 def is_of_state(wait: Wait, state: TaskState) -> bool:
-    """Whether something keeps a task since it is in its state, and not since the wait as such
-    began.
-    """
+    """Whether a wait counts from the start of the task's state, not from its own start."""
     return wait.kind in _OF_ITS_STATE or state is TaskState.ENDING
 
 
 def begun_at(task: Task, place: int) -> float:
-    """Since when a task waits that is in one of its states. It goes on with a wait after a
-    suspension.
+    """Return since when a task has been waiting in one of its states.
+
+    A state that continues after a suspension counts from before the suspension.
     """
     before = [task.stage(place)[1], TaskState.SUSPENDED]
     while place > 1 and [task.stage(place - 2)[1], task.stage(place - 1)[1]] == before:

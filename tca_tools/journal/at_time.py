@@ -1,7 +1,7 @@
-"""A run as known at a moment, from records that go on after it. Pure, and nothing is folded again.
+"""A run as known at a moment, read from its full records without another fold. Pure.
 
-A moment is the time of an entry: each entry has its own. Looking at one task costs O(log) of what
-happened to it.
+A moment is the time of an entry; entries have unique times. Reading one task is O(log n) in the
+number of its changes.
 """
 
 from bisect import bisect_right
@@ -18,19 +18,18 @@ from tca_tools.journal.lives import Life, life_at
 from tca_tools.journal.records import (
     OVER,
     Claim,
-    EventAhead,
     Failure,
     HandlerWait,
     Handling,
     Hold,
     Message,
+    PlannedEvent,
     Queueing,
     Suspension,
     Task,
     TaskState,
-    going_on,
-    lately,
 )
+from tca_tools.journal.sequences import active_at, newest_active
 from tca_tools.journal.whole_run import Run
 from tca_wire.constraints import Constraint
 from tca_wire.coordination import read_report
@@ -55,7 +54,7 @@ class _Same(Generic[_T]):
 
 
 class _Was(_Same[_T]):
-    """A field of its record, as it was then."""
+    """The value of a field of a task's record at the moment."""
 
     def __get__(self, task: "TaskAt", _owner: type) -> _T:
         found: _T = task.record.was(self._name, task.moment)
@@ -63,7 +62,7 @@ class _Was(_Same[_T]):
 
 
 class TaskAt:
-    """A task as it was; its fields are those of ``Task``."""
+    """A task as known at a moment; its fields are those of ``Task``."""
 
     __slots__ = ("_run", "moment", "record")
 
@@ -91,33 +90,31 @@ class TaskAt:
 
     @property
     def life(self) -> Life:
-        """How it stood for its clients and its server."""
+        """Its place in its life cycle."""
         return life_at(self._run, self.record, self.moment)
 
     @property
     def standing(self) -> str:
-        """Its state in words; of a failure whether the run had gone on after it, of a monitor
-        whether it watched.
-        """
+        """Its state in words, including whether a failure was handled or a monitor was watching."""
         return standing(self._run, self.record, self.state, self.moment)
 
     @property
     def since(self) -> float:
-        """From when on it was in that state; of a queued one, in the queue that it was in then."""
+        """The start of its state; for a queued task, when it entered its current queue."""
         since, state = self.record.stage(self.record.place_at(self.moment))
         queueing = self.queueing if state is TaskState.QUEUED else None
         return max(since, queueing.start) if queueing else since
 
     @property
     def why_killed(self) -> str | None:
-        """Why it was killed, and by whom; None if it was not."""
+        """Why and by which module it was killed; None if it was not."""
         why: str | None = self.record.was("killed", self.moment)
         return None if why is None else kill_reason(why, self.record.was("killed_by", self.moment))
 
     @property
     def suspension(self) -> Suspension | None:
-        """Its suspension that went on, of itself or with what it is under."""
-        return going_on(self.record.suspensions, self.moment)
+        """Its active suspension, of itself or of an ancestor."""
+        return active_at(self.record.suspensions, self.moment)
 
     @property
     def children(self) -> Sequence[TaskId]:
@@ -131,20 +128,18 @@ class TaskAt:
 
     @property
     def reached(self) -> dict[Moment, float]:
-        """When it reached which moments."""
+        """The moments it had reached, with their times."""
         return {moment: time for moment, time in self.record.reached.items() if time <= self.moment}
 
     @property
     def preview(self) -> str:
-        """Whether a coordinator sent it ahead of its state, and what became of that: ``ahead,
-        kept``; else "".
-        """
+        """The words for a coordinator's early work, such as ``ahead, kept``; "" for other tasks."""
         sent = agent_task(self._run, self.record)
         return STANDINGS.get(sent.role(self.moment), "") if sent is not None else ""
 
     @property
     def machine_state(self) -> str:
-        """Of a coordinator the state that its machine was in."""
+        """The current state of a coordinator's machine; "" for other tasks."""
         record = coordinator_of(self._run, self.record)
         report = read_report(self.life.progress) if record is not None else None
         return record.label(report.current) if record is not None and report is not None else ""
@@ -156,33 +151,29 @@ class TaskAt:
 
     @property
     def constraints(self) -> list[Constraint]:
-        """The constraints on its moments, as they were written."""
+        """The constraints on its moments, as they were declared."""
         return [hold.constraint for hold in self.holds]
 
     @property
     def queueing(self) -> Queueing | None:
         """Its wait in a queue."""
-        return going_on(self.record.queueings, self.moment)
+        return active_at(self.record.queueings, self.moment)
 
     @property
     def handling(self) -> Handling | None:
-        """The run of its handler that went on."""
-        return going_on(self.record.handlings, self.moment)
+        """The active run of its handler."""
+        return active_at(self.record.handlings, self.moment)
 
     @property
     def waits(self) -> list[HandlerWait]:
-        """The waits of its handler; of an async handler that waits in several places, all that
-        began lately.
-        """
-        return lately(run.waits, self.moment) if (run := self.handling) else []
+        """The waits of its handler; of many waits of an async handler, the newest."""
+        return newest_active(run.waits, self.moment) if (run := self.handling) else []
 
     @property
     def asking(self) -> list[Message]:
-        """The queries of its handler that had not been answered, oldest first."""
-        asked = self.handling.asked if self.handling else None
-        return [
-            one for one in asked or () if one.received <= self.moment and not self._is_answered(one)
-        ]
+        """The unanswered queries of its handler, oldest first."""
+        asked = (self.handling.asked if self.handling else None) or ()
+        return [one for one in asked if one.received <= self.moment and not self._is_answered(one)]
 
     def _is_answered(self, query: Message) -> bool:
         is_given_up = bool(query.was("dropped", self.moment) or query.was("failure", self.moment))
@@ -190,17 +181,17 @@ class TaskAt:
 
     @property
     def watches(self) -> bool:
-        """Whether it was a monitor that had begun to watch, and went on."""
+        """Whether it was a monitor that was watching."""
         return watches(self.record, self.state, self.moment)
 
     @property
     def is_retried(self) -> bool:
-        """Whether it was to be handled again, and had not been."""
+        """Whether a retry was due that had not started."""
         return self.record.was_retried(self.moment)
 
     @property
-    def ahead(self) -> list[EventAhead]:
-        """Its deadlines that were to come, and when it was to be killed."""
+    def ahead(self) -> list[PlannedEvent]:
+        """Its pending deadlines and planned kills."""
         known = self._run.ahead.get(self.record.id, ())
         return [
             one
@@ -210,23 +201,23 @@ class TaskAt:
 
 
 def remembered(
-    look: Callable[Concatenate["RunAt", _P], _T],
+    compute: Callable[Concatenate["RunAt", _P], _T],
 ) -> Callable[Concatenate["RunAt", _P], _T]:
-    """Look once a moment: what was so then never changes."""
+    """Cache a function's results in ``RunAt.memo``: the state at a moment never changes."""
 
-    @wraps(look)
-    def found(at: "RunAt", /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        key = (look, *args)
+    @wraps(compute)
+    def cached(at: "RunAt", /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        key = (compute, *args)
         if key not in at.memo:
-            at.memo[key] = look(at, *args, **kwargs)
-        known: _T = at.memo[key]
-        return known
+            at.memo[key] = compute(at, *args, **kwargs)
+        result: _T = at.memo[key]
+        return result
 
-    return found
+    return cached
 
 
 class RunAt:
-    """A run as it was at a moment: ``tasks`` are those that had been sent."""
+    """A run as known at a moment: ``tasks`` are those sent by then."""
 
     def __init__(self, run: Run, moment: float = inf, time: float | None = None) -> None:
         self.run = run
@@ -235,19 +226,21 @@ class RunAt:
         """The time on the clock of the entries."""
         self.tasks = _Tasks(run, self.moment)
         self.memo: dict[object, Any] = {}
-        """Results worked out for this moment: they never change."""
+        """The cached results of ``remembered`` functions."""
 
     @classmethod
     def by_clock(cls, run: Run, clock: float | None, now: float | None = None) -> "RunAt":
-        """As it was when the clock of the entries showed so many seconds (None: at the end).
+        """Return the run as known at a time on the entries' clock.
 
-        Of a run that goes on, *now* is the present; else time ends with the last entry.
+        Args:
+            run: The run.
+            clock: The time in seconds; None for the end.
+            now: The present, if the run is live; else the run ends with its last entry.
         """
         place = len(run.times) if clock is None else run.place(clock)
         end = run.time if now is None else max(now, run.time)
-        return cls(
-            run, run.times[place - 1] if place else -inf, end if clock is None else min(clock, end)
-        )
+        moment = run.times[place - 1] if place else -inf
+        return cls(run, moment, end if clock is None else min(clock, end))
 
     @cached_property
     def top(self) -> Sequence[TaskId]:
@@ -255,68 +248,64 @@ class RunAt:
         return self.run.children_until(self.run.top, self.moment)
 
     def children(self, task: int) -> Sequence[TaskId]:
-        """The tasks right under *task*, oldest first."""
+        """Return the children of *task*, oldest first."""
         return self.top if task == ROOT else self.tasks[task].children
 
     def reached_at(self, point: Point) -> float | None:
-        """When a point was reached, if that is known and it was."""
+        """Return when a point was reached; None if it was not, or that is unknown."""
         task = self.run.tasks.get(point.task)
         time = inf if task is None else task.time_of(point.moment)
         return time if time <= self.moment else None
 
     def has_reached(self, point: Point) -> bool:
-        """Whether the point was past; what is unknown ended before the journal began."""
+        """Whether a point had been reached; an unknown task had ended before the journal began."""
         return point.task not in self.run.tasks or self.reached_at(point) is not None
 
-    def ran_on(self, task: TaskAt) -> list[Handling]:
-        """The handlers of what is under a suspended task that worked, though it was suspended."""
-        still = task.suspension.still if task.suspension else []
-        return [
-            run for run in still if self._works(run) and self._is_under(run.message_id, task.id)
-        ]
+    def working_under(self, task: TaskAt) -> list[Handling]:
+        """Return the handlings of a suspended task and its descendants that were still working."""
+        runs = task.suspension.handlings if task.suspension else []
+        return [run for run in runs if self._works(run) and self._is_under(run.message_id, task.id)]
 
     def _works(self, run: Handling) -> bool:
-        wait = going_on(run.waits, self.moment)
-        return run.goes_on(self.moment) and (wait is None or wait.moment is None)
+        wait = active_at(run.waits, self.moment)
+        return run.is_active(self.moment) and (wait is None or wait.moment is None)
 
     def _is_under(self, task: int, above: int) -> bool:
-        while task > above:  # what is above has the smaller number
+        while task > above:  # ancestors have smaller ids
             task = self.run.tasks[task].parent
         return task == above
 
     @remembered
     def running(self, module: str, resource: str) -> list[Handling]:
-        """The handlers that ran in a resource."""
+        """Return the active runs of handlers in a resource."""
         runs = self.run.runs.get((module, resource), [])
         begun = bisect_right(runs, self.moment, key=_START)
-        last = (*runs[begun - 1].beside, runs[begun - 1]) if begun else ()
+        last = (*runs[begun - 1].concurrent, runs[begun - 1]) if begun else ()
         return [run for run in last if run.until > self.moment]
 
     def inside(self, module: str, resource: str) -> list[Handling]:
-        """The handlers that ran in a resource, in all copies of the module."""
+        """Return the active runs of handlers in a resource, in all copies of the module."""
         copies = [one for one in self.run.modules if called(one) == called(module)]
         return [run for one in copies for run in self.running(one, resource)]
 
     def queueing_of(self, message: Message) -> Queueing | None:
-        """The wait of a message in a queue."""
-        return going_on(message.queueings, self.moment)
+        """Return a message's wait in a queue."""
+        return active_at(message.queueings, self.moment)
 
     def handling_of(self, message: Message) -> Handling | None:
-        """The run of its handler."""
-        return going_on(message.handlings, self.moment)
+        """Return the active run of a message's handler."""
+        return active_at(message.handlings, self.moment)
 
     def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
-        """Of a multi-query the runs of its handlers, and the waits of its copies in queues."""
+        """Return the active runs of a multi-query's handlers, and its copies' waits in queues."""
         copies = self.run.copies.get(query.id, ())
-        return [run for run in query.handlings if run.goes_on(self.moment)], [
-            one for one in copies if one.goes_on(self.moment)
+        return [run for run in query.handlings if run.is_active(self.moment)], [
+            one for one in copies if one.is_active(self.moment)
         ]
 
     @remembered
     def wanted(self, module: str, resource: str) -> list[Claim]:
-        """The locks and reservations that somebody waited for, oldest first, of all copies of a
-        module.
-        """
+        """Return the pending locks and reservations of all copies of a module, oldest first."""
         claims = self.run.asked_for(module, resource)
         begun = islice(claims, bisect_right(claims, self.moment, key=_START))
         return [
@@ -324,11 +313,11 @@ class RunAt:
         ]
 
     def is_granted(self, claim: Claim) -> bool:
-        """Whether it is in force, or was."""
+        """Whether a claim had been granted."""
         return claim.granted is not None and claim.granted <= self.moment
 
     def capacity(self, module: str, resource: str) -> int:
-        """How many messages a resource took at a time."""
+        """Return the capacity of a resource."""
         known = self.run.modules.get(module)
         sizes = known.sizes.get(resource, ()) if known else ()
         begun = bisect_right(sizes, self.moment, key=_SINCE)
@@ -336,14 +325,14 @@ class RunAt:
 
     @remembered
     def held_by(self, module: str, resource: str) -> Claim | None:
-        """The lock or reservation that was in force, in all copies of a module."""
+        """Return the lock or reservation in force, in all copies of a module."""
         grants = self.run.granted(module, resource)
         granted = bisect_right(grants, self.moment, key=_GRANTED)
         last = grants[granted - 1] if granted else None
         return last if last and last.until > self.moment else None
 
     def describe(self, message_id: int) -> str:
-        """A message's name with its id: ``take steps {7}``."""
+        """Return a message's name with its id: ``take steps {7}``."""
         return self.run.describe(message_id)
 
 

@@ -1,7 +1,6 @@
-"""Coordinators with a preview: which tasks they sent ahead of their states, and what that gained.
-Pure.
+"""Coordinators with a preview: their early work, and the time it gained. Pure.
 
-Each report of a coordinator is read once, when somebody asks for the first time after it came.
+Each report of a coordinator is read once, at the first request after it.
 """
 
 from bisect import bisect_right
@@ -30,25 +29,21 @@ STANDINGS: dict[TaskRole | None, str] = {
     TaskRole.WASTED: "ahead, wasted",
     TaskRole.RESTORING: "restoring",
 }
-"""What a task is to its machine, in words; of one that was sent for the current state there is
-nothing to say.
-"""
+"""The words for a task's role for its machine; none for tasks of the current state."""
 
 
 @dataclass(slots=True)
 class SentByCoordinator:
-    """A task that a coordinator sent: for which state, and what it was to its machine since
-    when.
-    """
+    """A task that a coordinator sent: its state, and its roles for the machine over time."""
 
     id: int
     state: str
-    """Its label."""
+    """The state's label."""
     agent: str
     roles: list[tuple[float, TaskRole]] = field(default_factory=list)
 
     def role(self, moment: float = inf) -> TaskRole | None:
-        """What it was at a moment; None before the first report of it."""
+        """Return its role at a moment; None before the first report of it."""
         begun = bisect_right(self.roles, moment, key=_TIME)
         return self.roles[begun - 1][1] if begun else None
 
@@ -60,41 +55,41 @@ class SentByCoordinator:
     @property
     def entered(self) -> float:
         """When its state was entered; inf if it was not."""
-        return next(
-            (time for time, role in self.roles if role in (TaskRole.KEPT, TaskRole.CURRENT)), inf
-        )
+        entered = (TaskRole.KEPT, TaskRole.CURRENT)
+        return next((time for time, role in self.roles if role in entered), inf)
 
     @property
     def is_wasted(self) -> bool:
-        """Whether it was sent ahead for nothing."""
+        """Whether it was early work that was wasted."""
         return self.roles[-1][1] is TaskRole.WASTED
 
 
 class CoordinatorRecord:
-    """What the reports of a coordinator tell of its tasks."""
+    """The tasks of a coordinator, according to its reports."""
 
     def __init__(self, chart: MachineChart) -> None:
         self.chart = chart
         self.tasks: dict[int, SentByCoordinator] = {}
         self.predictions: list[bool] = []
-        """Of each activity begun ahead, of which it is known: whether its state was entered."""
+        """For each early activity that is decided: whether its state was entered."""
         self._late = Counter[WhyNotEarly]()
-        self._told = CoordinationReport(-1)
+        self._last_report = CoordinationReport(-1)
         self._read = 0
 
     def label(self, state: int) -> str:
-        """The label of a state; "" if there is no such state."""
+        """Return the label of a state; "" if there is no such state."""
         return self.chart.states[state].label if 0 <= state < len(self.chart.states) else ""
 
-    def read_on(self, run: Run, coordinator: Task) -> None:
-        """Take in the reports that have come since."""
+    def update(self, run: Run, coordinator: Task) -> None:
+        """Read the reports that are new since the last update."""
         for change in coordinator.life[self._read :]:
             report = read_report(change.body) if change.effect is Effect.RESULT else None
             if report is not None:
                 self._late.update(
-                    why_not_early(self.chart, one) for one in late_objections(self._told, report)
+                    why_not_early(self.chart, one)
+                    for one in late_objections(self._last_report, report)
                 )
-                self._told = report
+                self._last_report = report
             outcomes = set[tuple[int, bool]]()
             for news in report.news if report is not None else ():
                 task = run.tasks.get(news.task)
@@ -113,8 +108,9 @@ class CoordinatorRecord:
             self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
 
     def late(self) -> Counter[WhyNotEarly]:
-        """Why activities did not start before their turn, and how often. Where nothing ran ahead,
-        reasons without a remedy are told, too.
+        """Return the reasons why activities did not start early, counted.
+
+        Reasons without a remedy are included only if no activity ran early.
         """
         has_early = any(task.is_early for task in self.tasks.values())
         return Counter(
@@ -122,7 +118,7 @@ class CoordinatorRecord:
         )
 
     def _waste_rest(self, end: float) -> None:
-        """The run has ended: what is still ahead then, as it died, was in vain."""
+        """Mark early work as wasted that is undecided when the coordinator ends."""
         rest = [task for task in self.tasks.values() if task.role() is TaskRole.AHEAD]
         self.predictions += [False] * len({task.state for task in rest})
         for task in rest:
@@ -130,8 +126,8 @@ class CoordinatorRecord:
 
 
 def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
-    """The record of a task that is a coordinator; None of another one."""
-    if not task.life:  # as most
+    """Return the record of a coordinator; None for other tasks."""
+    if not task.life:  # most tasks have no transitions
         return None
     key = CoordinatorRecord, task.id
     if key not in run.memo:
@@ -142,28 +138,26 @@ def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
         )
     record: CoordinatorRecord | None = run.memo[key]
     if record is not None:
-        record.read_on(run, task)
+        record.update(run, task)
     return record
 
 
 def agent_task(run: Run, task: Task) -> SentByCoordinator | None:
-    """What a task is to the coordinator that sent it; None if none did."""
+    """Return the coordinator's record of a task; None if no coordinator sent it."""
     above = run.tasks.get(task.parent)
     record = coordinator_of(run, above) if above is not None else None
     return record.tasks.get(task.id) if record is not None else None
 
 
 def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
-    """The waits of a coordinator for its tasks, except those that it sent in vain. It waits for
-    whatever comes first, so the journal has none of them.
+    """Return a coordinator's waits for its tasks, except for wasted ones.
+
+    The journal has no facts for such waits, since a coordinator waits for any event.
     """
     coordinator = run.tasks.get(handling.message_id)
     record = coordinator_of(run, coordinator) if coordinator is not None else None
-    sent = (
-        [run.tasks[one.id] for one in record.tasks.values() if not one.is_wasted]
-        if record is not None
-        else []
-    )
+    known = record.tasks.values() if record is not None else ()
+    sent = [run.tasks[one.id] for one in known if not one.is_wasted]
     return [
         HandlerWait(
             task.id,
@@ -178,41 +172,39 @@ def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
 
 
 def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorRecord]]:
-    """All of a run that have reported, oldest first."""
+    """Yield the coordinators of a run with their records, oldest first."""
     for task in run.tasks.values():
         if (record := coordinator_of(run, task)) is not None:
             yield task, record
 
 
 def worked(run: Run, task: Task) -> tuple[float, float] | None:
-    """From when until when a task was handled and what is under it done; None if that never
-    began.
-    """
+    """Return the span from a task's first handling to the end of its achievement; None before."""
     if not task.handlings:
         return None
     return task.handlings[0].start, min(task.time_of(Moment.END_ACHIEVING), run.time)
 
 
 class Gain(NamedTuple):
-    """What a preview came to. Seconds of tasks that ran side by side are added up."""
+    """The gain and cost of a preview. Seconds of tasks that ran in parallel are added up."""
 
     right: int
-    """Activities begun ahead whose states were entered, and of which they were not."""
+    """The number of early activities whose states were entered."""
     wrong: int
+    """The number of early activities whose states were not entered."""
     kept: float
-    """Seconds that tasks ran ahead of states that were entered then: those that plain execution
-    would have needed.
-    """
+    """Seconds that tasks ran before their states were entered: the time saved."""
     wasted: float
+    """Seconds of early work for states that were not entered."""
     restored: float
-    """Seconds that it took to undo what was wasted."""
+    """Seconds of work to restore what wasted work had changed."""
     seconds: float
-    """How long the machine ran."""
+    """Seconds that the machine ran."""
 
 
 def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
-    """The gain of each machine, with how often it ran, and why activities did not start early, how
-    often.
+    """Return each machine's name, number of runs, and total gain, and a count of the reasons why
+    activities did not start early.
     """
     machines: dict[str, list[Gain]] = {}
     late: dict[str, Counter[WhyNotEarly]] = {}
@@ -228,7 +220,7 @@ def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
 
 
 def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:
-    """What running ahead gained a machine, and cost."""
+    """Return the gain of one run of a machine."""
     seconds = dict.fromkeys(TaskRole, 0.0)
     for one in record.tasks.values():
         role, span = one.role(), worked(run, run.tasks[one.id])

@@ -1,11 +1,10 @@
-"""The failures of a run, the fate of each, and whether the run went on after it. All tools ask
-here.
+"""The failures of a run, the fate of each, and whether the run continued after it.
 
-A task's failure is followed through the task's states. Of a query that fails the sender is told;
-what he makes of it, the facts show: his handler ends well, or fails too, and then it depends on
-what became of that. A program outside of any handler is told, and nothing fails with it. Who had
-given up or ended before is not told, and nothing of his fails with it. Pure; each step is O(log) of
-what happened to one message.
+The fate of a task's failure follows from the task's later states. The failure of a query is
+reported to its asker. If the asking handler fails too, the fate is that of its own failure. An
+asker that had given up or ended gets no report, and a program outside of handlers does not fail.
+
+All tools use this module. Pure; each step is O(log n) in the number of one message's changes.
 """
 
 from bisect import bisect_left, bisect_right
@@ -32,65 +31,68 @@ from tca_wire.vocabulary import CENTRAL, Outcome, Role
 
 _SINCE, _START, _TIME = itemgetter(0), attrgetter("start"), attrgetter("time")
 UNDECIDED = (TaskState.RECOVERING, TaskState.ENDING, TaskState.FAILED)
-"""States in which a failure leaves its task first; what comes after them decides."""
+"""States of a task directly after a failure; the state after them decides its fate."""
 
 HANDLED = "failed (handled)"
-"""How a task stands that has failed, if the run went on after that."""
+"""The standing of a failed task if the run continued after the failure."""
 WATCHING = "watching"
-"""How a monitor stands that has begun to watch, and goes on: as a task it is being achieved."""
+"""The standing of a monitor that is watching; its state is *achieving*."""
 _MORE = {TaskState.FAILED: HANDLED, TaskState.ACHIEVING: WATCHING}
 STANDINGS = tuple(
     word for state in TaskState for word in ((state, _MORE[state]) if state in _MORE else (state,))
 )
-"""All words for how a task stands, in the order in which they are listed."""
+"""All words for a task's standing, in the order in which tools list them."""
 
 Failing = Message | Handling
-"""Something that fails: a message; or the run of a handler of a message that central does not
-know.
-"""
+"""A failing message, or the failing run of a handler of a direct message."""
 
 
 class Fate(StrEnum):
     """The fate of a failure."""
 
-    RETRIED = "retried"  # itself; or a task above it, for which it was killed
+    RETRIED = "retried"  # the task was handled again, or it was killed for an ancestor's retry
     DEALT_WITH = "recovered"
-    REPLACED = "replaced"  # the task was killed, and the top-level task went on without it, or was achieved
-    KILLED = "killed"  # the task was killed, and with it, or by its exception handler, the top-level task
+    REPLACED = "replaced"  # the task was killed; the top-level task continued or was achieved
+    KILLED = "killed"  # the task and the top-level task were killed
     NOT_HANDLED = "unhandled"  # no exception handler was found
-    COPED = "coped"  # of a query: whoever asked was told, and went on
-    TOLD = "told"  # of a query of a program outside of handlers: with that nothing fails
-    ANSWERED = "passed"  # of a query: whoever asked was told, and failed, and nobody handled that
-    UNTOLD = "untold"  # of an inform or the like; of a query that its sender no longer waited for
+    COPED = "coped"  # a query's asker got the report, and continued
+    TOLD = "told"  # a query's asker, outside of handlers, got the report
+    ANSWERED = "passed"  # a query's asker got the report, and its own failure was not handled
+    UNTOLD = "untold"  # an inform or the like; a query whose sender no longer waited
     OPEN = "open"  # not decided when the journal ended
 
     @property
     def words(self) -> str:
-        """As people are told of it."""
+        """The fate in words for the user."""
         return _WORDS.get(self, self.value)
 
 
 _WORDS = {
     Fate.DEALT_WITH: "dealt with",
     Fate.NOT_HANDLED: "not handled",
-    Fate.COPED: "told to the asker, who went on",
-    Fate.TOLD: "told to the asker",
-    Fate.ANSWERED: "told to the asker, who failed",
-    Fate.UNTOLD: "told to nobody",
+    Fate.COPED: "reported to the asker, which continued",
+    Fate.TOLD: "reported to the asker",
+    Fate.ANSWERED: "reported to the asker, which failed",
+    Fate.UNTOLD: "not reported",
 }
 
 GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
-"""After these the robot went on, as far as the journal tells."""
+"""The fates after which the robot continued, as far as the journal shows."""
 ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
-"""With these the task that failed came to its end."""
+"""The fates with which the failed task ended."""
 
 
 def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
-    """The fate of a failure at *time*, as far as the records go, or as far as it was known at a
-    moment.
+    """Return the fate of a failure.
+
+    Args:
+        run: The run.
+        failed: What failed.
+        time: When it failed.
+        known: The moment as of which the fate is returned; the end of the records by default.
     """
     if isinstance(failed, Task):
-        return _of_task(run, failed, time, known)
+        return _fate_of_task(run, failed, time, known)
     if not is_reported(run, failed, time):
         return Fate.UNTOLD
     if failed.by is None and _monitor(run, failed) is None:
@@ -99,28 +101,29 @@ def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
 
 
 def run_continued(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
-    """Whether the run went on, or still may, after what failed at *time*; as far as that was known
-    at a moment.
-    """
-    *_, (last, when) = _passed_on(run, failed, time, known)
+    """Whether the run continued, or still may, after a failure at *time*, as known at a moment."""
+    *_, (last, when) = _failure_chain(run, failed, time, known)
     if isinstance(last, Task):
         has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
-        return has_failed and _of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
+        return has_failed and _fate_of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
     return is_reported(run, last, when)
 
 
 def is_reported(run: Run, failed: Failing, time: float) -> bool:
-    """Whether somebody is told of what is no task and failed at *time*: who asked, if he still
-    waited for an answer.
-    """
-    return _has_asker(run, failed) and not _why_untold(run, failed, time)
+    """Whether the failure of a query at *time* was reported to its asker."""
+    return _has_asker(run, failed) and not _why_unreported(run, failed, time)
 
 
 def has_run_survived(
     run: Run, message: Message, moment: float = inf, known: float | None = None
 ) -> bool:
-    """Whether a message had failed at a moment, and the run had gone on after that by then, or
-    still might; or had by the moment until which things are *known*.
+    """Whether a message had failed at *moment* and the run continued, as known then or later.
+
+    Args:
+        run: The run.
+        message: The message.
+        moment: The moment by which it had failed.
+        known: The moment as of which the run is judged; *moment* by default.
     """
     failed = message.written("failure", moment)
     return bool(message.was("failure", moment)) and run_continued(
@@ -129,7 +132,7 @@ def has_run_survived(
 
 
 def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str:
-    """How a task in a state stands at a moment, in words; see ``STANDINGS``."""
+    """Return the standing of a task in a state at a moment: one of ``STANDINGS``."""
     if watches(task, state, moment):
         return WATCHING
     return (
@@ -138,20 +141,19 @@ def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str
 
 
 def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
-    """Whether it is a monitor that has begun to watch, and goes on."""
+    """Whether a task is a monitor that is watching."""
     if state not in (TaskState.ACHIEVING, TaskState.PLANNING) or not task.message_class.is_monitor:
         return False
     if task.time_of(Moment.START_HANDLING) > moment:
         return False
     place = bisect_right(task.retries, moment, key=_SINCE)
-    retried = task.retries[place - 1].time if place else 0.0  # it begins anew
+    retried = task.retries[place - 1].time if place else 0.0
+    # A retry after it had stopped lets it watch again
     return not task.was("watched", moment) or retried >= task.written("watched", moment)
 
 
 def watching(task: Task) -> Iterator[tuple[float, float]]:
-    """From when until when a monitor watched: while it was being achieved, from its beginning, or
-    its retry, on.
-    """
+    """Yield the spans in which a monitor was watching."""
     begun, spans = task.time_of(Moment.START_HANDLING), list[tuple[float, float]]()
     for stopped in (time for time, why in task.became("watched") if why):
         spans.append((begun, stopped))
@@ -164,41 +166,42 @@ def watching(task: Task) -> Iterator[tuple[float, float]]:
 
 
 def run_continued_after(run: Run, handling: Handling) -> bool:
-    """Whether the run went on after a handler failed."""
+    """Whether the run continued after a handler failed."""
     return handling.end is not None and run_continued(run, failing(run, handling), handling.end)
 
 
 def failing(run: Run, handling: Handling) -> Failing:
-    """The message that failed with the run of its handler, or the run itself for a direct
-    message.
-    """
+    """Return the message that failed with a run of its handler; a direct message's run itself."""
     return run.messages.get(handling.message_id) or handling
 
 
 def undecided_by(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
-    """The tasks and handlers on which it still depends whether the run went on. Empty: that is
-    settled.
-    """
-    *_, (last, when) = _passed_on(run, failed, time)
+    """Return the tasks and handlers that will decide whether the run continues; [] if decided."""
+    *_, (last, when) = _failure_chain(run, failed, time)
     if not isinstance(last, Task):
         is_open = last.by is not None and last.by.end is None and is_reported(run, last, when)
         return [last.by] if is_open and last.by is not None else []
-    became, top = _of_task(run, last, when), run.tasks[last.top]
+    became, top = _fate_of_task(run, last, when), run.tasks[last.top]
     handler = _last_called(run, last, when, inf)
-    is_through = top.state in DONE or (handler is not None and handler.has_ended)
-    if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_through):
+    is_decided = top.state in DONE or (handler is not None and handler.has_ended)
+    if became in (Fate.RETRIED, Fate.DEALT_WITH) or (became is Fate.REPLACED and is_decided):
         return []
     return [last, top]
 
 
 def retried_ancestor(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
-    """The task above one that failed at *time* with whose retry it was killed; as far as that was
-    known at a moment.
+    """Return the ancestor whose retry killed a failed task; None if none did.
+
+    Args:
+        run: The run.
+        task: The failed task.
+        time: When it failed.
+        known: The moment as of which this is returned.
     """
     killed = task.written("killed", known)
     if task.was("killed", known) is None or killed < time:
         return None
-    while task.parent in run.tasks:  # what is between them was killed with it
+    while task.parent in run.tasks:  # the tasks between them were killed at the same time
         task = run.tasks[task.parent]
         place = bisect_left(task.retries, killed, key=_SINCE)
         if task.retries[place : place + 1] and task.retries[place][0] == killed:
@@ -209,34 +212,29 @@ def retried_ancestor(run: Run, task: Task, time: float, known: float = inf) -> T
 
 
 def describe_asker(run: Run, failed: Failing, time: float, known: float = inf) -> str:
-    """The asker that is told of a failed query, and its fate by a moment; or why nobody is told."""
+    """Describe to which asker a failed query was reported, and its outcome; or why it was not."""
     if not _has_asker(run, failed):
         return ""
-    if why := _why_untold(run, failed, time):
+    if why := _why_unreported(run, failed, time):
         return f"{Fate.UNTOLD.words}: {why}"
     if isinstance(failed, Message) and failed.role is Role.CONDITION:
-        return f"told to central, for {run.describe(failed.about)}"
+        return f"reported to central, for {run.describe(failed.about)}"
     sender = failed.sender if isinstance(failed, Message) else failed.direct_from
     if failed.by is None:
-        return f"told to {sender}"
-    how = "went on"
+        return f"reported to {sender}"
+    how = "continued"
     if failed.by.end is None or failed.by.end > known:
         how = "still runs"
     elif failed.by.outcome is Outcome.FAILED:
-        how = (
-            "failed then, and that was handled"
-            if run_continued(run, failed, time, known)
-            else "failed then"
-        )
-    return f"told to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
+        is_handled = run_continued(run, failed, time, known)
+        how = "then failed, which was handled" if is_handled else "then failed"
+    return f"reported to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
 
 
-def _passed_on(
+def _failure_chain(
     run: Run, failed: Failing, time: float, known: float = inf
 ) -> Iterator[tuple[Failing, float]]:
-    """The chain of failures and their times: as far as a task, or an asker that was told and did
-    not fail.
-    """
+    """Yield a failure and those it caused, as far as a task or an asker that did not fail."""
     while True:
         yield failed, time
         if isinstance(failed, Task) or not is_reported(run, failed, time):
@@ -249,55 +247,51 @@ def _passed_on(
             and handling.outcome is Outcome.FAILED
             and (handling.end or 0.0) <= known
         ):
-            failed, time = (
-                failing(run, handling),
-                handling.end or time,
-            )  # older than what it asked, so this ends
+            # The loop ends, since a handler's message is older than the query
+            failed, time = failing(run, handling), handling.end or time
         else:
             return
 
 
 def _has_asker(run: Run, failed: Failing) -> bool:
-    """Whether somebody asked, and has an answer to come."""
+    """Whether it is a query, with an asker that gets an answer."""
     if isinstance(failed, Message):
         return failed.message_class.has_reply
     known = run.formats.get(failed.name)
     return known is not None and known.message_class.has_reply
 
 
-def _why_untold(run: Run, failed: Failing, time: float) -> str:
-    """Why of a query that fails at *time* nobody is told; "" if somebody is. Entries have times of
-    their own, so what happened at the same time is of the same event, in which who asks may fail
-    with it.
+def _why_unreported(run: Run, failed: Failing, time: float) -> str:
+    """Return why a query's failure at *time* was not reported to the asker; "" if it was.
+
+    Entries have unique times, so things at the same time belong to one event, in which the asker
+    may fail with its query.
     """
     handling = failed.by
     if isinstance(failed, Message):
         if failed.was("dropped", time):
-            return (
-                "its sender had given up"
-                if failed.was_given_up
-                else "nobody waited for the answer any more"
-            )
+            if failed.was_given_up:
+                return "its sender had given up"
+            return "the answer was no longer awaited"
         if failed.answered is not None and failed.answered < time:
             return "its sender had enough answers"
         if (monitor := _monitor(run, failed)) and _stopped_watching(
             run, monitor, failed.received, time
         ):
-            return f"{monitor} watched no longer"
+            return f"{monitor} had stopped watching"
     if handling is not None and handling.end is not None and handling.end < time:
-        return f"the handler of {run.describe(handling.message_id)} that asked had ended"
+        return f"the asking handler of {run.describe(handling.message_id)} had ended"
     return ""
 
 
 def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
-    """Whether a monitor had ended, or begun anew, when a condition that it had asked failed: it
-    does not fail, too.
-    """
+    """Whether a monitor had ended or was retried before its query at *asked* failed at *time*."""
     failed = {when for when, _ in monitor.failures}
-    failed.update(one.time for one in run.raised.get(monitor.id, ()))  # with the same text, too
+    # A second failure with the same text does not change the field
+    failed.update(one.time for one in run.raised.get(monitor.id, ()))
     if time in failed:
         return False
-    begun = {one.time for one in monitor.retries}  # anew, perhaps with that condition
+    begun = {one.time for one in monitor.retries}
     if any(asked < when <= time for when in begun):
         return True
     ends = [
@@ -309,17 +303,16 @@ def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> boo
 
 
 def _monitor(run: Run, failed: Failing) -> Task | None:
-    """The monitor whose condition it is."""
-    return (
-        run.tasks.get(failed.about)
-        if isinstance(failed, Message) and failed.role is Role.CONDITION
-        else None
-    )
+    """Return the monitor whose condition failed; None for another message."""
+    if isinstance(failed, Message) and failed.role is Role.CONDITION:
+        return run.tasks.get(failed.about)
+    return None
 
 
-def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
-    """By the first state that decides: killed, or one in which the task goes on, or has ended well.
-    For what is killed a task above it may have been begun again, or the top-level task goes on.
+def _fate_of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
+    """Return the fate of a task's failure, from the first later state that decides it.
+
+    If that state is *killed*, an ancestor may have been retried or the top-level task continued.
     """
     first, last = task.place_at(time), task.place_at(known)
     decided = next(
@@ -328,85 +321,81 @@ def _of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
     if decided is None and task.stage(last)[1] is TaskState.RECOVERING:
         return Fate.OPEN
     if decided is not None and task.stage(decided)[1] is not TaskState.KILLED:
-        if _was_begun_again(task, time, task.stage(decided)[0]):
+        if _was_retried(task, time, task.stage(decided)[0]):
             return Fate.RETRIED
-        if time not in run.unhandled.get(
-            task.id, ()
-        ):  # what survives what is above it goes on, though it has failed
+        # A task that survives its ancestor's kill continues after a failure that was not handled
+        if time not in run.unhandled.get(task.id, ()):
             return Fate.DEALT_WITH
-    return (
-        Fate.RETRIED
-        if retried_ancestor(run, task, time, known) is not None
-        else _of_killed(run, task, time, known)
-    )
+    if retried_ancestor(run, task, time, known) is not None:
+        return Fate.RETRIED
+    return _fate_of_killed(run, task, time, known)
 
 
-def _of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
-    """Of a task that was killed: whether the top-level task went on without it. What ends that when
-    the exception handler is through was not for this failure.
+def _fate_of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
+    """Return the fate of a killed task's failure: whether the top-level task continued without it.
+
+    If the top-level task ends after the exception handler has ended, it is not for this failure.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, known)
     if top is not task and top.state_at(known) in DONE:
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED
-    through = min(handler.time_of(Moment.END_ACHIEVING), known)
-    is_left = time in run.unhandled.get(task.id, ())
-    goes_on = top.state_at(through) not in OVER and top.was("killed", through) is None
-    return Fate.REPLACED if goes_on and top is not task and not is_left else Fate.KILLED
+    ended = min(handler.time_of(Moment.END_ACHIEVING), known)
+    is_unhandled = time in run.unhandled.get(task.id, ())
+    continued = top.state_at(ended) not in OVER and top.was("killed", ended) is None
+    return Fate.REPLACED if continued and top is not task and not is_unhandled else Fate.KILLED
 
 
 def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
-    """The exception handler that was called last, until a moment, for a failure of a task at *time*
-    or a later one.
-    """
+    """Return the last exception handler called for a task's failures since *time*."""
     called = run.children_until(task.caught_by, known)
     newest = next((run.tasks[one] for one in reversed(called) if one in run.tasks), None)
     return newest if newest is not None and newest.received >= time else None
 
 
-def _was_begun_again(task: Task, time: float, end: float) -> bool:
-    """Whether it was to be handled again, or was, after *time* and until *end*."""
-    again = task.retries[bisect_right(task.retries, time, key=_SINCE) :][:1]
+def _was_retried(task: Task, time: float, end: float) -> bool:
+    """Whether a retry was due or started after *time* and until *end*."""
+    retries = task.retries[bisect_right(task.retries, time, key=_SINCE) :][:1]
     runs = task.handlings[bisect_left(task.handlings, time, key=_START) :][:1]
-    return any(when <= end for when in (*(one[0] for one in again), *(run.start for run in runs)))
+    return any(when <= end for when in (*(one[0] for one in retries), *(run.start for run in runs)))
 
 
 # --- all failures of a run ------------------------------------------------------------------------
 
 
 class Failed(NamedTuple):
-    """A message failed."""
+    """The failure of a message."""
 
     message: Message
     time: float
     failure: Failure
     until: float
-    """When it failed again, or was begun anew (inf: neither)."""
-    is_begun_anew: bool
+    """When it failed again or was handled again (inf: neither)."""
+    is_handled_again: bool
     handling: Handling | None
-    """The run of its handler that failed with it; None: it was raised beside that."""
+    """The run of its handler that failed; None if the failure was raised beside it."""
     by: str
-    """The module that raised it, or "central"; "" if the journal does not tell."""
+    """The module that raised it, or "central"; "" if that is unknown."""
     asker: Handling | None
     """The run of a handler that raised it."""
 
 
 def all_failures(run: Run) -> list[Failed]:
-    """Those of all messages, oldest first."""
+    """Return the failures of all messages, oldest first."""
     return sorted(
         (one for message in run.messages.values() for one in failures_of(run, message)), key=_TIME
     )
 
 
 def failures_of(run: Run, message: Message) -> Iterator[Failed]:
-    """Those of one message, oldest first."""
+    """Yield the failures of one message, oldest first."""
     if not message.changes:
         return
-    had = message.became("failure")
+    values = message.became("failure")
     failed = {one.end: one for one in message.handlings if one.outcome is Outcome.FAILED}
     raised = {(one.time, one.failure): one for one in run.raised.get(message.id, ())}
-    for (time, failure), (until, after) in pairwise([*had, (inf, NO_FAILURE)]):
+    for (time, failure), (until, after) in pairwise([*values, (inf, NO_FAILURE)]):
         if not failure:
             continue
         handling, beside = failed.get(time), raised.get((time, failure))

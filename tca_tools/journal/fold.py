@@ -1,8 +1,7 @@
-"""Folds the facts of a journal into what was known at a moment: tasks, messages, modules and their
-doings.
+"""Fold the facts of a journal into the records of a run: tasks, messages, modules and handlers.
 
-Pure, and O(1) for each fact. It re-runs no rule of central, and takes any facts: a journal may
-begin in the middle.
+Pure, and O(1) for each fact. The fold re-runs no rule of central and accepts facts in any order: a
+journal may start in the middle of a run.
 """
 
 import gc
@@ -26,9 +25,9 @@ from tca_tools.journal.records import (
     Queueing,
     Raised,
     Task,
-    added,
     first_moment,
 )
+from tca_tools.journal.sequences import appended
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Request
@@ -40,14 +39,12 @@ from tca_wire.vocabulary import Dropping, Outcome, Role
 from tca_wire.waits import WaitKind
 
 _LARGE = 100_000
-"""Entries."""
+"""The number of entries from which a history is excluded from garbage collection."""
 
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """A fold only adds: Python would look through all of it for garbage, again and again, and take
-    twice the time.
-    """
+    """Pause garbage collection: a fold makes no garbage, and the search doubles its time."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -58,7 +55,7 @@ def no_garbage() -> Iterator[None]:
 
 
 class History(RecordFold):
-    """The history of a run until ``time``; ``apply`` is the only way it changes."""
+    """The history of a run until ``time``; only ``apply`` and ``extend_to`` change it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -72,24 +69,26 @@ class History(RecordFold):
 
     @classmethod
     def until(cls, entries: Iterable[facts.Entry], time: float | None = None) -> "History":
-        """The history as known at *time* (None: at the end); later entries are not even read."""
+        """Return the history as known at *time* (None: at the end); reads no later entries."""
         history = cls()
         with no_garbage():
             for entry in entries:
                 if time is not None and entry.time > time:
                     history.until_time = time
-                    history.time = max(
-                        history.time, time
-                    )  # of several entries at that time the last is a bit later
+                    # The last of several entries at one time counts as slightly later: see _tick
+                    history.time = max(history.time, time)
                     break
                 history.apply(entry)
             if len(history.times) > _LARGE:
-                gc.freeze()  # to look through it takes seconds, and there is next to no garbage in it
+                gc.freeze()  # a search of so large a history for garbage takes seconds
         return history
 
     def extend_to(self, present: float | None, time: float | None = None) -> None:
-        """Nothing more has happened until the *present* on the run's clock (None: the run is over);
-        what goes on does so until then, or until *time* if that comes first.
+        """Extend a live run to the present, since nothing has happened after its last entry.
+
+        Args:
+            present: The present on the run's clock; None if the run is over.
+            time: The time at which the run is viewed, if that is before the present.
         """
         if present is None or self.until_time is not None:
             return
@@ -97,33 +96,29 @@ class History(RecordFold):
         self.time = max(self.time, present if time is None else min(time, present))
 
     def apply(self, entry: facts.Entry) -> None:
-        """Take in the facts that one event caused."""
+        """Apply the facts that one event caused."""
         self.news.clear()
         cause = entry.cause
         request = cause if type(cause) is Request else None
         self.asker = self._deliveries.get(request.origin) if request and request.origin else None
         self._tick(entry, self.asker or (request.module if request else ""))
         for fact in entry.facts:
-            take = _TAKE.get(type(fact))
-            if take and not _is_of_root(fact):
-                take(self, fact)
+            apply_fact = _METHODS.get(type(fact))
+            if apply_fact and not _is_of_root(fact):
+                apply_fact(self, fact)
         for task in self._touched.values():
             if task.enter(task.state, self.time):
                 self.news.append(task)
         self._touched.clear()
 
     def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
-        """Each entry has a time of its own, however fast they follow each other: a time is a place
-        in the journal.
-        """
-        if (
-            self.numbers and entry.number == self.numbers[-1]
-        ):  # an event of so many facts takes several records
+        """Advance the time. Each entry gets a unique time, so a time identifies an entry."""
+        # An event with many facts is written as several records of the same number
+        if self.numbers and entry.number == self.numbers[-1]:
             self.memo.clear()
             return
-        self.time = (
-            entry.time if entry.time > self.time or not self.times else nextafter(self.time, inf)
-        )
+        is_later = entry.time > self.time or not self.times
+        self.time = entry.time if is_later else nextafter(self.time, inf)
         self.times.append(self.time)
         self.clock.append(entry.time)
         self.numbers.append(entry.number)
@@ -150,7 +145,7 @@ class History(RecordFold):
             module.left = fact.why
         for resource in ("", *module.resources):
             for handling in self._running.pop((fact.module, resource), {}).values():
-                self._end(handling)
+                self._close_run(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
         module = self._module(fact.module)
@@ -172,7 +167,7 @@ class History(RecordFold):
             self._offered[fact.message, fact.module] = offer
             self.offers.setdefault(fact.message, []).append(offer)
 
-    def _no_handler(self, fact: facts.HandlerRemoved) -> None:
+    def _handler_removed(self, fact: facts.HandlerRemoved) -> None:
         self._withdraw(fact.message, fact.module)
 
     def _withdraw(self, message: str, module: str) -> None:
@@ -183,16 +178,15 @@ class History(RecordFold):
         if fact.id <= 0 or fact.id in self.messages:
             return
         name, sender = intern(fact.message), intern(fact.sender)
-        known = fact.id, name, fact.message_class, sender, fact.origin, self.time, fact.body
+        fields = fact.id, name, fact.message_class, sender, fact.origin, self.time, fact.body
         by = self._deliveries.get(fact.origin)
-        by = (
-            by if by is not None and by.message_id < fact.id else None
-        )  # whoever sends is older than what he sends
+        # A sender has a smaller id than its messages. A journal may claim otherwise
+        by = by if by is not None and by.message_id < fact.id else None
         if fact.message_class.is_task:
-            self._plant(Task(*known, role=fact.role, about=fact.about, parent=fact.parent, by=by))
+            self._plant(Task(*fields, role=fact.role, about=fact.about, parent=fact.parent, by=by))
             self._constrain(fact.constraints)
         else:
-            self.messages[fact.id] = Message(*known, role=fact.role, about=fact.about, by=by)
+            self.messages[fact.id] = Message(*fields, role=fact.role, about=fact.about, by=by)
         if fact.role is Role.CONDITION:
             self.conditions.setdefault(fact.about, self.messages[fact.id])
         if by is not None and fact.message_class.has_reply:
@@ -210,7 +204,7 @@ class History(RecordFold):
                 self._hold(self.tasks[constraint.after.task], Hold(constraint, self.time))
 
     def _queue(self, fact: facts.Queued) -> None:
-        self._finish(fact.id)  # its handler left, and it waits for the next
+        self._finish(fact.id)  # its handler left, and it waits for another
         self._unqueue(fact.id)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
@@ -222,14 +216,14 @@ class History(RecordFold):
         self.queueings.append(queueing)
         self.news.append(queueing)
         if message:
-            message.queueings = added(message.queueings, queueing)
+            message.queueings = appended(message.queueings, queueing)
             self._touch(message.id)
         else:
             self.copies.setdefault(fact.message_id, []).append(queueing)
             self._touch(fact.message_id)
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
-        self._finish(fact.id)  # its handler left, and it may not wait for the next yet
+        self._finish(fact.id)  # its handler left, and it may not be queued again yet
         self._unqueue(fact.id)
 
     def _unqueue(self, delivery: int, end: float | None = None) -> Queueing | None:
@@ -242,8 +236,8 @@ class History(RecordFold):
     def _deliver(self, fact: facts.Delivered) -> None:
         self._finish(fact.id)
         where = intern(fact.module), intern(fact.resource)
-        if (there := self._running.get(where)) is None:
-            there = self._running[where] = {}
+        if (running := self._running.get(where)) is None:
+            running = self._running[where] = {}
             self._module(fact.module).resources.setdefault(fact.resource, 1)
         runs = self.runs.setdefault(where, [])
         start = self._start_of(fact, runs)
@@ -260,32 +254,32 @@ class History(RecordFold):
             *where,
             start,
             delivery=number if fact.id == number else fact.id,
-            beside=tuple(there.values()),
+            concurrent=tuple(running.values()),
             slot=fact.slot,
             is_nested=fact.is_nested,
             priority=fact.priority,
         )
-        there[handling.delivery] = self._deliveries[handling.delivery] = handling
+        running[handling.delivery] = self._deliveries[handling.delivery] = handling
         self.handlings.append(handling)
         self.news.append(handling)
         runs.append(handling)
         if message:
-            self._begin_anew(message)
-            message.handlings = added(message.handlings, handling)
+            self._start_again(message)
+            message.handlings = appended(message.handlings, handling)
             self._touch(message.id)
             if isinstance(message, Task):
                 self._work_on(message, handling)
 
-    def _start_of(self, given: facts.Delivered, runs: list[Handling]) -> float:
-        """When a handler began: perhaps before central was told of it, but not before what was
-        there before it.
+    def _start_of(self, fact: facts.Delivered, runs: list[Handling]) -> float:
+        """Return when a handler started. A prefetched delivery starts before central's entry of it,
+        but after it was queued and after the previous run.
         """
-        if not given.began:
+        if not fact.began:
             return self.time
-        before = [given.began, *(run.until for run in runs[-1:] if run.end is not None)]
-        if queueing := self._queued.get(given.id):
-            before.append(queueing.start)
-        return min(self.time, max(before))
+        bounds = [fact.began, *(run.until for run in runs[-1:] if run.end is not None)]
+        if queueing := self._queued.get(fact.id):
+            bounds.append(queueing.start)
+        return min(self.time, max(bounds))
 
     def _return(self, fact: facts.Returned) -> None:
         if handling := self._finish(fact.id, fact.ended):
@@ -298,7 +292,7 @@ class History(RecordFold):
                 )
 
     def _direct(self, fact: facts.HandledDirectly) -> None:
-        end = min(max(0.0, fact.ended), self.time)  # before central was told of it
+        end = min(max(0.0, fact.ended), self.time)  # central is notified later
         start = min(max(0.0, end - fact.seconds), end)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
@@ -308,9 +302,7 @@ class History(RecordFold):
         self._module(fact.module).resources.setdefault(fact.resource, 1)
 
     def _run_of(self, delivery: int, module: str) -> Handling | None:
-        """The run of a module's handler that a delivery stood for: it may be over when central is
-        told of that.
-        """
+        """Return a module's run of a handler for a delivery; it may have ended."""
         message = self.delivered(delivery)
         runs = reversed(message.handlings) if message else ()
         return next(
@@ -318,15 +310,13 @@ class History(RecordFold):
         )
 
     def _finish(self, delivery: int, ended: float = 0) -> Handling | None:
-        """The handler of a delivery no longer has it; *ended* is when it returned, if that was
-        earlier.
-        """
+        """End the run of a delivery's handler: at *ended* if that is given, else now."""
         if handling := self._deliveries.pop(delivery, None):
             self._running.get((handling.module, handling.resource), {}).pop(delivery, None)
-            self._end(handling, ended)
+            self._close_run(handling, ended)
         return handling
 
-    def _end(self, handling: Handling, ended: float = 0) -> None:
+    def _close_run(self, handling: Handling, ended: float = 0) -> None:
         if handling.end is None:
             handling.end = min(self.time, max(ended, handling.start)) if ended else self.time
             self.news.append(handling)
@@ -341,15 +331,14 @@ class History(RecordFold):
             if times[place] == inf:
                 times[place] = self.time
         if fact.moments & END_ACHIEVING:
-            self._end_suspension(task)
-            self._end_recovery(task)
+            self._finish_suspension(task)
+            self._finish_recovery(task)
 
     def _fail(self, fact: facts.Failed) -> None:
         if not fact.is_beside:
             self._unqueue(fact.id)
-        lost = (
-            None if fact.is_beside else self._finish(fact.id)
-        )  # of a module that was lost no handler returns
+        # The handler of a lost module does not return: its run ends here
+        lost = None if fact.is_beside else self._finish(fact.id)
         if lost:
             lost.outcome, lost.is_lost = Outcome.FAILED, True
         failure = Failure(fact.failure, fact.text)
@@ -360,13 +349,12 @@ class History(RecordFold):
         if message := self.messages.get(lost.message_id if lost else fact.id):
             before = message.failure, message.failure_data
             self._change(message, "failure", failure)
-            self._seen_to.pop(message.id, None)
+            self._undecided.pop(message.id, None)
             if fact.body:
                 self._change(message, "failure_data", fact.body)
             if not fact.is_beside and isinstance(message, Task) and message.is_retried:
-                self._forget_outcome(
-                    message
-                )  # but for what was raised on it since it is to be retried
+                # The old run's outcome is void; a failure raised since the retry was due is not
+                self._forget_outcome(message)
                 self._change(message, "failure", before[0])
                 self._change(message, "failure_data", before[1])
 
@@ -376,14 +364,13 @@ class History(RecordFold):
         self._change(task, "killed_by", fact.by)
         task.killer, task.killed_for = self._run_of(fact.origin, fact.by), fact.failed
         self._could_not_decide(fact.task)
-        self._end_suspension(task)
+        self._finish_suspension(task)
         self._unqueue(fact.task)
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
-        if (
-            fact.id not in self.messages
-        ):  # a copy, for a listener that left; who gave up a message may still handle it
+        # A copy for a listener that left. A message that its sender gave up may still be handled
+        if fact.id not in self.messages:
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))
         number, is_copy = fact.copy_of or fact.id, fact.copy_of > 0
@@ -391,15 +378,12 @@ class History(RecordFold):
             Drop(self.time, fact.message, 1, fact.why, number, is_copy, fact.dropping)
         )
         if message := self.messages.get(fact.id):
-            circle = (
-                self.deadlocks.get((self.time, message.sender), "")
-                if fact.dropping is Dropping.DEADLOCK
-                else ""
-            )
-            self._change(message, "dropped", circle or fact.why)
+            is_deadlock = fact.dropping is Dropping.DEADLOCK
+            cycle = self.deadlocks.get((self.time, message.sender), "") if is_deadlock else ""
+            self._change(message, "dropped", cycle or fact.why)
             message.dropping = fact.dropping
 
-    def _lose_directly(self, fact: facts.LostDirectly) -> None:
+    def _lost_directly(self, fact: facts.LostDirectly) -> None:
         why = "its handler was too slow, left or died"
         self.drops.append(Drop(self.time, fact.message, fact.number, why, sender=fact.module))
 
@@ -409,7 +393,7 @@ class History(RecordFold):
             message.answered = self.time
 
     def _await_answer(self, fact: facts.Awaited) -> None:
-        """Whoever asked has gone on until now."""
+        """Start the wait for an answer now: the asker continued after it had asked."""
         message = self.messages.get(fact.id)
         if message is not None and message.answered is None and fact.id not in self._reply_waits:
             self._await_reply(message)
@@ -422,19 +406,19 @@ class History(RecordFold):
         moment = first_moment(fact.moment)
         if fact.awaits is WaitKind.CHANGE and fact.task:
             moment = Moment.END_ACHIEVING  # the last change
-        begun = HandlerWait(fact.task, self.time, moment, kind=fact.awaits, name=fact.name)
-        wait = self._wait(begun, fact.module, fact.origin)
+        wait = HandlerWait(fact.task, self.time, moment, kind=fact.awaits, name=fact.name)
+        self._wait(wait, fact.module, fact.origin)
         self._task_waits.setdefault(fact.key, []).append(wait)
 
     def _wait_ended(self, fact: facts.WaitEnded) -> None:
         waits = self._task_waits.pop(fact.key, [])
         if waits:
             self._stop_waiting(waits.pop())
-        if waits:  # another thread of the module waits for the same
+        if waits:  # another thread of the module waits for the same thing
             self._task_waits[fact.key] = waits
 
     def _claimed(self, fact: facts.Claimed) -> None:
-        known = (
+        claim = self.claims[fact.id] = Claim(
             fact.id,
             fact.module,
             fact.resource,
@@ -442,8 +426,8 @@ class History(RecordFold):
             fact.sender,
             fact.origin,
             self.time,
+            by=self._deliveries.get(fact.origin),
         )
-        claim = self.claims[fact.id] = Claim(*known, by=self._deliveries.get(fact.origin))
         self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(
@@ -464,12 +448,10 @@ class History(RecordFold):
             self.news.append(claim)
 
     def _wait(self, wait: HandlerWait, module: str, origin: int) -> HandlerWait:
-        """Note *wait* at the handler of delivery *origin*, or at the module where it runs outside
-        of any.
-        """
+        """Add *wait* to the handler of delivery *origin*, or to the module outside of handlers."""
         handling = self._deliveries.get(origin)
-        at = handling or self._module(module)
-        at.waits = added(at.waits, wait)
+        waiting = handling or self._module(module)
+        waiting.waits = appended(waiting.waits, wait)
         wait.by = handling or module
         self.news.append(wait)
         self._touch(handling.message_id if handling else 0)
@@ -482,11 +464,11 @@ class History(RecordFold):
             self._touch(wait.by.message_id if isinstance(wait.by, Handling) else 0)
 
 
-_TAKE = takers(History, RecordFold)
+_METHODS = takers(History, RecordFold)
 
 
 def _is_of_root(fact: facts.Fact) -> bool:
-    """Whether it says that something happened to the root: no central writes that."""
+    """Whether a fact is about the root: central never writes such a fact."""
     if isinstance(fact, TaskFact):
         return fact.task <= ROOT
     return isinstance(fact, MonitorFact) and fact.monitor <= ROOT
@@ -495,11 +477,16 @@ def _is_of_root(fact: facts.Fact) -> bool:
 def folded(
     journal: Log, time: float | None = None, entries: Iterable[facts.Entry] | None = None
 ) -> History:
-    """The history as known at *time* (seconds on the run's clock; None: at the end, or now if the
-    run goes on).
+    """Return the history of a journal.
 
-    *entries* are those of the journal, if somebody wants to see them on the way. Raises UnusableLog
-    if there are none.
+    Args:
+        journal: The journal.
+        time: The time at which the run is viewed, in seconds on its clock. None is the end,
+            or the present of a live run.
+        entries: The journal's entries, if the caller reads them along; None to read them here.
+
+    Raises:
+        UnusableLog: The journal has no entries.
     """
     history = History.until(journal if entries is None else entries, time)
     history.extend_to(journal.present(history.time), time)

@@ -1,6 +1,4 @@
-"""Finds, opens and reads the journals of runs. Knows files; knows nothing of what the facts
-mean.
-"""
+"""Find, open and read the journals of runs: the files, not the meaning of their facts."""
 
 import fcntl
 import os
@@ -23,36 +21,44 @@ from tca_wire.text.printable import printable
 
 _POLL_SECONDS = 0.2
 _LAST_BYTES = 1 << 16
-"""The end of a segment, in which the last entry is."""
-_STILL = 1.0
-"""Seconds: what is not whole for so long nobody is writing any more."""
-_WAITING = "'tca view' and 'tca log show --follow' wait for what comes"
-_SINCE = "what seems to go on since then may have ended"
+"""The size of the end of a segment in which the last entry is searched."""
+_TORN_SECONDS = 1.0
+"""After this time without growth, an incomplete entry is no longer being written."""
+_WAITING = "'tca view' and 'tca log show --follow' wait for the first entry"
+_SINCE = "tasks that seem to be running since then may have ended"
 
 
 def newest_journal() -> Path:
-    """The journal of the last run; where ``$TCA_CENTRAL`` names a central, of that one's. Raises
-    UnusableLog if there is none.
+    """Return the journal of the newest run, of the central that ``$TCA_CENTRAL`` names if it is
+    set.
+
+    Raises:
+        UnusableLog: There is no such journal.
     """
     if address := os.environ.get(VARIABLE):
         if (link := journal_link(address)).is_dir() and segments_in(link):
             return link.resolve()
-        msg = (
-            f"no journal of the central at {address} (${VARIABLE}) on this computer: name one as LOG, or start 'tca \
-central' there first"
+        raise UnusableLog(
+            f"no journal of the central at {address} (${VARIABLE}) on this computer: "
+            "name one as LOG, or start 'tca central' there first"
         )
-        raise UnusableLog(msg)
     if newest := next(run_folders(), None):
-        return newest.resolve()  # a link goes when central is started anew there
+        return newest.resolve()  # the link itself is replaced when central starts again there
     raise UnusableLog(
         f"no journal below {default_journals()}: name one as LOG, or start 'tca central' first"
     )
 
 
 def open_log(path: Path | None, epoch: str | None = None) -> "Log":
-    """The journal at *path*, or the newest one; of a folder with several runs that of an epoch or,
-    as in "FOLDER#2", of a number (the oldest is 1), else the one that began last. Raises
-    UnusableLog if there is none to read.
+    """Open a journal.
+
+    Args:
+        path: A journal folder or segment, or "FOLDER#2" for the second oldest run in a folder;
+            None for the newest journal.
+        epoch: The epoch of the run in a folder; None for the run that started last.
+
+    Raises:
+        UnusableLog: There is no journal to read.
     """
     path = path or newest_journal()
     try:
@@ -64,13 +70,13 @@ def open_log(path: Path | None, epoch: str | None = None) -> "Log":
 
 
 def _run_in(path: Path) -> tuple[Path, str] | None:
-    """The folder and epoch that "FOLDER#2" names; None if it is no such name."""
-    before, is_one, wanted = path.name.rpartition("#")
+    """Return the folder and epoch that "FOLDER#2" names; None for any other path."""
+    before, separator, wanted = path.name.rpartition("#")
     folder = path.with_name(before) if before else path.parent
-    if not is_one or path.exists() or not folder.is_dir():
+    if not separator or path.exists() or not folder.is_dir():
         return None
-    epochs = [one.epoch for one in Folder(folder).epochs()]
-    by_number = {str(number): one for number, one in enumerate(epochs, 1)}
+    epochs = [opened.epoch for opened in Folder(folder).epochs()]
+    by_number = {str(number): epoch for number, epoch in enumerate(epochs, 1)}
     found = wanted if wanted in epochs else by_number.get(wanted)
     if found is None:
         there = f"of the {len(epochs)} there" if len(epochs) > 1 else "there"
@@ -81,14 +87,16 @@ def _run_in(path: Path) -> tuple[Path, str] | None:
 
 
 def called(journal: Path) -> str:
-    """The title of a folder of journals, or of a file of one."""
+    """Return the title of a journal's folder or file."""
     path = journal.resolve()
     return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
 
 
 def runs_in(folder: Path) -> Iterator[tuple[str, Opened, "Log"]]:
-    """The runs that lie in a folder, oldest first, each with how it is named as LOG, and how it
-    begins. Raises UnusableLog if it can't be read.
+    """Yield the runs in a folder, oldest first: the name to use as LOG, the first fact, the log.
+
+    Raises:
+        UnusableLog: The folder can't be read.
     """
     epochs = Folder(folder).epochs()
     for number, opened in enumerate(epochs, 1):
@@ -100,9 +108,7 @@ def runs_in(folder: Path) -> Iterator[tuple[str, Opened, "Log"]]:
 
 
 def run_folders() -> Iterator[Path]:
-    """The folders in central's folder of journals in which runs lie, the one that began last
-    first.
-    """
+    """Yield the folders below central's folder of journals that contain runs, newest first."""
     folder = default_journals()
     for path in reversed(by_number(listed(folder) if folder.is_dir() else [])):
         if path.is_dir() and segments_in(path):
@@ -110,28 +116,34 @@ def run_folders() -> Iterator[Path]:
 
 
 class Losses:
-    """The losses, counted: damaged entries, facts that this version does not know, the ends of
+    """Counts of what could not be read: damaged entries, unknown facts, unreadable ends of
     segments.
     """
 
     def __init__(self) -> None:
         self.entries = 0
-        """Damaged ones; where not all can be told apart, there were more."""
+        """The number of damaged entries; at least so large if ``_is_counted`` is False."""
         self.facts = 0
-        """Those that this version does not know, or that are none."""
+        """The number of invalid facts and of facts that this version does not know."""
         self.ends: list[str] = []
-        """Why no more could be read of a segment, where others follow."""
+        """Why the rest of a segment could not be read, for segments that others follow."""
         self._is_counted = True
         self._first_entry = self._first_fact = ""
-        """Where the first of them stands, and after what time."""
+        """The place of the first one, and the time before it."""
         self._later = ""
-        """The first segment of a later version, and which."""
+        """The remark on the first segment of a later version."""
 
-    def note(
+    def record(
         self, reader: JournalReader, segment: Path, holes: int, unknown: int, time: float
     ) -> None:
-        """A reader has passed over more than so many *holes* and *unknown* facts, behind what was
-        written at *time*.
+        """Add what a reader has skipped since it had skipped *holes* and *unknown* facts.
+
+        Args:
+            reader: The reader of the segment.
+            segment: The segment's file.
+            holes: The number of damaged places recorded before.
+            unknown: The number of unknown facts recorded before.
+            time: The time of the last good entry.
         """
         if new := reader.holes[holes:]:
             self.entries += len(new)
@@ -143,20 +155,22 @@ class Losses:
                 self._first_fact or f"{segment}, byte {reader.offset}, after {time:.3f} s"
             )
 
-    def note_version(self, reader: JournalReader, segment: Path) -> None:
-        """A segment begins."""
+    def check_version(self, reader: JournalReader, segment: Path) -> None:
+        """Record that a segment was written by a later version, if it was."""
         if reader.version > JOURNAL_VERSION and not self._later:
-            which = f"{reader.version}; this one reads up to {JOURNAL_VERSION}"
-            self._later = f"{segment}: written by a later version ({which}), in which more may have happened: upgrade tca"
+            self._later = (
+                f"{segment}: written by a later version ({reader.version}; this one reads up to "
+                f"{JOURNAL_VERSION}), so some facts may not be shown: upgrade tca"
+            )
 
     @property
     def places(self) -> int:
-        """How often something was lost behind which nothing is sure."""
+        """The number of places after which the state of the run is uncertain."""
         return self.entries + len(self.ends)
 
     @property
     def lines(self) -> list[str]:
-        """All of it in words."""
+        """The losses in words, a line each."""
         entry, entries = "a damaged entry", f"{self.entries} damaged entries"
         if not self._is_counted:
             entry, entries = "at least one entry, damaged or missing,", f"at least {entries}"
@@ -170,61 +184,62 @@ class Losses:
         ]
         return [
             *filter(None, found),
-            *(f"{end}; what comes behind it in that file is left out" for end in self.ends),
+            *(f"{end}; the rest of that file is left out" for end in self.ends),
         ]
 
 
 def _left_out(first: str, number: int, one: str, several: str) -> str:
     if not number:
         return ""
-    what = (
-        f"{one} is left out" if number == 1 else f"{several} are left out, the first of them here"
-    )
-    return f"{first}: {what}: {_SINCE}"
+    losses = f"{one} is left out" if number == 1 else f"{several} are left out, the first one here"
+    return f"{first}: {losses}: {_SINCE}"
 
 
 class EntryPlace(NamedTuple):
-    """Where an entry stands: a segment, and a byte of it."""
+    """The place of an entry: a segment and an offset in bytes."""
 
     segment: Path
     offset: int
 
 
 class Log:
-    """One journal: a directory of segments, or one segment. Of a directory with segments of several
-    runs it is the run that began last; of a file in which one run follows another, the first.
+    """One journal: a folder of segments, or one segment.
 
-    Iterating passes over what is damaged or not known to this version and ends quietly where
-    nothing more can be read, so that what is good can be shown; ``check`` then tells of it.
+    If a folder contains several runs, the journal is that of the run that started last. If a file
+    contains several runs one after another, the journal is that of the first.
+
+    Iterating skips damaged entries and unknown facts. It ends without an error where nothing more
+    can be read, so that good entries can be shown; ``check`` then reports the error.
     """
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self.losses = Losses()
-        """The losses until now."""
+        """The losses so far."""
         self.segment = path
         """The segment that is being followed, or was last."""
         self._damage = ""
-        """Why nothing more can be read of the segment that was read last."""
+        """Why the rest of the segment read last can't be read."""
         self.lost: EntryPlace | None = None
-        """The end of a part that was read and is not there any more."""
+        """The end of entries that were read and have been removed since."""
         self._has_entries = False
         self._time = 0.0
-        """Of the last entry that was read."""
+        """The time of the last entry read."""
         self._torn: tuple[Path, int, int] | None = None
+        """The incomplete entry at the end: its segment, its offset, its size in bytes."""
         self._torn_since = 0.0
         self._folder = Folder(path, epoch) if path.is_dir() else None
         self.epoch = epoch
-        """Which run of the folder was asked for (None: the newest there)."""
+        """The run of the folder that was requested (None: the newest there)."""
         self._number = (
             f"#{self._folder.number_of(epoch)}" if self._folder is not None and epoch else ""
         )
-        self._said: set[str] = set()
+        self._printed: set[str] = set()
         self._opened: Opened | None = None
         self._shortened = ""
-        """The end of what was removed from the run."""
+        """The remark that the start of the run was removed."""
         self._followed_by = ""
-        """The start of the file's part behind the journal."""
+        """The remark that another run follows in the file."""
 
     @property
     def name(self) -> str:
@@ -233,23 +248,21 @@ class Log:
 
     @property
     def run(self) -> str | None:
-        """The epoch of the run that is read of a folder; None while it is not known, and of a
-        file.
-        """
+        """The epoch of the run in a folder; None while it is not known, and for a file."""
         return self._folder.epoch if self._folder is not None else None
 
     def segments(self) -> list[Path]:
-        """The segments there are now, oldest first."""
+        """Return the current segments, oldest first."""
         return self._folder.segments() if self._folder is not None else [self.path]
 
     def __iter__(self) -> Iterator[Entry]:
-        """The entries of all segments. Raises UnusableLog if there are none."""
+        """Yield the entries of all segments. Raises UnusableLog if all are empty."""
         for segment in self.segments():
-            self._leave_damage_behind()
-            with self._excused(), segment.open("rb") as stream:
+            self._start_next_segment()
+            with self._store_error(), segment.open("rb") as stream:
                 reader = JournalReader(stream, str(segment))
-                yield from self._counted(reader, segment)
-                self._note_end(segment, reader)
+                yield from self._entries_of(reader, segment)
+                self._check_end(segment, reader)
         self._check_entries()
         if not self._has_entries:
             raise UnusableLog(
@@ -259,20 +272,22 @@ class Log:
     def follow(
         self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
     ) -> Iterator[Entry]:
-        """The entries there are and those that come, calling *wait* before looking again; ends only
-        at damage.
+        """Yield the entries, then new ones as they arrive; ends only at damage.
+
+        Args:
+            wait: Called before each check for new entries; the default sleeps for 0.2 seconds.
         """
         return (entry for entry, _ in self.follow_places(wait))
 
     def follow_places(
         self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
     ) -> Iterator[tuple[Entry, EntryPlace]]:
-        """The entries as in *follow*, each with its place."""
+        """Yield the entries as ``follow`` does, each with its place."""
         followed: set[Path] = set()
         while not (self._followed_by and self._folder is None):
-            segment = self._next_to(followed)
+            segment = self._first_except(followed)
             if segment is not None:
-                self._leave_damage_behind()
+                self._start_next_segment()
                 yield from self._follow_segment(segment, wait)
                 followed.add(segment)
             elif self._damage:
@@ -281,49 +296,51 @@ class Log:
                 wait()
         self._check_entries()
 
-    def _next_to(self, followed: set[Path]) -> Path | None:
-        """The first segment that is not among them; None if there is none yet."""
+    def _first_except(self, followed: set[Path]) -> Path | None:
+        """Return the first segment not yet followed; None if all are followed."""
         try:
             return next((one for one in self.segments() if one not in followed), None)
         except UnusableLog:
-            if self._damage:  # that says more
+            if self._damage:  # the better explanation
                 return None
             raise
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is not a byte in it yet."""
+        """Whether all its segments are empty."""
         return not any(segment.stat().st_size for segment in self.segments())
 
     def check_beginning(self) -> None:
-        """Raise UnusableLog if this is no journal; one that is empty may become one."""
-        wrong = [_why_none(segment) for segment in self.segments()]
-        if wrong and all(wrong):
-            raise UnusableLog(wrong[0])
+        """Raise UnusableLog if this is not a journal; an empty file may become one."""
+        objections = [_why_not_journal(segment) for segment in self.segments()]
+        if objections and all(objections):
+            raise UnusableLog(objections[0])
 
     @property
     def is_cut_short(self) -> bool:
-        """Whether something is left at the end that can't be read."""
+        """Whether the end of the journal can't be read."""
         return bool(self._damage or self.cut)
 
     @property
     def is_being_written(self) -> bool:
-        """Whether a central on this machine has the journal open: its run goes on."""
+        """Whether a central on this machine has the journal open: the run is live."""
         try:
             with self.segments()[-1].open("rb") as stream:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
-        except (OSError, IndexError, UnusableLog):  # it is gone
+        except (OSError, IndexError, UnusableLog):  # the journal was removed
             pass
         return False
 
     def present(self, last: float) -> float | None:
-        """The present on the run's clock, if its last entry was at *last* and more may come; None
-        if it is over.
+        """Return the present on the run's clock; None if the run is over.
 
-        It is reckoned from when the journal was last written to: a wall clock that was set since
-        the run began, as on a robot that learns the time late, does little harm.
+        The result is *last* plus the time since the journal was last written. This does not use
+        the wall-clock time of the run's start: a robot may set its clock late.
+
+        Args:
+            last: The time of the journal's last entry, on the run's clock.
         """
         if self._damage or not self.is_being_written:
             return None
@@ -331,104 +348,106 @@ class Log:
             silence = time.time() - self.segments()[-1].stat().st_mtime
         except (OSError, IndexError, UnusableLog):
             return None
-        return last + min(
-            max(silence, 0.0), time.monotonic()
-        )  # its central has run since the machine was started
+        # central has been running for no longer than the machine
+        return last + min(max(silence, 0.0), time.monotonic())
 
     @property
     def cut(self) -> str:
-        """The remark on a last entry that is not whole, and that nobody is writing just now."""
-        is_fresh = time.monotonic() - self._torn_since < _STILL
+        """The remark on an incomplete last entry that central is not writing at the moment."""
+        is_fresh = time.monotonic() - self._torn_since < _TORN_SECONDS
         if not self._torn or (is_fresh and self.is_being_written):
             return ""
         return _cut_off(*self._torn)
 
     @property
     def remarks(self) -> list[str]:
-        """Remarks, a line each: other runs or missing segments in the folder, losses, and what
-        follows in a file.
-        """
+        """Remarks, a line each: other runs, missing segments, losses, removed or later parts."""
         also = filter(None, [self._shortened, self._followed_by])
-        return [*self._of_folder(), *self.losses.lines, *also]
+        return [*self._folder_remarks(), *self.losses.lines, *also]
 
-    def _of_folder(self, *, of_missing: bool = True) -> list[str]:
+    def _folder_remarks(self, *, of_missing: bool = True) -> list[str]:
         folder = self._folder
         return [] if folder is None else [*folder.others, *(folder.missing if of_missing else ())]
 
     def print_remarks(self, *, of_missing: bool = True) -> None:
-        """Say on the standard error what there is to say of the folder (*of_missing*: of segments
-        that are missing, too); nothing is said twice.
+        """Print the remarks on the folder to standard error, each only once.
+
+        Args:
+            of_missing: Whether to print remarks on missing segments, too.
         """
-        for remark in self._of_folder(of_missing=of_missing):
-            self._say(remark)
+        for remark in self._folder_remarks(of_missing=of_missing):
+            self._print(remark)
 
     def check(self, *, of_missing: bool = True) -> None:
-        """Raise DamagedLog if reading stopped early, with the one line that says where and why;
-        ``print_remarks`` the rest.
+        """Print the remarks to standard error, and raise an error if entries were lost.
 
-        Of a journal that is cut only the end is missing, as after a power cut: a line on the
-        standard error says so.
+        A journal that is only cut off at the end, as after a power cut, is no error: a remark says
+        so.
+
+        Args:
+            of_missing: Whether to print remarks on missing segments, too.
+
+        Raises:
+            DamagedLog: Reading stopped early or skipped something; the message says where and why.
         """
         self.print_remarks(of_missing=of_missing)
         for remark in filter(None, [self._shortened, self._followed_by]):
-            self._say(remark)
+            self._print(remark)
         also = "; ".join(self.losses.lines)
         if self._damage:
-            shown = "what was read before" if self.lost else "what comes before it"
-            raise DamagedLog(f"{self._damage}; {shown} is shown" + (f" ({also})" if also else ""))
+            shown = "entries read earlier" if self.lost else "the entries before it"
+            raise DamagedLog(f"{self._damage}; {shown} are shown" + (f" ({also})" if also else ""))
         if also:
             raise DamagedLog(also)
         if cut := self.cut:
-            self._say(f"{cut}; what comes before it is shown")
+            self._print(f"{cut}; the entries before it are shown")
 
-    def _say(self, line: str) -> None:
-        if line not in self._said:
-            self._said.add(line)
+    def _print(self, line: str) -> None:
+        if line not in self._printed:
+            self._printed.add(line)
             click.echo(f"tca: {printable(line)}", err=True)
 
     def _follow_segment(
         self, segment: Path, wait: Callable[[], object]
     ) -> Iterator[tuple[Entry, EntryPlace]]:
         self.segment = segment
-        with self._excused(), segment.open("rb") as stream:
+        with self._store_error(), segment.open("rb") as stream:
             reader = JournalReader(stream, str(segment))
             while True:
-                is_last = self.segments()[-1:] == [
-                    segment
-                ]  # asked first: after that nothing is added to it
-                for entry in self._counted(reader, segment):
+                # Check this before reading: a segment does not grow once another follows it
+                is_last = self.segments()[-1:] == [segment]
+                for entry in self._entries_of(reader, segment):
                     yield entry, EntryPlace(segment, reader.offset)
-                self._note_end(segment, reader)
+                self._check_end(segment, reader)
                 self._check_is_whole(segment, reader)
                 if not is_last or self._followed_by:
                     return
                 wait()
 
     def _check_is_whole(self, segment: Path, reader: JournalReader) -> None:
-        """Raise JournalDamaged if a segment that is followed is gone, or has lost something that
-        was read.
-        """
+        """Raise JournalDamaged if a followed segment was removed or is shorter than before."""
         if not segment.exists():
-            self.lost = EntryPlace(segment, 0)  # another one may come in its place
+            self.lost = EntryPlace(segment, 0)  # another segment may get its name
             raise JournalDamaged(f"{segment}: has been removed")
         if reader.torn < 0:
             self.lost = EntryPlace(segment, reader.offset)
             raise JournalDamaged(
-                f"{segment}: has become shorter than what was read of it, by {-reader.torn} bytes"
+                f"{segment}: {-reader.torn} bytes that were read have been cut off"
             )
 
-    def _note_end(self, segment: Path, reader: JournalReader) -> None:
+    def _check_end(self, segment: Path, reader: JournalReader) -> None:
+        """Remember an incomplete entry at the end, and since when it has been so."""
         torn = (segment, reader.offset, reader.torn) if reader.torn else None
         if torn != self._torn:
             self._torn, self._torn_since = torn, time.monotonic()
 
-    def _counted(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
-        """The entries of a segment, until another run, or the same anew, begins in it."""
+    def _entries_of(self, reader: JournalReader, segment: Path) -> Iterator[Entry]:
+        """Yield the entries of a segment until another run, or the same one again, starts in it."""
         holes, unknown = len(reader.holes), reader.unknown
         try:
             for entry in reader:
                 if len(reader.holes) > holes or reader.unknown > unknown:
-                    self.losses.note(reader, segment, holes, unknown, self._time)
+                    self.losses.record(reader, segment, holes, unknown, self._time)
                     holes, unknown = len(reader.holes), reader.unknown
                 self._time = entry.time
                 facts = entry.facts
@@ -445,33 +464,28 @@ class Log:
                     )
                 if not self._has_entries or not reader.offset:
                     self._has_entries = True
-                    self.losses.note_version(reader, segment)
+                    self.losses.check_version(reader, segment)
                 yield entry
-        finally:  # something may be lost behind the last of them, too
-            self.losses.note(reader, segment, holes, unknown, self._time)
+        finally:  # there may be losses after the last entry
+            self.losses.record(reader, segment, holes, unknown, self._time)
 
     def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
-        """Whether, in the midst of a file, something begins that does not go on with what comes
-        before it.
-        """
+        """Whether another run, or a segment out of order, starts in the middle of a file."""
         last = self._opened if reader.offset else None
         if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
             self._opened = opened
             return False
-        what = (
-            "another run"
-            if opened.epoch != last.epoch
-            else f"segment {opened.segment} of this run, once more,"
-        )
+        is_other_run = opened.epoch != last.epoch
+        start = "another run" if is_other_run else f"segment {opened.segment} of this run, again,"
         self._followed_by = (
-            f"{segment}, byte {reader.offset}: {what} begins here; only what comes before it is shown: to see the rest,"
-            f" take it out of the file ('tail -c +{reader.offset + 1}')"
+            f"{segment}, byte {reader.offset}: {start} starts here; only the entries before it are "
+            f"shown: to see the rest, extract it with 'tail -c +{reader.offset + 1}'"
         )
         return True
 
     @contextmanager
-    def _excused(self) -> Iterator[None]:
-        """Reading may fail; ``check`` tells of it."""
+    def _store_error(self) -> Iterator[None]:
+        """Store an error of reading for ``check`` to report."""
         try:
             yield
         except JournalDamaged as error:
@@ -479,8 +493,8 @@ class Log:
         except OSError as error:
             self._damage = f"{error.filename or self.path}: can't be read: {error.strerror}"
 
-    def _leave_damage_behind(self) -> None:
-        """There is another segment: go on there."""
+    def _start_next_segment(self) -> None:
+        """Count the unreadable end of the last segment as a loss, as another segment follows."""
         if self._torn:
             self.losses.ends.append(_cut_off(*self._torn))
         if self._damage:
@@ -494,7 +508,7 @@ class Log:
 
 
 def is_closed(segment: Path) -> bool:
-    """Whether a segment ends with central's goodbye."""
+    """Whether a segment ends with the fact that central closed the run."""
     try:
         with segment.open("rb") as stream:
             last = deque(
@@ -506,11 +520,11 @@ def is_closed(segment: Path) -> bool:
 
 
 def _cut_off(segment: Path, offset: int, torn: int) -> str:
-    return f"{segment}, byte {offset}: cut off, the last {torn} bytes are no whole entry"
+    return f"{segment}, byte {offset}: cut off: the last {torn} bytes are not a complete entry"
 
 
-def _why_none(segment: Path) -> str:
-    """Why a file is no journal; "" if it is one, or is empty and may become one."""
+def _why_not_journal(segment: Path) -> str:
+    """Return why a file is not a journal; "" if it is one, or is empty and may become one."""
     try:
         with segment.open("rb") as stream:
             next(iter(JournalReader(stream, str(segment))), None)
@@ -525,13 +539,14 @@ def _checked(path: Path) -> Path:
     if path.is_dir():
         if not segments_in(path):
             below = max(path.glob(f"*/*{SEGMENT_SUFFIX}"), default=None)
-            one = f", such as {below.parent}" if below else ""
+            example = f", such as {below.parent}" if below else ""
             raise UnusableLog(
-                f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): name the journal of one run{one}"
+                f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): "
+                f"name the journal of one run{example}"
             )
     elif not path.exists():
         raise UnusableLog(
-            f"{path}: there is no such file or directory: name a journal directory or a segment"
+            f"{path}: no such file or directory: name a journal directory or a segment"
         )
     elif not path.is_file():
         raise UnusableLog(

@@ -1,8 +1,7 @@
-"""The life of a task as its clients, its server and observers see it, after its table of states.
-Pure.
+"""The life cycle of a task as its clients, its server and observers see it. Pure.
 
-The journal tells of a transition only where no other fact does: a handler gets a task and thereby
-accepts it, a task begins anew, a task ends.
+The journal has a fact for a transition only if no other fact implies it. Implied transitions are:
+a handler is called with a task and thereby accepts it, a task starts again, a task ends.
 """
 
 from bisect import bisect_right
@@ -12,7 +11,8 @@ from math import inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.journal.records import DONE, Task, going_on
+from tca_tools.journal.records import DONE, Task
+from tca_tools.journal.sequences import active_at
 from tca_tools.journal.whole_run import Run
 from tca_wire.errors import BadFormat
 from tca_wire.life_cycles import GENERAL, Effect, LifeCycle, read_life_cycle
@@ -22,7 +22,7 @@ _TIME = attrgetter("time")
 
 
 def cycle_of(run: Run, task: Task) -> LifeCycle:
-    """The table of its states, as declared."""
+    """Return the life cycle that a task was declared with."""
     known = run.formats.get(task.name)
     return _read(known.life_cycle) if known else GENERAL
 
@@ -31,12 +31,12 @@ def cycle_of(run: Run, task: Task) -> LifeCycle:
 def _read(text: str) -> LifeCycle:
     try:
         return read_life_cycle(text)
-    except BadFormat:  # central refuses such: the journal is another one's
+    except BadFormat:  # central refuses a bad table: it did not write this journal
         return GENERAL
 
 
 def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
-    """What a transition to a state does beside that."""
+    """Return the effect of a transition, preferably of the one with that target state."""
     rows = [one for one in cycle_of(run, task).transitions if one.name == transition]
     return next(
         (one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE
@@ -44,43 +44,36 @@ def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
 
 
 class Life(NamedTuple):
-    """How a task stood in its life cycle."""
+    """The place of a task in its life cycle."""
 
     state: str
     serial: int
-    """How many changes there had been."""
+    """The number of changes so far."""
     progress: bytes
-    """The newest intermediate result since it began, if there was one."""
+    """The newest intermediate result since its handler started; empty if there was none."""
     asked: bytes
-    """The goal that a client asked for last, if that was not decided."""
+    """The newest requested goal, while the server has not decided on it."""
     is_telling: bool = False
-    """Whether it is a state in which not every task is: neither the first one, nor running, nor an
-    end.
-    """
+    """Whether the state is neither initial, running, nor final, so it is worth showing."""
 
 
 def life_at(run: Run, task: Task, moment: float = inf) -> Life:
-    """How it stood at a moment."""
-    cycle, told = cycle_of(run, task), task.life[: bisect_right(task.life, moment, key=_TIME)]
-    state, serial, since = cycle.initial, 0, (-inf, _IS_TOLD)
-    if told:
-        state, serial, since = told[-1].state, told[-1].serial, (told[-1].time, _IS_TOLD)
+    """Return the place of a task in its life cycle at a moment."""
+    cycle, changes = cycle_of(run, task), task.life[: bisect_right(task.life, moment, key=_TIME)]
+    state, serial, since = cycle.initial, 0, (-inf, _RECORDED)
+    if changes:
+        last = changes[-1]
+        state, serial, since = last.state, last.serial, (last.time, _RECORDED)
     until = min(moment, run.time)
     for time, step in sorted(
         one for one in _implied_steps(run, task) if one > since and one[0] <= until
     ):
         following = _after(cycle, task, state, step, time)
         state, serial = following, serial + (following != state)
-    newest = next((one for one in reversed(told) if one.effect is Effect.RESULT), None)
-    is_old = newest is None or any(
-        newest.time < again.start <= moment for again in task.handlings[1:]
-    )
+    newest = next((one for one in reversed(changes) if one.effect is Effect.RESULT), None)
+    is_old = newest is None or any(newest.time < run.start <= moment for run in task.handlings[1:])
     is_open = cycle.grant(state) is not None
-    asked = (
-        (one.body for one in reversed(told) if one.effect is Effect.NEW_GOAL)
-        if is_open
-        else iter(())
-    )
+    asked = (one.body for one in reversed(changes) if is_open and one.effect is Effect.NEW_GOAL)
     usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled
     return Life(
         state,
@@ -91,44 +84,45 @@ def life_at(run: Run, task: Task, moment: float = inf) -> Life:
     )
 
 
-_IS_TOLD, _BEGINS_ANEW, _BEGINS, _ENDS = range(4)
-"""Steps of a life, in their order at one time."""
+_RECORDED, _RESTARTS, _STARTS, _ENDS = range(4)
+"""Steps of a life cycle, in their order at one time; the first has a fact of its own."""
 
 
 def _implied_steps(run: Run, task: Task) -> Iterator[tuple[float, int]]:
-    """What else changes its state, and when."""
+    """Yield the implied steps with their times."""
     first = task.handlings[0] if task.handlings else None
     for one in (*task.queueings, *task.handlings):
         if first is not None and one.start > first.start:
-            yield one.start, _BEGINS_ANEW
+            yield one.start, _RESTARTS
     for handling in task.handlings:
-        if handling.outcome is None and handling.end is not None:  # its module is gone
-            yield handling.end, _BEGINS_ANEW
+        if handling.outcome is None and handling.end is not None:  # its module left
+            yield handling.end, _RESTARTS
         offers = [one for one in run.offers.get(task.name, ()) if one.module == handling.module]
-        offer = going_on(offers, handling.start)
+        offer = active_at(offers, handling.start)
         if offer is None or not offer.accepts:
-            yield handling.start, _BEGINS
-    if (
-        task.message_class.is_monitor
-    ):  # it watches without a handler, and begins anew soon after a retry
+            yield handling.start, _STARTS
+    # A monitor watches without a handler, and starts again once the retry's asker has returned
+    if task.message_class.is_monitor:
         begun = task.time_of(Moment.START_HANDLING)
-        again = [
+        restarts = [
             retry.time if retry.asker is None else retry.asker.until
             for retry in task.retries
             if retry.time > begun
         ]
-        yield from ((time, _BEGINS_ANEW) for time in again)
-        yield from ((time, _BEGINS) for time in (begun, *again) if task.was("killed", time) is None)
+        yield from ((time, _RESTARTS) for time in restarts)
+        yield from (
+            (time, _STARTS) for time in (begun, *restarts) if task.was("killed", time) is None
+        )
     if task.has_ended:
         yield task.time_of(Moment.END_ACHIEVING), _ENDS
 
 
 def _after(cycle: LifeCycle, task: Task, state: str, step: int, time: float) -> str:
-    """The state after a step."""
+    """Return the state after a step."""
     if cycle.is_over(state):
         return state
-    if step == _BEGINS:
+    if step == _STARTS:
         return cycle.accepted.target if state == cycle.initial else state
-    if step == _BEGINS_ANEW:
+    if step == _RESTARTS:
         return cycle.initial if task.was("killed", time) is None else state
     return cycle.done if task.state_at(time) in DONE else cycle.cancelled

@@ -1,5 +1,5 @@
-"""What became of a run: how long it lasted, and how its top-level tasks ended. Pure; keeps nothing
-of other tasks.
+"""The outcome of a run: its duration, and how its top-level tasks ended. Pure; it retains nothing
+about other tasks.
 """
 
 from collections import Counter
@@ -14,26 +14,24 @@ from tca_wire.text.facts_in_words import kill_reason
 
 
 class RunOutcome:
-    """As far as the entries went that it has taken in."""
+    """The outcome of a run according to the entries passed to ``update``."""
 
     def __init__(self) -> None:
         self.lasted = 0.0
         """The time of the last entry."""
         self.is_closed = False
-        """Whether central ended of its own will."""
+        """Whether central closed the run."""
         self.tasks = 0
-        """How many there were, monitors apart."""
+        """The number of tasks, without monitors."""
         self.why = ""
         """Why the first top-level task was killed, if one was."""
         self._states: dict[int, TaskState] = {}
         self._ends: dict[int, TaskState] = {}
-        """The ends of top-level tasks that are not just achieved."""
+        """The end states of top-level tasks that will not be simply achieved."""
 
     @property
     def top(self) -> Counter[TaskState]:
-        """How many top-level tasks ended in which state; those that have not ended are
-        "achieving".
-        """
+        """The number of top-level tasks by state; tasks that have not ended are "achieving"."""
         return Counter(self._states.values())
 
     def _received(self, fact: facts.Received) -> None:
@@ -65,20 +63,20 @@ class RunOutcome:
         del fact
         self.is_closed = True
 
-    def take(self, entries: Iterable[Entry]) -> None:
-        """Take in what happened next."""
+    def update(self, entries: Iterable[Entry]) -> None:
+        """Apply the next entries."""
         for entry in entries:
             self.lasted, self.is_closed = entry.time, False
             for fact in entry.facts:
-                if take := _TAKE.get(type(fact)):
-                    take(self, fact)
+                if apply_fact := _METHODS.get(type(fact)):
+                    apply_fact(self, fact)
 
 
-_TAKE = takers(RunOutcome)
+_METHODS = takers(RunOutcome)
 
 
 def outcome_of(entries: Iterable[Entry]) -> RunOutcome:
-    """The outcome of a run."""
-    found = RunOutcome()
-    found.take(entries)
-    return found
+    """Return the outcome of a run."""
+    outcome = RunOutcome()
+    outcome.update(entries)
+    return outcome

@@ -1,9 +1,8 @@
-"""The records of a run: messages, tasks, and the work of each handler. Plain data; the fold fills
-them.
+"""The records of a run: messages, tasks, and the runs of handlers. Plain data, filled by the fold.
 
-Many are spans: they start, and end unless they go on. Those of one thing lie in lists, oldest
-first. A run may have millions of records, and most have none of most things: these share ``NONE``,
-and ``added`` makes the first list.
+Many records are spans: they have a start, and an end once they are over. The spans of one thing
+are listed oldest first. A run may have millions of records, mostly with empty lists. These
+are all ``NONE``; ``appended`` makes a new list for the first element.
 """
 
 from bisect import bisect_left, bisect_right
@@ -11,10 +10,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from math import inf
-from operator import attrgetter, itemgetter
-from typing import Any, NamedTuple, Self, TypeVar
+from operator import attrgetter
+from typing import NamedTuple, Self
 
 from tca_tools.journal.overwriting import Changes, Overwritten
+from tca_tools.journal.sequences import NONE, SHORT, Span, appended
 from tca_wire.constraints import Constraint
 from tca_wire.journal.facts import TapAdded
 from tca_wire.life_cycles import Effect
@@ -27,107 +27,54 @@ from tca_wire.waits import WaitKind
 class TaskState(StrEnum):
     """The state of a task at the moment folded so far."""
 
-    HELD = "held"  # not begun: constraints or its parent do not allow it yet
+    HELD = "held"  # not started: its constraints or its parent do not allow it yet
     QUEUED = "queued"  # waits for a resource or for a handler
-    PLANNING = "planning"  # is being expanded, ahead of its achievement
-    PLANNED = "planned"  # expanded; may not be achieved yet
+    PLANNING = "planning"  # is being expanded before it may be achieved
+    PLANNED = "planned"  # expanded, but may not be achieved yet
     HANDLING = "handling"  # its handler runs and it is being achieved
-    ACHIEVING = "achieving"  # its handler is done, what is under it is being achieved
+    ACHIEVING = "achieving"  # its handler has returned; its subtasks are being achieved
     ACHIEVED = "achieved"
-    RESOLVED = str(
-        Outcome.RESOLVED
-    )  # an exception handler resolved its failure: it did not do what it should
-    RECOVERING = "recovering"  # it failed, and an exception handler decides what becomes of it
-    SUSPENDED = "suspended"  # nothing of it may be begun, and no handler has it; what is under it may still run
-    ENDING = (
-        "ending"  # killed, but its handler still runs, or something under it is still to be done
-    )
+    RESOLVED = str(Outcome.RESOLVED)  # it failed, and an exception handler resolved the failure
+    RECOVERING = "recovering"  # it failed, and an exception handler decides what to do
+    SUSPENDED = "suspended"  # no part of it may start and no handler has it; subtasks may run
+    ENDING = "ending"  # killed, but its handler still runs or a subtask has not ended
     FAILED = "failed"
     KILLED = "killed"
 
 
 DONE = (TaskState.ACHIEVED, TaskState.RESOLVED)
-"""States of a task that has ended so that what follows it goes on as planned."""
+"""States of an ended task whose successors continue as planned."""
 OVER = (*DONE, TaskState.FAILED, TaskState.KILLED)
-"""States of a task that has ended."""
+"""States of an ended task."""
 
 
-NONE: Any = ()
-_SHORT = 8
-"""Records: a tuple takes less room than a list."""
 _STATES = tuple(TaskState)
 _SHARED: dict[bytes, bytes] = {}
-"""Short sequences of states, one object each: most tasks go through the same."""
+"""One shared object for each short sequence of states: most tasks pass the same states."""
 _AS_BYTE = {state: bytes([number]) for number, state in enumerate(_STATES)}
 PLACES = {int(moment): place for place, moment in enumerate(MOMENTS, 1)}
-"""The places of moments in ``Task.times``."""
+"""The index of each moment in ``Task.times``."""
 PLACES_OF = [
     tuple(PLACES[moment] for moment in MOMENTS if moments & moment)
     for moments in range(ALL_MOMENTS + 1)
 ]
-"""The same of each set of moments."""
+"""The indexes for each set of moments."""
 _START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment.START_ACHIEVING]
 _END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
-_LATELY = 32
-"""Waits of a coroutine that are looked at."""
-_START, _SINCE, _RUNS = attrgetter("start"), itemgetter(0), attrgetter("runs")
-
-
-class Span:
-    """Something that starts, and ends unless it goes on."""
-
-    __slots__ = ()
-    start: float
-    end: float | None
-
-    @property
-    def until(self) -> float:
-        """When it ended; inf if it goes on."""
-        return inf if self.end is None else self.end
-
-    def goes_on(self, time: float) -> bool:
-        """Whether it had begun at a time, and not ended."""
-        return self.start <= time and (self.end is None or self.end > time)
-
-
-_Span = TypeVar("_Span", bound=Span)
-_T = TypeVar("_T")
-
-
-def added(some: Sequence[_T], one: _T) -> Sequence[_T]:
-    """Some, with one more."""
-    if len(some) < _SHORT:
-        return (*some, one)
-    some = some if isinstance(some, list) else [*some]
-    some.append(one)
-    return some
+_START, _RUNS = attrgetter("start"), attrgetter("runs")
 
 
 def first_moment(moments: int) -> Moment | None:
-    """The first of a set of moments; None if it is empty."""
+    """Return the first moment of a set; None if the set is empty."""
     return next((MOMENTS[place - 1] for place in PLACES_OF[moments & ALL_MOMENTS]), None)
-
-
-def going_on(spans: Sequence[_Span], time: float) -> _Span | None:
-    """Of spans one after the other, the one that went on at a time."""
-    begun = bisect_right(spans, time, key=_START) if spans else 0
-    return spans[begun - 1] if begun and spans[begun - 1].goes_on(time) else None
-
-
-def lately(spans: Sequence[_Span], time: float) -> list[_Span]:
-    """Those that went on at a time, of the last that had begun."""
-    begun = bisect_right(spans, time, key=_START) if spans else 0
-    return [
-        span
-        for span in spans[max(begun - _LATELY, 0) : begun]
-        if span.end is None or span.end > time
-    ]
 
 
 @dataclass(slots=True)
 class HandlerWait(Span):
-    """A handler blocks: for the reply to message *awaited*, until task *awaited* reaches a moment,
-    or for a claim; or for a change of task *awaited*, or for what *name* says (0).
+    """A handler, or a module's thread, blocks until something happens.
+
+    It waits for the reply to message *awaited*, for a moment or a change of task *awaited*, or for
+    claim *awaited*. If *awaited* is 0, *name* says what it waits for.
     """
 
     awaited: int
@@ -135,15 +82,15 @@ class HandlerWait(Span):
     moment: Moment | None = None
     end: float | None = None
     by: "Handling | str" = field(default="", repr=False, compare=False)
-    """The run of a handler that waits, or the module where it does outside of any."""
+    """The run of a handler that waits; the module's name for a wait outside of handlers."""
     kind: WaitKind = WaitKind.TASK
-    """CHANGE, PRESENCE; or TASK, also of a reply or a claim."""
+    """CHANGE, PRESENCE or TASK; TASK also for a reply or a claim."""
     name: str = ""
 
 
 @dataclass(slots=True)
 class Queueing(Span):
-    """A delivery waits for a resource, or for a handler (module "")."""
+    """A delivery waits for a resource, or for a handler if its module is ""."""
 
     message_id: int
     module: str
@@ -154,27 +101,25 @@ class Queueing(Span):
 
 
 class Drop(NamedTuple):
-    """A loss: a message that came to nothing, what one receiver of it was to get, or direct
-    messages.
-    """
+    """A dropped message, a copy of it for one receiver, or some lost direct messages."""
 
     time: float
     name: str
-    """Of the message; "" for notes of direct messages."""
+    """The message's name; "" for notes of direct messages."""
     number: int
-    """How many at once."""
+    """The number of messages dropped at once."""
     why: str
     message_id: int = 0
-    """The message (0: direct ones), or what it is a copy of."""
+    """The message, or the message of the copy; 0 for direct messages."""
     is_copy: bool = False
-    """Only one receiver did not get it."""
+    """Whether only one receiver did not get it."""
     dropping: Dropping = Dropping.OTHER
     sender: str = ""
-    """The module that lost direct messages on the way."""
+    """The module that sent the lost direct messages."""
 
     @property
     def is_loss(self) -> bool:
-        """Whether a handler should have had it."""
+        """Whether a handler should have received it."""
         return (
             self.is_copy
             or not self.message_id
@@ -193,34 +138,30 @@ class Handling(Span):
     start: float
     end: float | None = None
     outcome: Outcome | None = None
-    """KILLED if it returned, but its task had been killed meanwhile; None while it goes on, or if
-    it was cut off.
-    """
+    """KILLED if it returned after its task was killed; None while it runs, or if it was cut off."""
     waits: Sequence[HandlerWait] = NONE
     direct_from: str = ""
-    """The module that sent the message directly: it has no id (0), and no record of its own."""
+    """The sender of a direct message, which has id 0 and no record of its own."""
     by: "Handling | None" = field(default=None, repr=False, compare=False)
-    """Of such a message the run of a handler that sent it."""
+    """The run of a handler that sent the direct message."""
     delivery: int = 0
-    """The delivery: what its handler sends names it as its origin. A retried message has a new one
-    each time.
-    """
+    """The delivery, the origin of the messages that the handler sends; new for each retry."""
     asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
     """The queries that its handler sent."""
     is_lost: bool = False
     """Whether it failed because its module was lost: no handler returned."""
-    beside: "tuple[Handling, ...]" = field(default=(), repr=False, compare=False)
-    """The runs that went on in the same resource when it began."""
+    concurrent: "tuple[Handling, ...]" = field(default=(), repr=False, compare=False)
+    """The runs that were active in the same resource when it started."""
     slot: int = 0
-    """The connection of the module that had it."""
+    """The connection of the module's slot that ran it."""
     is_nested: bool = False
-    """Whether it was handled while its slot waited, in the midst of another message."""
+    """Whether it ran in a slot while another handler there waited."""
     priority: int = 0
 
 
 @dataclass(slots=True)
 class Claim(Span):
-    """A lock or reservation of a module's resource: wanted, then granted, then over."""
+    """A lock or reservation of a module's resource: requested, then granted, then over."""
 
     id: int
     module: str
@@ -228,19 +169,20 @@ class Claim(Span):
     is_reserved: bool
     sender: str
     origin: int
-    """The delivery whose handler wanted it (0: none)."""
+    """The delivery whose handler requested it (0: none)."""
     start: float
     granted: float | None = None
     end: float | None = None
     ended: str = ""
-    """Why it is over."""
+    """Why it ended."""
     by: "Handling | None" = field(default=None, repr=False, compare=False)
-    """The run of a handler for which it was wanted."""
+    """The run of a handler that requested it."""
 
     @property
     def name(self) -> str:
         """The kind of claim, and its resource."""
-        return f"{'reservation' if self.is_reserved else 'lock'} of {place(self.module, self.resource)}"
+        kind = "reservation" if self.is_reserved else "lock"
+        return f"{kind} of {place(self.module, self.resource)}"
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
@@ -254,22 +196,20 @@ class Offer(Span):
     resource: str
     start: float
     end: float | None = None
-    """When it took that back, or left."""
+    """When it withdrew the handler, or left."""
     accepts: bool = False
-    """It says itself when it accepts a task."""
+    """Whether its handler accepts tasks explicitly, rather than by being called."""
 
 
 class Failure(str):
-    """A failure as text: its *name*, and the *words* that were said of it; empty where there is
-    none.
-    """
+    """A failure as text: its *name* and its description, *words*; empty if there is no failure."""
 
     __slots__ = ("name", "words")
     name: str
     words: str
 
     def __new__(cls, name: str = "", words: str = "") -> Self:
-        """The two of them as one text."""
+        """Make the text ``name: words``."""
         self = super().__new__(cls, f"{name}: {words}" if words else name)
         self.name, self.words = name, words
         return self
@@ -279,7 +219,7 @@ NO_FAILURE = Failure()
 
 
 class Raised(NamedTuple):
-    """A failure was raised on a task beside its handler, which goes on."""
+    """A failure was raised on a task while its handler kept running."""
 
     time: float
     failure: Failure
@@ -290,18 +230,18 @@ class Raised(NamedTuple):
 
 
 class Retry(NamedTuple):
-    """A task was to be handled again."""
+    """A request that a task be handled again."""
 
     time: float
     by: str
     is_other: bool
-    """Whether with other data."""
+    """Whether the retry has other data."""
     runs: int
-    """The number of its handlings that had begun."""
+    """The number of handlings started before."""
     sent: int
-    """The number of tasks that had been sent under it."""
+    """The number of subtasks sent before."""
     asker: Handling | None = None
-    """The run of a handler that asked for it."""
+    """The run of a handler that requested it."""
 
 
 class LifeChange(NamedTuple):
@@ -310,19 +250,19 @@ class LifeChange(NamedTuple):
     time: float
     transition: str
     state: str
-    """The state from then on."""
+    """The state after it."""
     serial: int
     by: Party
     module: str = ""
-    """Of the client or server."""
+    """The module that is the client or server."""
     text: str = ""
-    """The reason, for people."""
+    """The reason, as text for the user."""
     body: bytes = b""
-    """The goal that a client asks for, or an intermediate result."""
+    """The goal that a client requests, or an intermediate result."""
     effect: Effect = Effect.NONE
 
     def __str__(self) -> str:
-        """``update by planner, now update requested``; without the state, where that stays."""
+        """Return ``update by planner, now update requested``; no state if that is unchanged."""
         stays = self.effect in (Effect.RESULT, Effect.STOP)
         return state_change(self.transition, "" if stays else self.state, self.module, self.text)
 
@@ -336,17 +276,17 @@ class Hold:
     over: float = inf
     """When its delay was over, if it has one."""
     tap: TapAdded | None = None
-    """The wiretap whose listener it waits for, if it is that."""
+    """The wiretap that it comes from, if the task waits for a listener."""
 
 
-class EventAhead(NamedTuple):
-    """An event set for a task: it is killed, or fails if it has not reached a moment by then."""
+class PlannedEvent(NamedTuple):
+    """A planned kill of a task, or a deadline by which it must have reached a moment."""
 
     set_at: float
     seconds: float
-    """How long after *set_at*, or after a point was reached."""
+    """The delay after *set_at*, or after point *after* is reached."""
     moment: Moment | None
-    """None: it is killed."""
+    """The moment of a deadline; None for a kill."""
     after: Point | None = None
     scope: Scope = Scope.TASK
     by: str = ""
@@ -354,9 +294,7 @@ class EventAhead(NamedTuple):
 
 
 class Exhausted(NamedTuple):
-    """An exception handler that had been called as often as it may, when a failure was not
-    handled.
-    """
+    """An exception handler that had reached its maximum of calls when a failure occurred."""
 
     time: float
     handler: str
@@ -365,19 +303,19 @@ class Exhausted(NamedTuple):
 
 @dataclass(slots=True)
 class Suspension(Span):
-    """Nothing of a task was begun, from when it was suspended until it was resumed or ended."""
+    """The time from when a task was suspended until it was resumed or ended."""
 
     task: TaskId
     cause: TaskId
-    """The suspended task: this one, or one above it."""
+    """The suspended task: this one or an ancestor."""
     start: float
-    still: list[Handling] = field(default_factory=list, repr=False)
-    """Handlers of *cause* and under it that ran then, or began since: resumed alone, or to leave
-    things safe.
+    handlings: list[Handling] = field(default_factory=list, repr=False)
+    """The handlers of *cause* and its descendants that ran at the start, or started later: of tasks
+    resumed alone, or sent on termination.
     """
     end: float | None = None
     is_resumed: bool = False
-    """Whether it ended so; else the task itself ended."""
+    """Whether the task was resumed; else the task ended."""
     by: str = ""
     """The module that suspended *cause*, or "central"."""
     resumed_by: str = ""
@@ -386,16 +324,13 @@ class Suspension(Span):
 
     @property
     def standstill(self) -> float | None:
-        """From when on none of those handlers worked any more (None: one still does)."""
-        since = max(
-            [self.start, *(self._work_end(one) for one in self.still if one.start < self.until)]
-        )
+        """When the last of ``handlings`` stopped working; None if one still works."""
+        started = (one for one in self.handlings if one.start < self.until)
+        since = max([self.start, *map(self._work_end, started)])
         return since if since < inf else None
 
     def _work_end(self, handling: Handling) -> float:
-        """When a handler was done; or from when on it waited for a task until the suspension was
-        over.
-        """
+        """When a handler returned, or began to wait for a task until after the suspension."""
         blocked = (
             wait.start for wait in handling.waits if wait.moment and wait.until >= self.until
         )
@@ -413,15 +348,14 @@ class Message(Overwritten):
     origin: int
     """The delivery whose handler sent it (0: none)."""
     received: float
+    """When central accepted it."""
     body: bytes = b""
     queueings: Sequence[Queueing] = NONE
     handlings: Sequence[Handling] = NONE
     changes: Changes = NONE
-    """The overwritten values: when, which of the fields (``body`` or one below), and the old value.
-    Many are kept by field, so that each is found in O(log).
-    """
+    """The overwritten values of ``body`` and the fields below; see ``Overwritten``."""
     failure: Failure = NO_FAILURE
-    """The failure raised on it; none again when it is handled anew."""
+    """The failure raised on it; cleared when it is handled again."""
     dropped: str = ""
     dropping: Dropping = Dropping.OTHER
     result: bytes = b""
@@ -429,28 +363,25 @@ class Message(Overwritten):
     role: Role = Role.NONE
     """Why central made it; NONE if a module sent it."""
     about: int = 0
-    """The message that it was made for: the failing, tapped, killed or monitoring one."""
+    """The failing, tapped, killed or monitoring message that it was made for."""
     answered: float | None = None
-    """When its sender got the (last) answer; of queries only."""
+    """When the sender of a query received the last answer."""
     by: Handling | None = field(default=None, repr=False, compare=False)
-    """The run of a handler that sent it, if that went on then."""
+    """The run of a handler that sent it; None if that had ended."""
 
     def __str__(self) -> str:
         return f"{self.name} {{{self.id}}}"
 
     @property
     def was_given_up(self) -> bool:
-        """Whether its sender waited no longer for the answer."""
+        """Whether its sender stopped waiting for the answer."""
         return self.dropping is Dropping.GIVEN_UP
 
     @property
     def failures(self) -> list[tuple[float, Failure]]:
-        """The failures that were raised on it, and when, oldest first."""
-        return (
-            [(time, failure) for time, failure in self.became("failure") if failure]
-            if self.changes
-            else []
-        )
+        """The failures that were raised on it, with their times, oldest first."""
+        values = self.became("failure") if self.changes else []
+        return [(time, failure) for time, failure in values if failure]
 
     @property
     def is_queued(self) -> bool:
@@ -459,7 +390,7 @@ class Message(Overwritten):
 
     @property
     def handling(self) -> Handling | None:
-        """The run of its handler that goes on now."""
+        """The current run of its handler."""
         return self.handlings[-1] if self.handlings and self.handlings[-1].end is None else None
 
 
@@ -474,77 +405,71 @@ class Task(Message):
     holds: Sequence[Hold] = NONE
     """The constraints on moments of this task."""
     times: list[float] = field(default_factory=lambda: [inf] * (1 + len(MOMENTS)))
-    """When it reached which moment (inf: not yet), at its place of ``PLACES``."""
+    """When it reached each moment (inf: not yet), at the index in ``PLACES``."""
     killed: str | None = None
-    """Why it was killed, as central gave it."""
+    """Why it was killed, in central's words."""
     killed_by: str = ""
-    """The module that wanted it killed, or "central"."""
+    """The module that requested the kill, or "central"."""
     killer: Handling | None = field(default=None, repr=False, compare=False)
-    """The run of a handler that asked for the kill, perhaps long before."""
+    """The run of a handler that requested the kill; it may have ended long before."""
     killed_for: TaskId = ROOT
-    """The task whose failure nobody handled, if it was killed for that."""
+    """The task whose unhandled failure was the reason for the kill."""
     is_waited_for: bool = False
-    """Of a polling or demon monitor: its parent waits for its end, else it ends with all else there
-    at the latest.
-    """
+    """Whether the parent waits for this monitor's end; else the monitor ends with its siblings."""
     outlives_retry: bool = False
-    """Of a monitor: a retry of the task that it is under spares it."""
+    """Whether a retry of the parent leaves this monitor alive."""
     watched: str = ""
-    """Of a monitor: why it watches no longer."""
+    """Why this monitor stopped watching."""
     caught_by: Sequence[TaskId] = NONE
     """The tasks of the exception handlers that were called for its failures."""
     deciders: Sequence[TaskId] = NONE
-    """Those of them that decided, one after the other, what became of it; not those for failures
-    raised beside.
-    """
+    """The exception handlers called for failures of its handler, not for failures raised beside."""
     is_recovering: bool = False
-    """An exception handler decides what becomes of it."""
+    """Whether an exception handler is deciding what to do about its failure."""
     is_dealt_with: bool = False
-    """Its failure was dealt with."""
+    """Whether its failure was dealt with."""
     is_unhandled: bool = False
-    """Nobody dealt with its failure. Unless killed (it is retried, or survives what is above it) it
-    goes on.
+    """Whether its failure was not handled. It continues if it is not killed: a retry may be due, or
+    it may survive its ancestor's kill.
     """
     suspensions: Sequence[Suspension] = NONE
     retries: Sequence[Retry] = NONE
     life: Sequence[LifeChange] = NONE
-    """The transitions of its life cycle that are facts of their own; lives.py adds those that other
-    facts imply.
+    """Life cycle transitions with facts of their own; lives.py adds those implied by other facts.
     """
     since: Sequence[float] = NONE
-    """From when on it was in each of its states."""
+    """The start of each of its states."""
     stages: bytes | bytearray = b""
-    """Those states, a byte each: see ``states``."""
+    """Its states, one byte each, parallel to ``since``."""
 
     @property
     def why_killed(self) -> str | None:
-        """Why, and by whom; None if it was not killed."""
+        """Why and by which module it was killed; None if it was not."""
         return None if self.killed is None else kill_reason(self.killed, self.killed_by)
 
     def time_of(self, moment: int) -> float:
-        """When it reached a moment; inf if it has not."""
+        """Return when it reached a moment; inf if it has not."""
         return self.times[PLACES.get(moment, 0)]
 
     @property
     def reached(self) -> dict[Moment, float]:
-        """When it reached which moments."""
-        return {
-            moment: time for moment, time in zip(MOMENTS, self.times[1:], strict=True) if time < inf
-        }
+        """The moments it has reached, with their times."""
+        times = zip(MOMENTS, self.times[1:], strict=True)
+        return {moment: time for moment, time in times if time < inf}
 
     @property
     def has_ended(self) -> bool:
-        """Whether all of it is over, however it ended."""
+        """Whether it has ended, with any outcome."""
         return self.times[_END_ACHIEVING] < inf
 
     def enter(self, state: TaskState, time: float) -> bool:
-        """Note its state from a time on; whether it is another one."""
+        """Record its state from a time on. Returns whether the state is a new one."""
         if self.stages.endswith(stage := _AS_BYTE[state]):
             return False
-        self.since = added(self.since, time)
+        self.since = appended(self.since, time)
         if isinstance(self.stages, bytearray):
             self.stages += stage
-        elif len(self.stages) < _SHORT:
+        elif len(self.stages) < SHORT:
             self.stages = _SHARED.setdefault(stages := self.stages + stage, stages)
         else:
             self.stages = bytearray(self.stages + stage)
@@ -552,56 +477,54 @@ class Task(Message):
 
     @property
     def states(self) -> list[tuple[float, TaskState]]:
-        """From when on it was in which state."""
-        return [
-            (since, _STATES[stage]) for since, stage in zip(self.since, self.stages, strict=True)
-        ]
+        """Its states, each with its start."""
+        starts = zip(self.since, self.stages, strict=True)
+        return [(since, _STATES[stage]) for since, stage in starts]
 
     def stage(self, place: int) -> tuple[float, TaskState]:
-        """One of these."""
+        """Return one of ``states`` without making the list."""
         return self.since[place], _STATES[self.stages[place]]
 
     def place_at(self, time: float) -> int:
-        """Which of its states it was in."""
+        """Return the index in ``states`` at a time."""
         return max(bisect_right(self.since, time) - 1, 0)
 
     def state_at(self, time: float) -> TaskState:
-        """Its state at a time."""
+        """Return its state at a time."""
         return _STATES[self.stages[-1 if self.since[-1] <= time else self.place_at(time)]]
 
     def spans(self) -> Iterator[tuple[float, float, TaskState]]:
-        """Its states, with from when until when it was in each."""
+        """Yield its states, each with its start and end."""
         states = map(_STATES.__getitem__, self.stages)
         return zip(self.since, [*self.since[1:], inf], states, strict=True)
 
     @property
     def suspension(self) -> Suspension | None:
-        """The one that goes on now, of itself or of what it is under."""
-        return (
-            self.suspensions[-1] if self.suspensions and self.suspensions[-1].end is None else None
-        )
+        """The current suspension, of itself or of an ancestor."""
+        last = self.suspensions[-1] if self.suspensions else None
+        return last if last is not None and last.end is None else None
 
     @property
     def is_retried(self) -> bool:
-        """Whether it is to be handled again, and has not been."""
+        """Whether a retry is due that has not started."""
         return self.was_retried(inf)
 
     def was_retried(self, time: float) -> bool:
-        """Whether it was to be handled again at a time, and had not been."""
+        """Whether a retry was due at a time and had not started."""
         begun = bisect_right(self.handlings, time, key=_START)
         first = bisect_left(self.retries, begun, key=_RUNS)
-        return bool(begun) and any(
-            one.runs == begun and one.time <= time for one in self.retries[first : first + 1]
-        )
+        due = self.retries[first : first + 1]
+        return bool(begun) and any(one.runs == begun and one.time <= time for one in due)
 
     @property
     def state(self) -> TaskState:
         """Its current state."""
-        if self.killed is None and not self.failure and not self.is_recovering:  # as most
+        # Most tasks neither fail nor are killed: a short cut
+        if self.killed is None and not self.failure and not self.is_recovering:
             return TaskState.ACHIEVED if self.times[_END_ACHIEVING] < inf else self._running_state()
-        return self._end_state() or self._running_state()
+        return self._final_state() or self._running_state()
 
-    def _end_state(self) -> TaskState | None:
+    def _final_state(self) -> TaskState | None:
         has_ended = self.times[_END_ACHIEVING] < inf
         if not has_ended and self.killed is not None:
             return TaskState.ENDING
@@ -638,18 +561,18 @@ class Task(Message):
 
 @dataclass(slots=True)
 class ModuleRecord:
-    """A module, as long as the journal goes."""
+    """A module, over the whole journal."""
 
     name: str
     joined: list[tuple[float, float | None]] = field(default_factory=list)
-    """From when until when it was connected."""
+    """Start and end of each of its connections."""
     left: str = ""
     """Why it left the last time."""
     resources: dict[str, int] = field(default_factory=dict)
-    """Its resources with their capacities (0: its module has left)."""
+    """The current capacity of each of its resources; 0 if the module has left."""
     capacities: dict[str, int] = field(default_factory=dict)
     """The largest capacity that each resource had."""
     sizes: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
-    """From when on each resource had which capacity."""
+    """The capacities of each resource, each with its start."""
     waits: Sequence[HandlerWait] = NONE
     """Its waits outside of any handler."""

@@ -1,6 +1,4 @@
-"""Which segments in a folder make one run: a folder may hold those of several, copies, and not all
-of a run.
-"""
+"""Find the segments of one run in a folder, which may contain several runs, copies, and gaps."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -14,44 +12,41 @@ from tca_wire.journal.frames import payloads
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
 _MOST_NAMED = 3
-"""Files that a line names."""
+"""The number of files that a remark names."""
 _INPUTS = ".tcai"
-_BESIDE = (".draft", ".tcas", f"{_INPUTS}-aside", _INPUTS)
-"""Images of central's state, in the making and whole, and its inputs, with numbers of their own."""
-_ASIDE = f"{SEGMENT_SUFFIX}-aside"
-"""Facts that the inputs did not lead to, when the run went on all the same; with the numbers of
-segments.
+_STATE_FILES = (".draft", ".tcas", f"{_INPUTS}-aside", _INPUTS)
+"""Unfinished and finished images of central's state, and its inputs; numbered apart from segments.
 """
+_ASIDE = f"{SEGMENT_SUFFIX}-aside"
+"""Facts put aside since replaying the inputs did not produce them; numbered like segments."""
 
 
 class Folder:
-    """A folder of segments, of which those of one run are read: that of an epoch, or else the one
-    that began last, when this is first asked.
+    """A folder of segments, from which one run is read: that of an epoch, or the newest.
 
-    Which began last the numbers of the files tell, since central numbers on in a folder where
-    earlier runs lie: a wall clock may have been set in between. It counts only where the numbers
-    are the same, or a run has none.
+    The newest run is the one with the highest file numbers: central continues the numbers of
+    earlier runs in a folder. Wall-clock times decide only if the numbers do not, since the clock
+    may have been set between the runs.
 
-    A segment that does not say whose it is (it is empty yet, or no journal) counts as one of the
-    run; who reads it will see what it is.
+    A segment that does not name its run counts as one of this run. It may be empty, or it is not
+    a journal, which its reader reports.
     """
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:
         self.path = path
         self.epoch = epoch
-        """Of the run; None while it is not known."""
+        """The run's epoch; None while it is not known."""
         self._is_chosen = epoch is not None
         self._openings: dict[Path, Opened] = {}
 
     def segments(self) -> list[Path]:
-        """The segments of the run that there are now, oldest first."""
+        """Return the run's current segments, oldest first."""
         paths = segments_in(self.path)
-        self._look_into(paths)
+        self._read_openings(paths)
         before = self._numbered_before()
         by_number: dict[tuple[float, str], Path] = {}
-        for path in sorted(
-            paths, key=lambda path: not path.stem.isdecimal()
-        ):  # copies last: central names by number
+        # Copies last: central names its segments by number
+        for path in sorted(paths, key=lambda path: not path.stem.isdecimal()):
             opening = self._openings.get(path)
             if opening is None:
                 if _number_in(path) > before:
@@ -61,21 +56,22 @@ class Folder:
         return [by_number[number] for number in sorted(by_number)]
 
     def epochs(self) -> list[Opened]:
-        """How the runs begin whose segments lie there, oldest first."""
-        self._look_into(segments_in(self.path))
+        """Return the first fact of each run in the folder, oldest run first."""
+        self._read_openings(segments_in(self.path))
         return self._in_order()
 
     def files(self) -> dict[str, list[Path]]:
-        """By epoch all files of each run: images of central's state, inputs, and segments, each
-        oldest first. One that does not say whose it is lies beside those of its number, or of the
-        nearest before.
+        """Return all files of each run, by epoch: images of central's state, inputs, segments.
+
+        Each kind is sorted oldest first. A file that does not name its run belongs to the run of
+        the file with the same number, or with the next lower one.
         """
         paths = segments_in(self.path)
-        self._look_into(paths)
+        self._read_openings(paths)
         paths += [
             path
             for path in listed(self.path)
-            if path.suffix in (*_BESIDE, _ASIDE) and path.stem.isdecimal()
+            if path.suffix in (*_STATE_FILES, _ASIDE) and path.stem.isdecimal()
         ]
         found: dict[str, list[Path]] = {one.epoch: [] for one in self._in_order()}
         segments = [(_number_in(path), opening.epoch) for path, opening in self._openings.items()]
@@ -85,22 +81,24 @@ class Folder:
             if path.suffix == _INPUTS
             if (epoch := _epoch_of(path))
         ]
-        order = (*_BESIDE, _ASIDE, SEGMENT_SUFFIX)
+        order = (*_STATE_FILES, _ASIDE, SEGMENT_SUFFIX)
         for path in sorted(
             paths, key=lambda path: (order.index(path.suffix), _number_in(path), path.name)
         ):
             opening = self._openings.get(path)
-            known = (path.suffix in _BESIDE and inputs) or segments
+            known = (path.suffix in _STATE_FILES and inputs) or segments
             found.get(opening.epoch if opening else _nearest(known, path), []).append(path)
         return found
 
     def number_of(self, epoch: str) -> int:
-        """Which of the runs there it is, from 1 on: the oldest is the first. Raises UnusableLog if
-        it is not there.
+        """Return the number of a run in the folder; the oldest is 1.
+
+        Raises:
+            UnusableLog: The folder does not contain the run.
         """
         epochs = [one.epoch for one in self.epochs()]
         if epoch not in epochs:
-            raise UnusableLog(f"{self.path}: run {epoch} does not lie there any more")
+            raise UnusableLog(f"{self.path}: run {epoch} is no longer there")
         return 1 + epochs.index(epoch)
 
     def _in_order(self) -> list[Opened]:
@@ -118,54 +116,48 @@ class Folder:
         )
 
     def _numbered_before(self) -> int:
-        """The last number of segments of earlier runs: central goes on with the next one."""
+        """Return the last segment number of earlier runs: central continues with the next one."""
         mine = [
             (path, one.segment) for path, one in self._openings.items() if one.epoch == self.epoch
         ]
-        return max(
-            0,
-            min(
-                (int(path.stem) - number for path, number in mine if path.stem.isdecimal()),
-                default=0,
-            ),
-        )
+        numbered = [(int(path.stem), number) for path, number in mine if path.stem.isdecimal()]
+        return max(0, min((in_name - number for in_name, number in numbered), default=0))
 
     @property
     def others(self) -> list[str]:
-        """A line for what lies there beside the run: segments of other runs, and copies."""
+        """Remarks on segments that are not read: those of other runs, and copies."""
         shown = self.segments()
         left_out = [
             path for path in segments_in(self.path) if path in self._openings and path not in shown
         ]
         others = [path for path in left_out if self._openings[path].epoch != self.epoch]
         copies = [path for path in left_out if path not in others]
-        told = []
+        remarks = []
         if others and not self._is_chosen:
             runs = self.epochs()
             number = next(
                 (place for place, one in enumerate(runs, 1) if one.epoch == self.epoch), len(runs)
             )
             another = f"{self.path}#{number - 1 or 2}"
-            told.append(
-                f"{self.path}: {len(runs)} runs lie there: this is the one that began last ({_names(shown)});"
-                f" to see another, name it, as in '{another}': 'tca log runs {self.path}' lists them"
+            remarks.append(
+                f"{self.path}: contains {len(runs)} runs; this is the one that started last "
+                f"({_names(shown)}); to see another, name it, as in '{another}': "
+                f"'tca log runs {self.path}' lists them"
             )
         if copies:
-            what = "is a segment" if len(copies) == 1 else "are segments"
-            told.append(
-                f"{self.path}: {_names(copies)} {what} that the run has already, and left out"
-            )
-        return told
+            are = "is a copy of a segment" if len(copies) == 1 else "are copies of segments"
+            remarks.append(f"{self.path}: {_names(copies)} {are} of the run: left out")
+        return remarks
 
     @property
     def missing(self) -> list[str]:
-        """A line for segments of the run that are not there, though later ones are."""
+        """Remarks on segments of the run that are missing before later ones."""
         before = self._numbered_before()
         numbers = {
             self._openings[path].segment if path in self._openings else _number_in(path) - before
             for path in self.segments()
         }
-        told, first = [], 1
+        remarks, first = [], 1
         for number in sorted(int(one) for one in numbers if one < float("inf")):
             if number > first:
                 which = (
@@ -173,12 +165,12 @@ class Folder:
                     if number == first + 1
                     else f"segments {first} to {number - 1} are"
                 )
-                told.append(f"{self.path}: {which} missing: what happened then is not known")
+                remarks.append(f"{self.path}: {which} missing: the events of that time are unknown")
             first = number + 1
-        return told
+        return remarks
 
-    def _look_into(self, paths: list[Path]) -> None:
-        """Read how those begin that have not been read yet, and choose the run."""
+    def _read_openings(self, paths: list[Path]) -> None:
+        """Read the first facts of new segments; choose the run if none was chosen."""
         for path in paths:
             if path not in self._openings and (opening := _opening(path)) is not None:
                 self._openings[path] = opening
@@ -187,12 +179,12 @@ class Folder:
 
 
 def segments_in(folder: Path) -> list[Path]:
-    """All segments in a folder, by name. Raises UnusableLog if it can't be read."""
+    """Return all segments in a folder, sorted by name. Raises UnusableLog if it can't be read."""
     return [path for path in listed(folder) if path.suffix == SEGMENT_SUFFIX]
 
 
 def listed(folder: Path) -> list[Path]:
-    """The files in a folder, by name. Raises UnusableLog if it can't be read."""
+    """Return the files in a folder, sorted by name. Raises UnusableLog if it can't be read."""
     try:
         return sorted(folder.iterdir())
     except OSError as error:
@@ -200,21 +192,18 @@ def listed(folder: Path) -> list[Path]:
 
 
 def _opening(path: Path) -> Opened | None:
-    """How a segment begins; None if it does not say."""
+    """Return the ``Opened`` fact of a segment; None if it has none."""
     try:
         with path.open("rb") as stream:
             entry = next(iter(JournalReader(stream, str(path))), None)
     except (OSError, JournalDamaged):
         return None
-    return (
-        next((fact for fact in entry.facts if isinstance(fact, Opened)), None)
-        if entry is not None
-        else None
-    )
+    facts = entry.facts if entry is not None else ()
+    return next((fact for fact in facts if isinstance(fact, Opened)), None)
 
 
 def _epoch_of(inputs: Path) -> str:
-    """The run whose inputs a file has, which its first record says; "" if it does not."""
+    """Return the epoch in the first record of a file of inputs; "" if it has none."""
     with (
         suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, LookupError, TypeError),
         inputs.open("rb") as file,
@@ -226,7 +215,7 @@ def _epoch_of(inputs: Path) -> str:
 
 
 def _nearest(known: list[tuple[float, str]], path: Path) -> str:
-    """The run of the last number that is not after that of a file, or of the first one."""
+    """Return the epoch of the highest number up to a file's, else of the lowest number."""
     number = _number_in(path)
     return next(
         (epoch for one, epoch in sorted(known, reverse=True) if one <= number),
@@ -235,7 +224,7 @@ def _nearest(known: list[tuple[float, str]], path: Path) -> str:
 
 
 def _number_in(path: Path) -> float:
-    """Which segment its name says that it is; those that do not say are the last."""
+    """Return the number in a file's name; inf if it has none, so it is sorted last."""
     return int(path.stem) if path.stem.isdecimal() else float("inf")
 
 

@@ -1,6 +1,4 @@
-"""Which tasks and messages of a run are asked for: a subtree, some modules, a span of time. Pure;
-draws nothing.
-"""
+"""Select tasks and messages of a run: by number or name, subtree, module, and time. Pure."""
 
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -18,28 +16,26 @@ from tca_wire.text.nearest import did_you_mean
 
 _GRANTED, _START = attrgetter("granted"), attrgetter("start")
 _NAMED = 5
-"""How many tasks of one name an error lists."""
+"""The number of tasks of one name that an error lists."""
 
 
 class Forest(Protocol):
-    """Tasks as they were at a moment, oldest first, each under its parent."""
+    """Tasks at a moment, oldest first, each under its parent."""
 
     @property
     def tasks(self) -> Mapping[int, TaskAt]:
-        """By number."""
+        """The tasks by number."""
 
     @property
     def time(self) -> float:
         """The time on the clock of the entries."""
 
     def children(self, task: int) -> Sequence[TaskId]:
-        """The tasks right under *task*, oldest first."""
+        """Return the children of *task*, oldest first."""
 
 
 class Excerpt:
-    """Some tasks of a run, as they were. Those whose parents are not among them stand at the
-    top.
-    """
+    """Some tasks of a run at a moment. Tasks whose parents are left out are at the top."""
 
     def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
         self.tasks = {number: at.tasks[number] for number in at.tasks if number in chosen}
@@ -49,41 +45,45 @@ class Excerpt:
         ]
 
     def children(self, task: int) -> Sequence[TaskId]:
-        """The tasks right under *task*, oldest first."""
+        """Return the children of *task*, oldest first."""
         if task == ROOT:
             return self._top
         return [child for child in self.tasks[task].children if child in self.tasks]
 
 
 def tasks_called(run: Run, text: str) -> list[TaskId]:
-    """The tasks that *text* means: the one of that number, or all of that name. Raises NotInLog if
-    there is none.
+    """Return the task with the number *text*, or all tasks with that name.
+
+    Raises:
+        NotInLog: There is no such task.
     """
     wanted = text.strip().strip("{}")
     found = [TaskId(int(wanted))] if wanted.isdecimal() and int(wanted) in run.tasks else []
     found = found or [TaskId(task.id) for task in run.tasks.values() if task.name == text]
     if not found:
         if wanted.isdecimal() and (message := run.messages.get(int(wanted))):
-            told = f"'tca tree --story {message.id}' tells what became of it"
-            raise NotInLog(f"{message} is a {message.message_class}, no task: {told}")
+            advice = f"'tca tree --story {message.id}' tells its story"
+            raise NotInLog(f"{message} is a {message.message_class}, not a task: {advice}")
         raise no_task(text, {task.name for task in run.tasks.values()}, _in_journal(run))
     return found
 
 
 def no_task(text: str, names: Collection[str], where: str = "in this journal") -> NotInLog:
-    """The error that says so, with the nearest of the *names* that there are."""
+    """Return the error for an unknown task, with the nearest of the known *names*."""
     return NotInLog(f"no task '{text}' {where}{did_you_mean(text, names, ': ')}")
 
 
 def one_task(run: Run, text: str) -> TaskId:
-    """The only task that *text* means. Raises NotInLog, with the numbers to choose from, if there
-    are several.
+    """Return the only task with the number or name *text*.
+
+    Raises:
+        NotInLog: There is no such task, or there are several; the message lists their numbers.
     """
     return TaskId(_only(tasks_called(run, text), text, "tasks"))
 
 
 def one_message(run: Run, text: str) -> int:
-    """The only message that *text* means; tasks come first."""
+    """Return the only message with the number or name *text*; a task is preferred."""
     wanted = text.strip().strip("{}")
     if wanted.isdecimal() and int(wanted) in run.messages:
         return int(wanted)
@@ -93,17 +93,17 @@ def one_message(run: Run, text: str) -> int:
     return _only(found, text, "messages") if found else one_task(run, text)
 
 
-def _only(found: Sequence[int], text: str, what: str) -> int:
+def _only(found: Sequence[int], text: str, kind: str) -> int:
     if len(found) > 1:
         numbers = ", ".join(map(str, found[:_NAMED])) + (" ..." if len(found) > _NAMED else "")
         raise NotInLog(
-            f"{len(found)} {what} are called '{text}': name one by its number: {numbers}"
+            f"{len(found)} {kind} are called '{text}': name one by its number: {numbers}"
         )
     return found[0]
 
 
 def check_modules(run: Run, names: Iterable[str]) -> None:
-    """Raises NotInLog if a module is none of the journal's."""
+    """Raise NotInLog if the journal does not contain a module."""
     for name in names:
         if name not in run.modules:
             raise NotInLog(
@@ -119,11 +119,14 @@ def part_of(
     start: float | None = None,
     end: float | None = None,
 ) -> Excerpt:
-    """The tasks under *roots* (None: all), of *modules* (none: all), that lived between *start* and
-    *end*.
+    """Return the tasks that meet all conditions, and their ancestors up to the roots.
 
-    What hangs above a task that was asked for is there too, up to the roots. A task is of the
-    modules that handled it or in whose queue it waited. Times are those of the entries' clock.
+    Args:
+        at: The run at a moment.
+        roots: The tasks must be at or under these; None for all.
+        modules: One of the modules must have handled or queued the task; all by default.
+        start: The tasks must not have ended before this time on the entries' clock.
+        end: The tasks must have been sent by this time on the entries' clock.
     """
     run = at.run
     under = None if roots is None else subtree(run, roots)
@@ -146,18 +149,16 @@ def part_of(
 
 
 def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
-    """The tasks at and under *roots*."""
+    """Return *roots* and their descendants."""
     found: set[int] = set()
-    for root in sorted(roots):  # what is above has the smaller number
+    for root in sorted(roots):  # ancestors have smaller ids
         if root not in found:
             found.update(task.id for task in run.under(run.tasks[root]))
     return found
 
 
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
-    """These tasks, and the messages that were sent by their handlers, or by the handlers of such
-    messages.
-    """
+    """Return the tasks, the messages that their handlers sent, and those sent by their handlers."""
     found = set(tasks)
     for number, message in run.messages.items():  # a sender is older than its messages
         if (
@@ -169,8 +170,12 @@ def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
 
 
 def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
-    """The messages that those *of* a task's subtree waited for: for their resources, or by a
-    constraint.
+    """Return the messages for which messages in a task's subtree waited, directly or for resources.
+
+    Args:
+        run: The run.
+        task: The root of the subtree.
+        of: The messages in the subtree.
     """
     found: set[int] = set()
     for number in of:
@@ -178,9 +183,9 @@ def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
         for wait in (wait for handling in message.handlings for wait in handling.waits):
             found.add(wait.awaited)
             if claim := run.claims.get(wait.awaited):
-                found |= _had(run, claim.module, claim.resource, wait)
+                found |= _holders(run, claim.module, claim.resource, wait)
         for queueing in message.queueings:
-            found |= _had(run, queueing.module, queueing.resource, queueing)
+            found |= _holders(run, queueing.module, queueing.resource, queueing)
         if isinstance(message, Task):
             found.update(hold.constraint.before.task for hold in message.holds)
     above = set(lineage(run, task))
@@ -191,17 +196,15 @@ def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
 
 
 def lineage(run: Run, task: TaskId) -> list[TaskId]:
-    """A task and what it hangs under, up to the root's child."""
+    """Return a task and its ancestors, up to the top-level task."""
     found = [task]
     while (parent := run.tasks[found[-1]].parent) != ROOT:
         found.append(parent)
     return found
 
 
-def _had(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
-    """The messages that had a resource during a wait, in order: those handled there, and those it
-    was locked for.
-    """
+def _holders(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
+    """Return the messages that held a resource during a wait: handled there, or with a lock."""
     grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
     begun = islice(runs, bisect_left(runs, wait.until, key=_START))
@@ -216,7 +219,7 @@ def _is_of(message: Message, modules: set[str]) -> bool:
 
 
 def _time_at(run: Run, clock: float | None, default: float) -> float:
-    """The time of the last entry by *clock*."""
+    """Return the time of the last entry until *clock*, or *clock* if that is later."""
     if clock is None:
         return default
     place = run.place(clock)

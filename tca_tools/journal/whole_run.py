@@ -1,6 +1,4 @@
-"""All records of a run, as far as they are known. fold.py fills it; at_time.py asks it what was
-known when.
-"""
+"""All records of a run. fold.py fills them; at_time.py reads what was known at a moment."""
 
 from array import array
 from bisect import bisect_left, bisect_right
@@ -12,7 +10,6 @@ from tca_tools.journal.records import (
     NO_FAILURE,
     Claim,
     Drop,
-    EventAhead,
     Exhausted,
     Failure,
     HandlerWait,
@@ -20,6 +17,7 @@ from tca_tools.journal.records import (
     Message,
     ModuleRecord,
     Offer,
+    PlannedEvent,
     Queueing,
     Raised,
     Suspension,
@@ -30,41 +28,37 @@ from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import called
 
 UNKNOWN = "?"
-"""The name of what was sent before the journal's first entry."""
+"""The name of messages sent before the journal's first entry."""
 
 
 class Reactions:
-    """The failures, wiretaps, monitors and deadlines known beside the tasks themselves."""
+    """The records of failures, wiretaps, monitors and deadlines that are not part of tasks."""
 
     def __init__(self) -> None:
         self.taps: dict[int, facts.TapAdded] = {}
         self.attached: dict[int, facts.Attached] = {}
         self.reissued: dict[int, float] = {}
-        """When which exception handlers passed their failure on."""
+        """The exception handlers that passed their failure on, with the times."""
         self.left_open: dict[int, float] = {}
-        """When which exception handlers returned without dealing with their failure."""
+        """The exception handlers that returned without a decision, with the times."""
         self.unhandled: dict[int, list[float]] = {}
-        """For tasks whose failure was not handled when that was so."""
+        """For each task, the times of its failures that were not handled."""
         self.exhausted: dict[int, list[Exhausted]] = {}
-        """For tasks whose failure was not handled the exception handlers that might not be called
-        once more.
-        """
-        self.ahead: dict[int, list[EventAhead]] = {}
-        """For tasks that are to be killed, or must be done by a time: that."""
+        """For each task with such a failure, the exception handlers that had no calls left."""
+        self.ahead: dict[int, list[PlannedEvent]] = {}
+        """For each task, its planned kills and deadlines."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
-        """For each monitor when its condition was tested, and whether it held."""
+        """For each monitor, the times of its tests and whether the condition held."""
         self.conditions: dict[int, Message] = {}
-        """For each monitor the first query that asked for its condition."""
+        """For each monitor, the first query for its condition."""
         self.asked_by: list[Handling | str] = []
-        """The origin of each entry: the run of a handler, or a module outside of handlers; "" if
-        nobody asked.
+        """The origin of each entry: the run of a handler, or a module outside of handlers; "" for
+        central's own entries.
         """
         self.raised: dict[int, list[Raised]] = {}
-        """By task the failures that were raised beside its handler."""
+        """For each task, the failures raised beside its handler."""
         self.deadlocks: dict[tuple[float, str], Failure] = {}
-        """When which module was refused to wait, since that would have been a deadlock: "deadlock",
-        and the circle.
-        """
+        """Waits refused as deadlocks, by time and module; the words describe the cycle."""
 
 
 class Run(Reactions):
@@ -75,116 +69,105 @@ class Run(Reactions):
     """
 
     until_time: float | None = None
-    """Until when the journal was read, if it goes on after that."""
+    """The time until which the journal was read, if it has later entries."""
 
     epoch = ""
 
     is_live = False
-    """Whether the run goes on: ``time`` is then the present, and what has not ended may still."""
+    """Whether the run is live: then ``time`` is the present, and open records may still end."""
 
     def __init__(self) -> None:
         super().__init__()
         self.time = 0.0
         self.times, self.clock, self.numbers = array("d"), array("d"), array("q")
-        """The time of each entry, each later than the one before; what it says that its time is;
-        and its number.
-        """
+        """For each entry its unique, increasing time, its time as written, and its number."""
         self.began: float | None = None
         """Wall-clock time (seconds since 1970) at which ``time`` was 0."""
         self.top: list[TaskId] = []
-        """The tasks under the root."""
+        """The top-level tasks."""
         self.tasks: dict[int, Task] = {}
         self.births = array("d")
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
         self.message_of: dict[int, int] = {}
-        """For each delivery that has a number of its own its message: of retries, and of what goes
-        to many.
-        """
+        """The message of each delivery with its own number: of a retry, or to one of many."""
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.copies: dict[int, list[Queueing]] = {}
-        """For each message that goes to many the waits of its copies in queues."""
+        """For each message to many receivers, the waits of its copies in queues."""
         self.drops: list[Drop] = []
         self.modules: dict[str, ModuleRecord] = {}
         self.claims: dict[int, Claim] = {}
         """Locks and reservations."""
         self.grants: dict[tuple[str, str], list[Claim]] = {}
-        """By what the module calls itself, and resource: locks and reservations that were granted,
-        in their order.
+        """The granted locks and reservations in their order, by the module's own name and resource.
         """
         self.wanted: dict[tuple[str, str], list[Claim]] = {}
-        """By the same keys all that were asked for, in that order."""
+        """All requested locks and reservations in their order, by the same keys."""
         self.runs: dict[tuple[str, str], list[Handling]] = {}
-        """By module and resource, the handlings of what central delivered, as they began."""
+        """The handlings of deliveries by module and resource, in the order of their starts."""
         self.offers: dict[str, list[Offer]] = {}
-        """For each message who offered to handle it, oldest first."""
+        """For each message, the modules' offers to handle it, oldest first."""
         self.formats: dict[str, facts.FormatDefined] = {}
-        """For each message its class and formats, as first declared."""
+        """For each message, its class and formats as first declared."""
         self.memo: dict[object, Any] = {}
-        """Results that others have worked out of the records; they check themselves whether these
-        still hold.
-        """
+        """Results that other modules cache here; each checks whether its results are stale."""
 
     def asker_at(self, time: float) -> Handling | str:
-        """The origin of the entry of a time; "" if nobody asked."""
+        """Return the origin of the entry at a time; "" for central's own entries."""
         place = bisect_left(self.times, time)
         return self.asked_by[place] if place < len(self.times) and self.times[place] == time else ""
 
     def suspensions(self) -> Iterator[Suspension]:
-        """Those of tasks that were suspended themselves."""
+        """Yield the suspensions of tasks that were suspended directly."""
         for task in self.tasks.values():
             yield from (one for one in task.suspensions if one.cause == task.id)
 
     def under(self, task: Task) -> Iterator[Task]:
-        """A task, and all that is under it."""
+        """Yield a task and its descendants."""
         below = [task]
-        for one in below:  # grows while it is walked
+        for one in below:  # the list grows during the loop
             yield one
             below += [self.tasks[child] for child in one.children]
 
     def children_until(self, children: Sequence[TaskId], time: float) -> Sequence[TaskId]:
-        """Those of some tasks, oldest first, that had been sent at *time*."""
+        """Return the tasks of a list, sorted oldest first, that had been sent at *time*."""
         if time >= self.time:
             return children
         return children[: bisect_right(children, time, key=self.sent)]
 
     def sent(self, task: int) -> float:
-        """When a task was sent; of one that is unknown, before the journal began."""
+        """Return when a task was sent; -inf if it is unknown, so sent before the journal began."""
         return self.tasks[task].received if task in self.tasks else -inf
 
     def granted(self, module: str, resource: str) -> list[Claim]:
-        """The locks and reservations of a resource, in all copies of its module, that were granted,
-        in their order.
-        """
+        """Return the granted locks and reservations of a resource, in all copies of its module."""
         return self.grants.get((called(module), resource), [])
 
     def asked_for(self, module: str, resource: str) -> list[Claim]:
-        """The locks and reservations of a resource that were asked for, in that order."""
+        """Return the requested locks and reservations of a resource, in all module copies."""
         return self.wanted.get((called(module), resource), [])
 
     def deadlock(self, wait: HandlerWait) -> Failure:
-        """The circle in which a handler or program would have waited for ever, if that ended its
-        wait; else "".
-        """
+        """Return the deadlock that ended a wait; an empty failure if none did."""
         if wait.end is None or not self.deadlocks:
             return NO_FAILURE
         by = wait.by if isinstance(wait.by, str) else wait.by.module
         return self.deadlocks.get((wait.end, by), NO_FAILURE)
 
     def describe(self, message_id: int) -> str:
-        """A message's name with its id: ``take steps {7}``."""
+        """Return a message's name with its id: ``take steps {7}``."""
         return f"{self.name(message_id)} {{{message_id}}}"
 
     def name(self, number: int) -> str:
-        """The name of a message, of the message of a delivery, or of a lock or reservation."""
+        """Return the name of a message, of a delivery's message, or of a lock or reservation."""
         found = self.messages.get(number) or self.delivered(number) or self.claims.get(number)
         return found.name if found else UNKNOWN
 
     def delivered(self, delivery: int) -> Message | None:
-        """The message of a delivery."""
+        """Return the message of a delivery."""
         return self.messages.get(self.message_of.get(delivery, delivery))
 
     def place(self, clock: float) -> int:
-        """How many entries say that they are no later than *clock*."""
+        """Return the number of entries up to *clock*."""
         return bisect_right(self.clock, clock)

@@ -1,1 +1,1 @@
-"""Life cycles of tasks as tables and diagrams."""
+"""``tca lifecycle``: life cycles of tasks as tables and diagrams."""

@@ -1,4 +1,4 @@
-"""``tca lifecycle``: the states that a task goes through, and who takes which transition."""
+"""``tca lifecycle``: the states of a task, and its transitions with their parties."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import click
 
 from tca_tools.drawing.pictures import write_graph
 from tca_tools.life_cycle.dot import dot_source
-from tca_tools.life_cycle.found import meant
+from tca_tools.life_cycle.found import find_life_cycles
 from tca_tools.life_cycle.table import life_cycle_lines
 from tca_tools.options import check_output, force_option, log_argument, output_option
 from tca_tools.output import show_text
@@ -23,12 +23,12 @@ KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: bool) -> None:
     """Show the life cycle of tasks: as a table, or with -o as a diagram.
 
-    WHAT is "general" (what goals and commands have if nothing else is declared), "basic", a Python
-    file that declares life cycles or messages, or the name of a goal or command of a run. LOG is
-    that run's journal; without it, the newest run is asked.
+    WHAT is "general" (the default of goals and commands), "basic", a Python file that declares life
+    cycles or messages, or the name of a goal or command of a run. LOG is that run's journal;
+    without it, the newest run is used.
     """
     check_output(output, KINDS, force=force)
-    found = meant(what, log_path)
+    found = find_life_cycles(what, log_path)
     if output is None or output.suffix == ".txt":
         width = None if output else line_width()
         tables = ["\n".join(life_cycle_lines(one, width)) for one in found]
@@ -37,7 +37,7 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     if len(found) > 1:
         names = ", ".join(one.name for one in found)
         raise click.UsageError(
-            f"{what} has {len(found)} life cycles ({names}): a diagram shows one"
+            f"{what} has {len(found)} life cycles ({names}), but a diagram shows only one"
         )
     write_graph(output, dot_source(found[0]), f"life cycle '{found[0].name}'")
 

@@ -1,8 +1,7 @@
-"""A life cycle as a diagram, in the language of Graphviz: as figures 2 and 10 of Lütkebohle et al.
-draw theirs.
+"""A life cycle as a diagram in the language of Graphviz, like figures 2 and 10 of Lütkebohle et al.
 
-The active states stand in a frame. An arrow that leaves every one of them is drawn once, from the
-frame; what leads each of them back to itself is written in the frame.
+The active states are in a frame. A transition that all of them have is drawn once, from the frame;
+one that leads each of them back to itself is written in the frame.
 """
 
 from collections.abc import Iterator
@@ -15,19 +14,19 @@ from tca_wire.life_cycles import LifeCycle, Transition
 from tca_wire.vocabulary import Party
 
 COLOURS = {Party.CLIENT: "#0b4f8a", Party.SERVER: "#1f2933", Party.BOTH: "#7b3fa0"}
-"""Of the arrows, and their words: who takes the transition."""
+"""The colour of an arrow and its text, by the party of the transition."""
 _FILLS = {"first": "#fff3c4", "active": "#ffe4b0", "done": "#cfeccb", "cancelled": "#d5d5d5"}
 
 
 def dot_source(life_cycle: LifeCycle) -> str:
-    """A directed graph of the states."""
+    """Return a directed graph of the states."""
     title = quoted(*_title(life_cycle))
     return graph([f"graph [rankdir=LR, ranksep=0.7, label={title}];", *_statements(life_cycle)])
 
 
 def _title(life_cycle: LifeCycle) -> list[str]:
-    there = {one.by for one in life_cycle.transitions}
-    parties = [party for party in TAKEN_BY if party in there]
+    present = {one.by for one in life_cycle.transitions}
+    parties = [party for party in TAKEN_BY if party in present]
     words = {Party.CLIENT: "dashed, blue", Party.SERVER: "black", Party.BOTH: "violet"}
     return [
         f"life cycle '{life_cycle.name}'",
@@ -55,7 +54,7 @@ def _statements(life_cycle: LifeCycle) -> Iterator[str]:
 
 
 def _common(life_cycle: LifeCycle) -> list[Transition]:
-    """A row of the first active state for each transition that all active states have."""
+    """Return the transitions that all active states have, as rows of the first active state."""
     active = life_cycle.active
     if len(active) < 2:
         return []
@@ -71,14 +70,13 @@ def _common(life_cycle: LifeCycle) -> list[Transition]:
 
 
 def _without_source(one: Transition) -> Transition:
-    """The same for all states that have this transition to one target, or back to themselves."""
-    return msgspec.structs.replace(
-        one, source="", target="" if one.target == one.source else one.target
-    )
+    """Return a key for equal transitions of several states, to one target or back to themselves."""
+    target = "" if one.target == one.source else one.target
+    return msgspec.structs.replace(one, source="", target=target)
 
 
 def _joined(rows: list[Transition]) -> dict[tuple[str, str, Party], list[str]]:
-    """The names of the transitions that one arrow has."""
+    """Group the names of the transitions that share an arrow."""
     joined: dict[tuple[str, str, Party], list[str]] = {}
     for one in rows:
         joined.setdefault((one.source, one.target, one.by), []).append(one.name)

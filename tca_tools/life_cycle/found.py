@@ -1,6 +1,4 @@
-"""The life cycles that somebody means: a built-in one, those of a Python file, or that of a message
-of a run.
-"""
+"""Find life cycles: a built-in one, those of a Python file, or that of a message of a run."""
 
 from pathlib import Path
 
@@ -18,8 +16,17 @@ from tca_wire.text.printable import printable
 BUILT_IN = {one.name: one for one in (GENERAL, BASIC)}
 
 
-def meant(what: str, log_path: Path | None) -> list[LifeCycle]:
-    """Each once. Raises UsageError or NotInLog where there is none."""
+def find_life_cycles(what: str, log_path: Path | None) -> list[LifeCycle]:
+    """Return the life cycles that *what* names, each once.
+
+    Args:
+        what: "general", "basic", a Python file, or the name of a goal or command.
+        log_path: The journal with the message; None for the newest one.
+
+    Raises:
+        UsageError: The file does not exist or has no life cycle.
+        NotInLog: The journal has no such goal or command.
+    """
     if what in BUILT_IN and log_path is None:
         return [BUILT_IN[what]]
     if Path(what).suffix == ".py" and log_path is None:
@@ -29,13 +36,13 @@ def meant(what: str, log_path: Path | None) -> list[LifeCycle]:
 
 def _in_file(path: Path) -> list[LifeCycle]:
     if not path.is_file():
-        raise click.UsageError(f"{printable(str(path))}: there is no such file")
+        raise click.UsageError(f"{printable(str(path))}: no such file")
     values = list(names_of(path).values())
     found = [value for value in values if isinstance(value, LifeCycle)]
     found += [value.life_cycle for value in values if isinstance(value, TaskMessage)]
     if not found:
         raise click.UsageError(
-            f"{path} has no life cycle: declare a LifeCycle, goal or command at its top level"
+            f"{path} has no life cycle: declare a LifeCycle, goal or command in a global variable"
         )
     each = list(dict.fromkeys(found))
     return [one for one in each if one not in BUILT_IN.values()] or each
@@ -51,5 +58,5 @@ def _of_message(name: str, log_path: Path | None) -> LifeCycle:
         hint = did_you_mean(name, [*found, *BUILT_IN], ": ")
         raise NotInLog(f"no message '{name}' in the journal {journal.name}{hint}")
     if not fact.message_class.is_task:
-        raise NotInLog(f"{fact.message_class} '{name}' is no task: only tasks have a life cycle")
+        raise NotInLog(f"{fact.message_class} '{name}' is not a task: only tasks have a life cycle")
     return read_life_cycle(fact.life_cycle)

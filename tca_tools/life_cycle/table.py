@@ -1,6 +1,4 @@
-"""A life cycle as a table of text: a row for each transition, and which states are the first,
-active, and ends.
-"""
+"""A life cycle as a text table: its first, active and final states, and a row per transition."""
 
 from collections.abc import Iterator
 
@@ -11,17 +9,17 @@ from tca_wire.vocabulary import Party
 TAKEN_BY = {Party.CLIENT: "client", Party.SERVER: "server", Party.BOTH: "client or server"}
 _EFFECTS = {
     Effect.NONE: "",
-    Effect.NEW_GOAL: "asks for a new goal",
-    Effect.TAKE_GOAL: "the new goal is the task's",
+    Effect.NEW_GOAL: "requests a new goal",
+    Effect.TAKE_GOAL: "accepts the new goal",
     Effect.REFUSE: "refuses the client's request",
-    Effect.RESULT: "tells an intermediate result",
-    Effect.STOP: "ends as the client asked",
+    Effect.RESULT: "reports an intermediate result",
+    Effect.STOP: "ends the task at the client's request",
 }
 _HEAD = ("state", "transition", "by", "to", "")
 
 
 def life_cycle_lines(life_cycle: LifeCycle, width: int | None = None) -> list[str]:
-    """The table, each line in at most *width* columns."""
+    """Return the table in lines of at most *width* columns."""
     rows = [_HEAD, *_rows(life_cycle)]
     lines = [f"life cycle '{life_cycle.name}'", *_kinds(life_cycle), ""]
     return [cut(line, width) for line in [*lines, *table_lines(rows)]]

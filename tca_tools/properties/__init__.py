@@ -1,5 +1,7 @@
-"""Properties of runs: what must always, never or at last be true. The explorer and ``tca check``
-ask the same, but for properties of cases, which are of whole runs: these are ``tca check``'s.
+"""Properties of runs: conditions that must be true always, never or eventually.
+
+The explorer and ``tca check`` use the same properties. Properties of cases concern whole runs, so
+only ``tca check`` accepts them.
 """
 
 from tca_tools.properties.algebra import Property as Property

@@ -1,6 +1,6 @@
-"""Properties of a run, made of predicates.
+"""Properties of a run, built from predicates.
 
-A property sees the world after every event of a run, and remembers one number from the run so far.
+A property sees the world after every event of a run, and remembers one number.
 """
 
 from collections.abc import Callable, Collection
@@ -14,17 +14,17 @@ _MICROSECONDS = 1_000_000  # in a second
 
 
 class Breach(NamedTuple):
-    """The error of a property after an event."""
+    """The breach of a property by an event."""
 
     what: str
     messages: Collection[Any] = ()
-    """The messages by which it is broken."""
+    """The messages that break the property."""
     newest: Collection[Any] = ()
-    """Where there are too many: those that came last."""
+    """The newest of them, if there are too many."""
 
 
 Outcome = tuple[int, Breach | None]
-"""After an event: what to remember, and what is wrong."""
+"""The number to remember after an event, and the breach, if there is one."""
 
 
 class Property:
@@ -42,54 +42,82 @@ class Property:
         self.words = words
         self.predicates = predicates
         self.seen = seen
-        """To be called after each event with what predicates say, and what is remembered."""
+        """The function to call after each event, with the predicates' values and the memory."""
         self.may_be_owed = is_owed is not None
         self.is_owed = is_owed or (lambda _memory: False)
-        """Whether something must still happen, given what is remembered."""
+        """Returns, from the memory, whether something must still happen."""
         self.case = case
-        """The event or state without which it says nothing; None if it always says something."""
+        """The property holds trivially if this predicate is never true; None if it never does."""
         self.is_certain = is_certain
-        """Whether messages that break it do so whatever was before: asked of a journal of which a
-        part is missing.
-        """
+        """Whether a breach is certain even if earlier parts of the journal are missing."""
 
     def __repr__(self) -> str:
         return self.words
 
     @property
     def named(self) -> list[NamedPredicate]:
-        """Its predicates that name messages or modules."""
+        """The predicates that name messages or modules."""
         return [one for one in self.predicates if isinstance(one, NamedPredicate)]
 
 
 class NeverStuck(Property):
-    """Nobody waits for ever. Who shows the run says what is left at its end."""
+    """The property that nothing waits for ever; the explorer and the check find the breach."""
 
 
 def never(predicate: str | Predicate) -> Property:
-    """*predicate* is never true."""
+    """Return the property that a predicate is never true.
+
+    Args:
+        predicate: A predicate, such as ``failed(MOVE)``, or its text, such as "failed of move".
+
+    Raises:
+        BadProperty: The predicate is invalid.
+
+    Example::
+
+        SAFE = never(killed(MOVE_BODY))
+    """
     checked = _checked(predicate)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
         found = values.true_of(checked)
-        breach = Breach("", found.messages) if found.messages else Breach("here it is")
+        breach = Breach("", found.messages) if found.messages else Breach("it is true here")
         return memory, breach if found.is_true else None
 
     return Property(f"never {words_of(predicate)}", checked, seen=seen, is_certain=True)
 
 
 def always(predicate: str | Predicate) -> Property:
-    """*predicate* is true from the beginning to the end, after every event."""
+    """Return the property that a predicate is true after every event of the run.
+
+    Args:
+        predicate: A predicate or its text; see ``never``.
+
+    Raises:
+        BadProperty: The predicate is invalid.
+    """
     checked = _checked(predicate)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
-        return memory, None if values.true_of(checked).is_true else Breach("here it is not")
+        return memory, None if values.true_of(checked).is_true else Breach("it is not true here")
 
     return Property(f"always {words_of(predicate)}", checked, seen=seen)
 
 
 def at_most(number: int, predicate: str | Predicate) -> Property:
-    """*predicate* is true of at most *number* messages at a time."""
+    """Return the property that a predicate is true for at most *number* messages at a time.
+
+    Args:
+        number: The largest number of messages.
+        predicate: A predicate or its text; see ``never``.
+
+    Raises:
+        BadProperty: An argument is invalid.
+
+    Example::
+
+        AHEAD = at_most(1, planned_ahead(TAKE_STEPS))
+    """
     _check_number(number, "at_most()")
     checked = _checked(predicate)
 
@@ -111,8 +139,15 @@ def at_most(number: int, predicate: str | Predicate) -> Property:
 
 
 def at_most_in_all(number: int, event: str | Predicate) -> Property:
-    """In each run *event* happens at most *number* times: for what is true for one event only, such
-    as ``sent``, ``fired`` and ``retried``.
+    """Return the property that an event happens at most *number* times in a run.
+
+    Args:
+        number: The largest number of times.
+        event: A predicate that is true for one event only, such as ``sent``, ``fired`` or
+            ``retried``, or its text.
+
+    Raises:
+        BadProperty: An argument is invalid.
     """
     _check_number(number, "at_most_in_all()")
     checked = _checked(event)
@@ -122,7 +157,7 @@ def at_most_in_all(number: int, event: str | Predicate) -> Property:
         memory += found.number
         if memory <= number or not found.is_true:
             return memory, None
-        return memory, Breach(f"here it comes to {memory}", found.messages or ())
+        return memory, Breach(f"it has happened {memory} times", found.messages or ())
 
     return Property(
         f"at most {number} {words_of(event)} in all",
@@ -134,17 +169,22 @@ def at_most_in_all(number: int, event: str | Predicate) -> Property:
 
 
 def before(first: str | Predicate, second: str | Predicate) -> Property:
-    """Where *second* becomes true, *first* has been true before, or becomes true with the same
-    event.
+    """Return the property that *first* becomes true before *second* does, or with the same event.
+
+    Args:
+        first: A predicate or its text; see ``never``.
+        second: A predicate or its text.
+
+    Raises:
+        BadProperty: A predicate is invalid.
     """
     leader, follower = _checked(first), _checked(second)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
         memory = memory or int(values.true_of(leader).is_true)
         found = Found(is_true=False) if memory else values.true_of(follower)
-        return memory, Breach(
-            "the second came first", found.messages or ()
-        ) if found.is_true else None
+        breach = Breach("the second came first", found.messages or ())
+        return memory, breach if found.is_true else None
 
     return Property(
         f"{words_of(first)} before {words_of(second)}", leader, follower, seen=seen, case=follower
@@ -152,9 +192,16 @@ def before(first: str | Predicate, second: str | Predicate) -> Property:
 
 
 def eventually(predicate: str | Predicate) -> Property:
-    """*predicate* becomes true in every run: before it ends, which is when nothing further need
-    happen (losses, kills and goodbyes need not), or before it comes to go round in a circle for
-    ever.
+    """Return the property that a predicate becomes true in every run.
+
+    It must become true before the run ends, or before the run enters a cycle for ever. A run ends
+    when nothing more must happen; losses, kills and goodbyes never must.
+
+    Args:
+        predicate: A predicate or its text; see ``never``.
+
+    Raises:
+        BadProperty: The predicate is invalid.
     """
     checked = _checked(predicate)
 
@@ -167,23 +214,27 @@ def eventually(predicate: str | Predicate) -> Property:
 
 
 def within(seconds: float, first: str | Predicate, second: str | Predicate) -> Property:
-    """Whenever *first* is true, *second* becomes true with the same event, or before more than
-    *seconds* have passed.
+    """Return the property that *second* becomes true within some time whenever *first* is true.
 
-    In an exploration time passes with delays, deadlines, periods and timeouts, and with nothing
-    else: handlers take none of it, or last until something is due. *first* should be true for a
-    moment, such as ``sent``, or end.
+    In an exploration, time passes only with delays, deadlines, periods and timeouts. Handlers take
+    no time, or run until something is due.
+
+    Args:
+        seconds: The longest time; 0 for the same event.
+        first: A predicate that is true for a limited time, such as ``sent``, or its text.
+        second: A predicate or its text.
+
+    Raises:
+        BadProperty: An argument is invalid.
     """
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not (is_number and 0 <= seconds <= LONGEST_TIME):
-        raise BadProperty(
-            f"within() can't judge {seconds!r:.60} seconds: give a number from 0 to {LONGEST_TIME:g}"
-        )
+        raise BadProperty(f"within() needs seconds from 0 to {LONGEST_TIME:g}, not {seconds!r:.60}")
     leader, follower = _checked(first), _checked(second)
     most = round(seconds * _MICROSECONDS)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
-        """Remembers for how many microseconds it has been owed, and one more."""
+        """Remember the microseconds for which it has been due, plus one."""
         if memory:
             memory += round(values.passed * _MICROSECONDS)
         passed = memory - 1
@@ -196,15 +247,16 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
 
 
 def never_stuck() -> Property:
-    """Nobody waits for ever: every run that ends leaves no task behind, and no script that still
-    waits; and in a run that goes round in a circle for ever, no task and no script waits for the
-    same thing all the time.
+    """Return the property that nothing waits for ever.
+
+    When a run ends, no task is left and no script waits. In a run that repeats a cycle for ever, no
+    task and no script waits for the same thing all the time.
     """
     return NeverStuck("never stuck")
 
 
 def words_of(predicate: object) -> str:
-    """A predicate in words."""
+    """Return a predicate in words."""
     if isinstance(predicate, str):
         return predicate
     words = getattr(predicate, "words", "") or getattr(predicate, "__name__", repr(predicate))
@@ -216,11 +268,11 @@ def _checked(predicate: Any) -> Predicate:
         return predicate_from(predicate)
     if not callable(predicate):
         raise BadProperty(
-            f"{predicate!r:.60} is no predicate: give begun(MESSAGE), ... or a function of the World"
+            f"{predicate!r:.60} is not a predicate: use begun(MESSAGE), ... or a function"
         )
     return predicate  # type: ignore[no-any-return]
 
 
 def _check_number(number: Any, what: str) -> None:
     if not isinstance(number, int) or isinstance(number, bool) or number < 0:
-        raise BadProperty(f"{what} can't be {number!r:.60}: 0 or more, a whole number")
+        raise BadProperty(f"the number of {what} must be a whole number from 0, not {number!r:.60}")

@@ -1,7 +1,9 @@
 """The conditions of properties on a message's data.
 
-FIELD=VALUE   FIELD may have dots for the fields of a part; VALUE is JSON, or a text
-data=VALUE    the whole, unless the data have a field of that name
+The grammar::
+
+    FIELD=VALUE   FIELD may have dots for nested fields; VALUE is JSON, or a text
+    data=VALUE    compares the whole data, unless they have a field "data"
 """
 
 import json
@@ -39,18 +41,18 @@ class FieldValue:
         return f"{self._field}={self.value!r}"
 
     def fits(self, message: MessageView) -> bool:
-        """Whether a message has that value there."""
+        """Whether a message's field has the value."""
         data = plain_data(message.body)
         if self._path == _WHOLE and not (isinstance(data, dict) and "data" in data):
-            return self._is_one_of_them(data)
+            return self._is_equal(data)
         for part in self._path:
             if not isinstance(data, dict) or part not in data:
                 return False
             data = data[part]
         self._was_there = True
-        return self._is_one_of_them(data)
+        return self._is_equal(data)
 
-    def _is_one_of_them(self, data: Any) -> bool:
+    def _is_equal(self, data: Any) -> bool:
         if isinstance(data, dict) and data.keys() == {"base64"}:  # bytes
             data = data["base64"]
         return any(
@@ -58,16 +60,14 @@ class FieldValue:
         )
 
     def misfit(self, schemas: Sequence[str]) -> str:
-        """Why no data of any of these formats can have it; "" if some can."""
+        """Return why no data of the given formats can fit; "" if some can."""
         problem = f"no message has a field '{self._field}'" if len(schemas) > 1 else ""
         for schema in schemas:
-            path = (
-                [] if self._path == _WHOLE and not knows_field(schema, self._path) else self._path
-            )
+            is_whole = self._path == _WHOLE and not knows_field(schema, self._path)
+            path = [] if is_whole else self._path
             is_known = knows_field(schema, path)
-            if (
-                not is_known and self._was_there
-            ):  # what central passes on may have more than its receiver asked for
+            # Data that central passes on may have more fields than the receiver declares
+            if not is_known and self._was_there:
                 return ""
             wrong = field_misfit(schema, path, self._typed)
             if not wrong:
@@ -79,7 +79,7 @@ class FieldValue:
 
 
 def split_data(text: str) -> tuple[str, list[FieldValue]]:
-    """A predicate without its last part, and what that says of data. Raises BadProperty."""
+    """Split a predicate into its head and its conditions on data. Raises BadProperty."""
     text = in_one_line(text)
     found = [*_WITH.finditer(blanked(text))]
     if not found:
@@ -94,23 +94,23 @@ def split_data(text: str) -> tuple[str, list[FieldValue]]:
 def _field_value(text: str) -> FieldValue:
     pair = _PAIR.fullmatch(text)
     if pair is None or not pair[2]:
-        raise BadProperty(f"'{text}' is no FIELD=VALUE")
+        raise BadProperty(f"'{text}' is not FIELD=VALUE")
     return FieldValue(pair[1], pair[2])
 
 
 def in_one_line(text: str) -> str:
-    """A text with single blanks, but for what stands in quotes."""
+    """Return a text with single blanks, except in quotes."""
     quoted = QUOTED.findall(text)
     parts = [re.sub(r"\s+", " ", part) for part in QUOTED.split(text)]
     return "".join(part + quote for part, quote in zip(parts, [*quoted, ""], strict=True)).strip()
 
 
 def blanked(text: str) -> str:
-    """A text in which nothing is found that stands in quotes."""
+    """Return a text with its quoted parts blanked out, for searching."""
     return QUOTED.sub(lambda quoted: "_" * len(quoted.group()), text)
 
 
 def unquoted(text: str) -> str:
-    """A name, or a value, that may stand in quotes."""
+    """Return a name or value without its quotes, if it has some."""
     text = text.strip()
     return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"" else text

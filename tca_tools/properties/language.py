@@ -1,7 +1,9 @@
 """Properties as text.
 
-PROPERTY   never P | always P | at most N P | at most N P in all | P before P | eventually P | never
-stuck P          a predicate: see predicates.py
+The grammar, where P is a predicate (see predicates.py)::
+
+    PROPERTY   never P | always P | eventually P | P before P | never stuck
+               at most N P | at most N P in all
 """
 
 import re
@@ -12,12 +14,22 @@ from tca_tools.properties.field_values import blanked, in_one_line
 from tca_tools.properties.predicates import predicate_from
 from tca_tools.properties.world import BadProperty
 
-_SHAPES = "'never P', 'always P', 'at most N P', 'at most N P in all', 'P before P', 'eventually P' and 'never stuck'"
+_SHAPES = (
+    "'never P', 'always P', 'eventually P', 'P before P', 'at most N P', 'at most N P in all' or "
+    "'never stuck'"
+)
 _OF_ONE = {"never": algebra.never, "always": algebra.always, "eventually": algebra.eventually}
 
 
 def property_from(text: str) -> Property:
-    """The property that a text states. Raises BadProperty."""
+    """Return the property that a text states.
+
+    Args:
+        text: The property, such as "at most 1 planned ahead of take steps".
+
+    Raises:
+        BadProperty: The text is not a property; the message names the error.
+    """
     words = in_one_line(text)
     try:
         found = _property(words)
@@ -37,30 +49,29 @@ def _property(text: str) -> Property:
         return _OF_ONE[first](predicate_from(rest))
     if " before " in text:
         return _before(text)
-    raise BadProperty(f"it has no shape that is known: {_SHAPES} are")
+    raise BadProperty(f"unknown form: write {_SHAPES}")
 
 
 def _at_most(text: str) -> Property:
     number, _, rest = text.partition(" ")
     if not number.isdecimal():
-        raise BadProperty(f"'{number}' is no whole number from 0 on: write 'at most 1 ...'")
+        raise BadProperty(f"'{number}' is not a whole number from 0: write 'at most 1 ...'")
     if rest.endswith(" in all"):
         return algebra.at_most_in_all(int(number), predicate_from(rest.removesuffix(" in all")))
     return algebra.at_most(int(number), predicate_from(rest))
 
 
 def _before(text: str) -> Property:
-    """Names may have the word in them, too: the one place counts where both sides make sense."""
+    """Split at the only "before" between two predicates: names may contain the word, too."""
     found, wrong = [], ""
     for match in re.finditer(" before ", blanked(text)):
         try:
-            found.append(
-                (predicate_from(text[: match.start()]), predicate_from(text[match.end() :]))
-            )
+            first = predicate_from(text[: match.start()])
+            found.append((first, predicate_from(text[match.end() :])))
         except BadProperty as error:
             wrong = wrong or str(error)
     if not found:
-        raise BadProperty(wrong or "'before' stands in quotes only")
+        raise BadProperty(wrong or "'before' is only in quotes")
     if len(found) > 1:
         raise BadProperty("it can be read in several ways: put the names of messages in quotes")
     return algebra.before(*found[0])

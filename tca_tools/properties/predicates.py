@@ -1,10 +1,13 @@
-"""Predicates of messages: from the declarations of messages, as in ``begun(MOVE_LEG, 3)``, or from
-text.
+"""Predicates of messages: from declarations, as in ``begun(MOVE_LEG, 3)``, or from text.
 
-P          STATE of MESSAGE [with FIELD=VALUE, ...] | MESSAGE STATE [with ...] | handled by MODULE
-[with ...] MESSAGE    a message's name, or anything; in quotes where words of the language are in it
-STATE      begun, handled, planned ahead, ...: see STATES
-FIELD, VALUE   of its data: see field_values.py
+The grammar::
+
+    P         STATE of MESSAGE [with FIELD=VALUE, ...]
+              MESSAGE STATE [with FIELD=VALUE, ...]
+              handled by MODULE [with FIELD=VALUE, ...]
+    MESSAGE   a message's name, or anything; in quotes if it contains words of the grammar
+    STATE     begun, handled, planned ahead, ...: see STATES
+    FIELD     a field of its data: see field_values.py
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +24,7 @@ ANYTHING = "anything"
 
 
 class NamedPredicate:
-    """A predicate that names what it is about: in words, and a message or module ("": any)."""
+    """A predicate with words, and with the name of a message or module ("": any)."""
 
     def __init__(self, words: str, *, message: str = "", module: str = "") -> None:
         self.words = words
@@ -29,7 +32,7 @@ class NamedPredicate:
         self.module = module
 
     def __call__(self, world: Any) -> list[Any]:
-        """The messages of which it is true."""
+        """Return the messages for which it is true."""
         raise NotImplementedError
 
 
@@ -41,9 +44,7 @@ class DataTest(Protocol):
 
 
 class OfMessages(NamedPredicate):
-    """The predicate that finds the messages in a state: those of a name, handled by a module, with
-    such data.
-    """
+    """The predicate of messages in a state, with a name, a handling module and data."""
 
     def __init__(
         self,
@@ -57,27 +58,27 @@ class OfMessages(NamedPredicate):
     ) -> None:
         super().__init__(words + _with(data), message=message, module=module)
         self.data = data
-        self.is_typed = is_typed  #: it comes from a text: its names are checked
+        self.is_typed = is_typed  #: whether it comes from a text, so that its names are checked
         self.makes_room = state.makes_room
         self._is_in_state = state.test
 
     @property
     def subject(self) -> str:
-        """The subject, in words."""
+        """The message and its data in words."""
         return (self.message or ANYTHING) + _with(self.data)
 
     def is_about(self, message: MessageView) -> bool:
-        """Whether it is about a message, in whatever state that is."""
+        """Whether it is about a message, in any state."""
         return self.message in ("", message.message) and all(
-            [one.fits(message) for one in self.data]  # noqa: C419 - each notes what it saw
+            [one.fits(message) for one in self.data]  # noqa: C419 - each test records its data
         )
 
     def is_in_state(self, message: MessageView) -> bool:
-        """Whether the state is that of a message, whatever it is called."""
+        """Whether a message is in the state, with any name and data."""
         return self._is_in_state(message) and self.module in ("", message.module)
 
     def __call__(self, world: Any) -> list[Any]:
-        """The messages under way of which it is true."""
+        """Return the messages under way for which it is true."""
         return [one for one in world.messages if self.is_in_state(one) and self.is_about(one)]
 
 
@@ -86,26 +87,32 @@ def _with(data: Sequence[DataTest]) -> str:
 
 
 class MessageState:
-    """A state of messages. Called with a declaration, and data, it is the predicate of such
-    messages in that state.
-    """
+    """A state of messages. Call it with a declaration, and perhaps data, to get a predicate."""
 
     def __init__(
         self, words: str, test: Callable[[Any], bool], meaning: str, *, makes_room: bool = False
     ) -> None:
         self.words, self.test, self.meaning = words, test, meaning
-        self.__doc__ = f"Messages (with that *data*) of which is true: {meaning}."
+        self.__doc__ = (
+            f"The predicate of messages, with *data* if it is given, in a state: {meaning}."
+        )
         self.makes_room = makes_room
-        """Whether ``at_most`` does not count what has ended with the last event: it makes room for
-        the next.
-        """
+        """Whether ``at_most`` ignores messages that ended with the last event."""
 
     def __call__(self, message: Message[Any, Any], data: Any = UNSET) -> OfMessages:
-        """The messages of that declaration, with that *data* if any are given."""
+        """Return the predicate of messages in this state.
+
+        Args:
+            message: The declaration of the messages.
+            data: The data that they must equal; any by default.
+
+        Raises:
+            BadProperty: *message* is not a declaration.
+        """
         if not isinstance(message, Message):
             raise BadProperty(
-                f"{self.words.replace(' ', '_')}() takes a message (Goal, Command, ...), and "
-                f"{message!r:.60} is none: give its declaration"
+                f"{self.words.replace(' ', '_')}() needs the declaration of a message "
+                f"(Goal, Command, ...), not {message!r:.60}"
             )
         name = message.name
         return OfMessages(
@@ -127,24 +134,22 @@ class _Equal:
         return bool(message.data == self._value)
 
 
-sent = MessageState("sent", lambda one: one.is_new, "it was sent with the last event, by whomever")
+sent = MessageState("sent", lambda one: one.is_new, "it was sent with the last event")
 begun = MessageState(
     "begun", lambda one: one.is_begun, "a handler was given it, now or before", makes_room=True
 )
 handled = MessageState("handled", lambda one: one.is_handled, "a handler has it")
-queued = MessageState(
-    "queued", lambda one: one.is_queued, "it waits for a resource, or for a handler"
-)
+queued = MessageState("queued", lambda one: one.is_queued, "it waits for a resource or a handler")
 planned = MessageState(
     "planned",
     lambda one: one.is_planned,
-    "it was expanded, with all that is under it",
+    "it was expanded, with all its descendants",
     makes_room=True,
 )
 planned_ahead = MessageState(
     "planned ahead",
     lambda one: one.is_planned_ahead,
-    "it was begun, and may not be achieved yet",
+    "a handler was given it, but it may not be achieved yet",
     makes_room=True,
 )
 being_achieved = MessageState(
@@ -158,12 +163,12 @@ achieved = MessageState(
 resolved = MessageState(
     "resolved",
     lambda one: one.is_done_after_failure,
-    "with the last event it was done, after a failure",
+    "it was done after a failure, with the last event",
 )
 killed = MessageState(
     "killed",
     lambda one: one.is_killed,
-    "it was killed, and ended with the last event at the earliest",
+    "it was killed, and has not ended before the last event",
 )
 failed = MessageState(
     "failed", lambda one: bool(one.failure), "it has a failure that has not been dealt with"
@@ -174,13 +179,13 @@ recovering = MessageState(
 suspended = MessageState(
     "suspended",
     lambda one: one.is_suspended,
-    "it is suspended, by itself or with what it is under",
+    "it is suspended, alone or with an ancestor",
     makes_room=True,
 )
 fired = MessageState(
     "fired",
     lambda one: one.is_fire or one.has_fired,
-    "with the last event a wiretap or a monitor sent it; or it is a monitor and sent its action",
+    "a wiretap or monitor sent it with the last event, or it is a monitor that then sent an action",
 )
 retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
 
@@ -204,18 +209,24 @@ STATES = {
         retried,
     )
 }
-"""By name."""
+"""The states by name."""
 
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)
 
 
 def handled_by(module: str) -> OfMessages:
-    """Messages of any name that handlers of *module* have now. A run of it that joins before the
-    connections of the one before have all ended is called "base#2", as in central, and is another
-    module.
+    """Return the predicate of messages of any name that a module is handling now.
+
+    Args:
+        module: The module's name in central. A second copy of module "base" is the module "base#2".
+
+    Raises:
+        BadProperty: *module* is not a valid name.
     """
     if not isinstance(module, str) or not module.strip() or not module.isprintable():
-        raise BadProperty(f"{module!r:.60} is no name of a module: give printable characters")
+        raise BadProperty(
+            f"the name of a module must have printable characters, not {module!r:.60}"
+        )
     return OfMessages(f"handled by {module}", handled, module=module)
 
 
@@ -223,7 +234,7 @@ def handled_by(module: str) -> OfMessages:
 
 
 def predicate_from(text: str) -> OfMessages:
-    """The predicate that a text states. Raises BadProperty."""
+    """Return the predicate that a text states. Raises BadProperty for other text."""
     text, data = split_data(text)
     if text.startswith("handled by "):
         module = _name(text.removeprefix("handled by "))
@@ -244,12 +255,12 @@ def _state_and_name(text: str) -> tuple[str, str]:
         raise BadProperty(
             f"'{text}' names no message: write '{text} of MESSAGE', or '{text} of {ANYTHING}'"
         )
-    said = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
-    advice = did_you_mean(said, STATES) or f"states are {', '.join(STATES)}"
+    state = text.partition(" of ")[0] if " of " in text else text.rsplit(" ", maxsplit=1)[-1]
+    advice = did_you_mean(state, STATES) or f"states are {', '.join(STATES)}"
     raise BadProperty(f"'{text}' names no state of a message ('STATE of MESSAGE'): {advice}")
 
 
 def _name(text: str) -> str:
     if name := unquoted(text):
         return name
-    raise BadProperty("it names no message, or no module")
+    raise BadProperty("it names no message or module")

@@ -1,6 +1,4 @@
-"""The world that properties see after each event of a run: explorations and journals each have
-one.
-"""
+"""The world that properties see after each event of a run, explored or read from a journal."""
 
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, NamedTuple, Protocol
@@ -11,11 +9,11 @@ from tca_wire.vocabulary import MessageClass, Role
 
 
 class BadProperty(ValueError):
-    """An argument is no property, or no predicate; the message says what, which and what to do."""
+    """Raised for an argument that is not a property or predicate; the message says what to do."""
 
 
 Predicate = Callable[[Any], object]
-"""A function of the world: it gives the messages of which it is true, or whether it is true."""
+"""A function of the world that returns the messages for which it is true, or True or False."""
 
 
 class Found(NamedTuple):
@@ -23,16 +21,16 @@ class Found(NamedTuple):
 
     is_true: bool
     messages: Collection[Any] | None = None
-    """The messages of which it is true; None if it said only whether it is."""
+    """The messages for which it is true; None if the predicate returned True or False."""
 
     @property
     def number(self) -> int:
-        """Of how many messages it is true."""
+        """The number of messages for which it is true."""
         return int(self.is_true) if self.messages is None else len(self.messages)
 
     @classmethod
     def of(cls, value: object) -> "Found":
-        """The meaning of a function's value."""
+        """Convert the value that a predicate returned."""
         if isinstance(value, Iterable) and not isinstance(value, str | bytes):
             messages = value if isinstance(value, Collection) else list(value)
             return cls(bool(messages), messages)
@@ -40,15 +38,13 @@ class Found(NamedTuple):
 
 
 class PredicateValues(Protocol):
-    """The values of predicates now. The properties ask this; predicates ask the world of the run
-    itself.
-    """
+    """The current values of predicates, for properties; predicates see the world itself."""
 
     def true_of(self, predicate: Predicate) -> Found:
-        """Of which messages it is true."""
+        """Return the messages for which a predicate is true."""
 
     def newly(self, predicate: Predicate) -> Found:
-        """Of which messages it has become true with the last event."""
+        """Return the messages for which a predicate became true with the last event."""
 
     @property
     def passed(self) -> float:
@@ -56,10 +52,9 @@ class PredicateValues(Protocol):
 
 
 class MessageView:
-    """A message under way: a task of the tree, or a query, an inform, or one copy of a broadcast or
-    multi-query.
+    """A message under way: a task, a query, an inform, or one copy of a broadcast or multi-query.
 
-    What ended with the last event is still there; what ended before is not.
+    A message that ended with the last event is still under way.
     """
 
     __slots__ = ()
@@ -69,43 +64,41 @@ class MessageView:
     sender: str
     body: bytes
     reached: int
-    """Its moments so far; a killed task has reached all when it ends."""
+    """The moments it has reached, as bits; a killed task reaches all of them when it ends."""
     role: Role
-    """Why central sent it; "": a module did."""
+    """Why central sent it; "" if a module did."""
     failure: str
-    """The failure that was raised on it and has not been dealt with."""
+    """The failure raised on it that has not been dealt with."""
     attempts: int
-    """How often it has been, or is to be, handled: each retry is one more."""
+    """The number of attempts to handle it: 1 and one for each retry."""
     is_begun: bool
-    """A handler was given it."""
+    """Whether a handler was given it, now or before."""
     is_killed: bool
     is_suspended: bool
     is_over: bool
-    """It ended with the last event."""
+    """Whether it ended with the last event."""
     is_new: bool
-    """It was sent with the last event."""
+    """Whether it was sent with the last event."""
     is_resolved: bool
-    """An exception handler has resolved a failure of it since it was handled, or retried, last."""
+    """Whether an exception handler has resolved its failure since its last handling or retry."""
     is_retried: bool
-    """It was retried with the last event."""
+    """Whether it was retried with the last event."""
     has_fired: bool
-    """Of a monitor: it sent its action with the last event."""
+    """Whether this monitor sent its action with the last event."""
     is_task: bool
-    """It is a node of the tree."""
+    """Whether it is a task."""
     state: str
-    """Of a task: where it is in its life cycle."""
+    """The state of a task in its life cycle."""
     module: str
-    """The module whose handler has it now."""
+    """The module whose handler has it now; "" if none has."""
     is_queued: bool
-    """It waits for a resource or for a handler."""
+    """Whether it waits for a resource or a handler."""
     is_recovering: bool
-    """An exception handler is at work on its failure."""
+    """Whether an exception handler is working on its failure."""
 
     @property
     def data(self) -> Any:
-        """The data sent with it, as plain values; None if it has none, such as for a module that
-        was lost.
-        """
+        """Its data as plain values; None if it has none."""
         return decode_untyped(self.body) if self.body else None
 
     def has(self, moment: int) -> bool:
@@ -124,25 +117,25 @@ class MessageView:
 
     @property
     def is_planned(self) -> bool:
-        """Whether it and everything under it has been expanded; of a command always."""
+        """Whether it and its descendants have been expanded; always true for a command."""
         return bool(self.reached & END_PLANNING)
 
     @property
     def is_being_achieved(self) -> bool:
-        """Whether its achieving has started and not ended."""
+        """Whether its achievement has started and not ended."""
         return bool(self.reached & START_ACHIEVING) and not self.reached & END_ACHIEVING
 
     @property
     def is_achieved(self) -> bool:
-        """Whether it was achieved, not killed and not after a failure, with the last event."""
+        """Whether it was achieved with the last event, without a kill or a resolved failure."""
         return bool(self.reached & END_ACHIEVING) and not (self.is_killed or self.is_resolved)
 
     @property
     def is_done_after_failure(self) -> bool:
-        """Whether it was done with the last event, after a failure that was resolved."""
+        """Whether it was done with the last event after a resolved failure."""
         return bool(self.reached & END_ACHIEVING) and self.is_resolved and not self.is_killed
 
     @property
     def is_planned_ahead(self) -> bool:
-        """Whether it was begun before it may be achieved."""
+        """Whether a handler was given it, but it may not be achieved yet."""
         return self.is_begun and not self.reached & START_ACHIEVING

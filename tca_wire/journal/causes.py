@@ -10,26 +10,26 @@ class _Cause(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Request(_Cause, frozen=True, tag="request"):
-    """A connection of a module sent something."""
+    """A connection of a module sent a request."""
 
     module: str
-    """Its name; "?" if it has not said hello."""
+    """Its name; "?" before its hello."""
     connection: int
-    """The module's connection: 0 is its own, the others handle messages."""
+    """The number of the module's connection: 0 is its own, the others handle messages."""
     number: int
-    """The request's number on its connection (0: it wants no answer)."""
+    """The request's number on its connection (0: no answer wanted)."""
     message: str
-    """The message of the protocol: "Send", "Kill"; "" for bytes that are none."""
+    """The header: "Send", "Kill"; "" for invalid bytes."""
     origin: int = 0
-    """The delivery whose handler asked, while it ran (0: code outside of handlers did)."""
+    """The delivery whose running handler sent it (0: code outside of handlers)."""
 
 
 class TimeOver(_Cause, frozen=True, tag="time"):
-    """Something was due."""
+    """A timer was due."""
 
     due: Due
     about: int = 0
-    """The task, or of a claim its id; 0 for none."""
+    """The task, or the id of a claim; 0 for none."""
 
 
 class ConnectionLost(_Cause, frozen=True, tag="lost"):
@@ -40,7 +40,7 @@ class ConnectionLost(_Cause, frozen=True, tag="lost"):
 
 
 class Administrator(_Cause, frozen=True, tag="keeper"):
-    """Whoever runs central did something: it was started again, or keys have changed."""
+    """The operator of central restarted it or changed keys."""
 
 
 Cause = Request | TimeOver | ConnectionLost | Administrator

@@ -1,18 +1,21 @@
-"""The bases of facts."""
+"""The base classes of facts."""
 
 import msgspec
 
 from tca_wire.points import TaskId
+from tca_wire.waits import WaitKind
 
 
 class BaseFact(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """The base of all facts: an array whose first element is the kind. No fact refers to itself, so
-    none is garbage that Python has to look for (``gc``): a journal is read faster.
+    """The base of all facts: an array whose first element is the kind.
+
+    No fact refers to itself, so Python's garbage collector can skip facts (``gc=False``): that
+    makes reading journals faster.
     """
 
 
 class NumberedFact(BaseFact, frozen=True):
-    """A fact about a message, a delivery, a claim, or what can be removed, by its number."""
+    """A fact about a message, delivery, claim, exception handler or wiretap, by its number."""
 
     id: int
 
@@ -27,3 +30,19 @@ class MonitorFact(BaseFact, frozen=True):
     """A fact about a monitor."""
 
     monitor: TaskId
+
+
+class WaitFact(BaseFact, frozen=True):
+    """A fact about a wait: of delivery *origin* (0: outside of handlers) for a task or a name."""
+
+    module: str
+    origin: int
+    task: TaskId
+    moment: int = 0
+    awaits: WaitKind = WaitKind.TASK
+    name: str = ""
+
+    @property
+    def key(self) -> tuple[str, int, int, str, str]:
+        """The waiter and what it waits for: the same at the start and the end of the wait."""
+        return self.module, self.origin, self.task, self.awaits, self.name

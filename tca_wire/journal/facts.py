@@ -1,10 +1,9 @@
 """The facts that the journal records: one type each; the field order is the order on disk.
 
-A fact says what happened, never what follows from it: tools fold facts and re-run no rule. Every
-message accepted by central has an *id* from one counter; a goal's or command's id is its task. A
-*delivery* is one message on its way to one handler; its id is the message's own, except that each
-receiver of a broadcast or multi-query has one of its own, and that a task which is handled again
-has another one each time.
+A fact says what happened, not what follows from it: tools fold facts and re-run no rule. Each
+message that central accepts has an *id* from one counter; a goal's or command's id is its task. A
+*delivery* is one message on its way to one handler. Its id is the message's own. Only each receiver
+of a broadcast or multi-query, and each repeated handling of a task, has an id of its own.
 """
 
 from typing import Annotated
@@ -13,7 +12,7 @@ import msgspec
 
 from tca_wire.constraints import Constraint
 from tca_wire.journal.causes import Cause
-from tca_wire.journal.fact import BaseFact, MonitorFact, NumberedFact, TaskFact
+from tca_wire.journal.fact import BaseFact, MonitorFact, NumberedFact, TaskFact, WaitFact
 from tca_wire.points import ROOT, Point, TaskId
 from tca_wire.vocabulary import (
     CENTRAL,
@@ -26,14 +25,11 @@ from tca_wire.vocabulary import (
     Role,
     Scope,
 )
-from tca_wire.waits import WaitKind
 
 JOURNAL_VERSION = 6
-"""Goes up whenever a fact or an entry changes. Journals of a version before ``OLDEST_READ`` are
-refused.
-"""
+"""Goes up whenever a fact or an entry changes. Older journals than ``OLDEST_READ`` are refused."""
 OLDEST_READ = 4
-LONGEST_TIME = 1e12  # seconds, 30 000 years: no entry is later
+LONGEST_TIME = 1e12  # seconds, 30,000 years: no entry is later
 EntryNumber = Annotated[int, msgspec.Meta(ge=0, le=(1 << 63) - 1)]
 EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
@@ -42,9 +38,7 @@ EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
 class Opened(BaseFact, frozen=True, tag="opened"):
-    """A segment begins. *began* is wall-clock time (seconds since 1970) at which the entries' clock
-    showed 0.
-    """
+    """A segment starts. Its entries' time 0 was at *began*, in seconds since 1970."""
 
     version: int
     epoch: str
@@ -54,47 +48,43 @@ class Opened(BaseFact, frozen=True, tag="opened"):
 
 
 class Shortened(BaseFact, frozen=True, tag="shortened"):
-    """Facts were removed from the run's journal: those about tasks and messages that had ended
-    *until* then.
-    """
+    """Facts were removed: those about tasks and messages that had ended by *until*."""
 
     until: float
 
 
 class Closed(BaseFact, frozen=True, tag="closed"):
-    """Central ended of its own will."""
+    """Central ended normally."""
 
     why: str
 
 
 class CentralFailed(BaseFact, frozen=True, tag="broke"):
-    """Central ended by an error of its own. The run may go on: then ``CentralRestarted``
-    follows.
-    """
+    """Central ended by an internal error. If the run continues, ``CentralRestarted`` follows."""
 
     why: str
 
 
 class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
-    """Central was away, and its clock stood still. No task starts before its connections are back
-    or lost.
-    """
+    """Central was down. No task starts until the awaited connections are back or lost."""
 
     away: float  #: seconds of wall-clock time (0: not known)
     awaited: int  #: connections
-    hold: bool = False  #: until somebody says so
+    hold: bool = False  #: until a module says so
     may_lack: bool = False  #: the last inputs before a power cut
-    aside: int = 0  #: entries that the journal had of these
+    aside: int = 0  #: the journal's entries of these inputs, set aside
 
 
 class WentOn(BaseFact, frozen=True, tag="went on"):
-    """Tasks start again after a restart: all were back or lost, or a module said so."""
+    """Tasks start again after a restart: all connections were back or lost, or a module asked for
+    it.
+    """
 
     by: str = ""
 
 
 class DiskSpace(BaseFact, frozen=True, tag="disk"):
-    """The disk of the journal is nearly full (*is low*): no new tasks are taken; or it has room
+    """The disk of the journal is nearly full (*is low*), so new tasks are refused; or has room
     again.
     """
 
@@ -110,13 +100,11 @@ class ModuleJoined(BaseFact, frozen=True, tag="module joined"):
     module: str
     process: str
     principal: str = ""
-    """Who runs it: the name of a key, "uid:N" for another user of the computer, "" for the one who
-    runs central.
-    """
+    """The owner: the name of a key, "uid:N" for another user, "" for the user of central."""
 
 
 class ModuleLeft(BaseFact, frozen=True, tag="module left"):
-    """A module said goodbye, or was *lost*; *why* is for people."""
+    """A module said goodbye, or was *lost*; *why* is for display."""
 
     module: str
     why: str
@@ -124,23 +112,21 @@ class ModuleLeft(BaseFact, frozen=True, tag="module left"):
 
 
 class KeysChanged(BaseFact, frozen=True, tag="keys"):
-    """These keys may connect from now on, and these may no more."""
+    """These keys may connect from now on, and these may no longer."""
 
     allowed: list[str]
     revoked: list[str]
 
 
 class PermissionsChanged(BaseFact, frozen=True, tag="permissions"):
-    """From now on so many rules, from that source, say who may do what (-1: none do, everybody may
-    do everything).
-    """
+    """The permissions are now *rules* rules of *source* (-1: no rules, everything is allowed)."""
 
     rules: int
     source: str
 
 
 class ResourceChanged(BaseFact, frozen=True, tag="resource"):
-    """A resource of a module now takes *capacity* messages at a time."""
+    """A resource of a module now handles up to *capacity* messages at a time."""
 
     module: str
     resource: str
@@ -148,8 +134,8 @@ class ResourceChanged(BaseFact, frozen=True, tag="resource"):
 
 
 class Recalling(BaseFact, frozen=True, tag="recalling"):
-    """The slot of a resource is asked what it has ahead and has not begun, or (*is over*) has said
-    so, or is gone. Nobody is let in meanwhile.
+    """A slot is asked to return prefetched messages, or (*is over*) has answered or left. In the
+    meantime its resource accepts no message.
     """
 
     module: str
@@ -176,7 +162,7 @@ class HandlerAdded(BaseFact, frozen=True, tag="handler"):
     module: str
     resource: str
     accepts: bool = False
-    """It says itself when it accepts a task."""
+    """The handler itself accepts or rejects each task."""
 
 
 class HandlerRemoved(BaseFact, frozen=True, tag="no handler"):
@@ -187,7 +173,7 @@ class HandlerRemoved(BaseFact, frozen=True, tag="no handler"):
 
 
 class RequestRefused(BaseFact, frozen=True, tag="refused"):
-    """A request of a connection (a module's name or, before it said hello, "?") was refused."""
+    """A request was refused. *sender* is the module, or "?" before its hello."""
 
     sender: str
     refusal: Refusal
@@ -195,9 +181,7 @@ class RequestRefused(BaseFact, frozen=True, tag="refused"):
 
 
 class Ignored(BaseFact, frozen=True, tag="ignored"):
-    """A request of a module changed nothing: it was no longer possible, and the module could not
-    know that.
-    """
+    """A request changed nothing: it was no longer possible, and the module could not know that."""
 
     sender: str
     text: str
@@ -208,9 +192,8 @@ class Ignored(BaseFact, frozen=True, tag="ignored"):
 
 class Received(NumberedFact, frozen=True, tag="received"):
     """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
-
-    *origin* is the delivery that the sender was handling when it sent (0: none); *blocking* says
-    that the sender does nothing until the answer comes, or until it gives up.
+    *origin* is the sender's delivery (0: none). If *blocking*, the sender does nothing else until
+    the answer comes, or until it gives up.
     """
 
     message: str
@@ -223,12 +206,12 @@ class Received(NumberedFact, frozen=True, tag="received"):
     constraints: list[Constraint]
     role: Role = Role.NONE
     about: int = 0
-    """Of central's own messages: the failing, tapped, killed or monitoring task."""
+    """The failing, tapped, killed or monitoring task that a message of central is about."""
 
 
 class Queued(NumberedFact, frozen=True, tag="queued"):
-    """A delivery of message *message_id* waits: for a resource that is busy, or for a handler
-    (module, resource "").
+    """A delivery of message *message_id* waits for a busy resource or a handler (module, resource
+    "").
     """
 
     message_id: int
@@ -238,8 +221,8 @@ class Queued(NumberedFact, frozen=True, tag="queued"):
 
 
 class Unqueued(NumberedFact, frozen=True, tag="unqueued"):
-    """A delivery waits no longer and nobody was given it: its task is held again, suspended or
-    killed, its sender gave up, or the handler that had it left.
+    """A delivery left its queue without a handler: its task is held again, suspended or killed, its
+    sender gave up, or its handler left.
     """
 
 
@@ -252,24 +235,19 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     slot: int = 0
     """The resource's slot that has it, from 1."""
     is_nested: bool = False
-    """The slot has another message, and waits: this one is handled within that wait."""
+    """The slot handles it while its other message waits."""
     priority: int = 0
     began: float = 0
-    """When its handler began, on the clock of the entries, if that was earlier: the slot had the
-    message already.
-    """
+    """The start of its handler, in the entries' time, if earlier: the message was prefetched."""
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
-    """The handler of a delivery ended; the body is its reply or result, or the data of its
-    failure.
-    """
+    """The handler of a delivery ended; the body is its reply or result, or its failure's data."""
 
     outcome: Outcome
     body: bytes
     ended: float = 0
-    """When that was, on the clock of the entries, if it was earlier: its slot tells of several
-    together.
+    """The time of that end, in the entries' time, if earlier: slots report several ends together.
     """
 
 
@@ -278,24 +256,19 @@ class Answered(NumberedFact, frozen=True, tag="answered"):
 
 
 class Dropped(NumberedFact, frozen=True, tag="dropped"):
-    """A message came to nothing, or only what one receiver was to get: a copy of message *copy_of*.
-
-    *why* is for people; *where* says, of a query whose sender gave up, where it was then.
-    """
+    """A message was dropped, or one receiver's copy of message *copy_of*; *why* is for display."""
 
     message: str
     why: str
     copy_of: int = 0
-    where: str = ""
+    where: str = ""  #: of a query: its place when its sender gave up
     dropping: Dropping = Dropping.OTHER
 
 
 class HandledDirectly(BaseFact, frozen=True, tag="direct"):
-    """A module handled a message that came from its sender directly; central has seen nothing of it
-    but this note.
-
-    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data; its
-    handler ended at *ended* on the clock of the entries and took so many *seconds*.
+    """A module handled a direct message: central knows only this note of it. *origin* is the
+    delivery whose handler sent it (0: none), *size* the bytes of its data, *ended* in the entries'
+    time.
     """
 
     message: str
@@ -311,9 +284,7 @@ class HandledDirectly(BaseFact, frozen=True, tag="direct"):
 
 
 class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
-    """*module* reports that so many informs of *message* ("": notes of direct messages) were sent
-    directly and lost. Where the module of their handler died, some may have been handled.
-    """
+    """*module* reports lost direct informs of *message* ("": notes); some may have been handled."""
 
     module: str
     message: str
@@ -330,8 +301,8 @@ class Constrained(BaseFact, frozen=True, tag="constrained"):
 
 
 class TimedOut(BaseFact, frozen=True, tag="timed out"):
-    """A delay is over, or void since its point never came: what this constraint held back is held
-    by it no longer.
+    """A delay is over, or void since its point never came: this constraint holds nothing any
+    longer.
     """
 
     constraint: Constraint
@@ -353,14 +324,12 @@ class Killed(TaskFact, frozen=True, tag="killed"):
     origin: int = 0
     """The delivery whose handler asked for it, perhaps long before (0: none)."""
     failed: TaskId = ROOT
-    """The task for whose failure central killed it, since nobody handled that (0: it has another
-    reason).
-    """
+    """The task whose unhandled failure is the reason (0: another reason)."""
 
 
 class KillPlanned(TaskFact, frozen=True, tag="to be killed"):
-    """A task is to be killed, or what *scope* says, when *after* is reached (None: now) and so many
-    seconds more.
+    """A kill is planned: *seconds* after *after* is reached (None: after now), as wide as *scope*
+    says.
     """
 
     scope: Scope
@@ -371,31 +340,30 @@ class KillPlanned(TaskFact, frozen=True, tag="to be killed"):
 
 
 class SendPlanned(TaskFact, frozen=True, tag="to be sent"):
-    """A message is to be sent when a task is killed that has been started: to leave things safe."""
+    """A message will be sent if a task is killed after its start: to leave things safe."""
 
     message: str
     body: bytes
 
 
 class DeadlineSet(TaskFact, frozen=True, tag="deadline"):
-    """If a task does not reach a moment within so many seconds from now, the failure "timeout" is
-    raised on it.
-    """
+    """The failure "timeout" is raised on a task if it does not reach *moment* within *seconds*."""
 
     moment: int
     seconds: float
 
 
 class SuspendedOrResumed(TaskFact, frozen=True, tag="suspended"):
-    """A task was suspended or resumed, with all that is under it."""
+    """A task was suspended or resumed, with all its descendants."""
 
     is_suspended: bool
     by: str = CENTRAL
 
 
 class StateChanged(TaskFact, frozen=True, tag="state"):
-    """A transition of a task's life cycle that no other fact tells of. Others do of its delivery to
-    a handler, which accepts it thereby unless ``HandlerAdded.accepts``, of a retry, and of its end.
+    """A transition of a task's life cycle that no other fact implies. Others are implied by a
+    delivery, which a handler accepts unless ``HandlerAdded.accepts``, by a retry, and by the task's
+    end.
     """
 
     transition: str
@@ -405,21 +373,19 @@ class StateChanged(TaskFact, frozen=True, tag="state"):
     by: Party
     module: str = ""
     text: str = ""
-    """The reason, for people."""
+    """The reason, for display."""
     body: bytes = b""
-    """The goal that a client asks for, the other one that its server takes over, or an intermediate
-    result.
-    """
+    """The goal that a client asks for or the server takes over, or an intermediate result."""
 
 
 class Kept(TaskFact, frozen=True, tag="kept"):
-    """A module keeps a task: its data, outcome and place are remembered after its end."""
+    """A module retains a task: its data, outcome and place are remembered after its end."""
 
     module: str
 
 
 class Released(TaskFact, frozen=True, tag="released"):
-    """A module keeps a task no longer; or ("") its record is gone, for all."""
+    """A module no longer retains a task; or ("") its record is removed."""
 
     module: str
 
@@ -428,37 +394,19 @@ class Released(TaskFact, frozen=True, tag="released"):
 
 
 class Awaited(NumberedFact, frozen=True, tag="awaited"):
-    """The sender of a query or multi-query, which had gone on, waits for its answer from now on."""
+    """The sender of a query or multi-query, which had continued, now waits for its answer."""
 
 
-class _WaitFact(BaseFact, frozen=True):
-    module: str
-    origin: int
-    task: TaskId
-    moment: int = 0
-    awaits: WaitKind = WaitKind.TASK
-    name: str = ""
-
-    @property
-    def key(self) -> tuple[str, int, int, str, str]:
-        """Who waits, and for what: the same at the beginning and at the end."""
-        return self.module, self.origin, self.task, self.awaits, self.name
+class WaitBegan(WaitFact, frozen=True, tag="wait began"):
+    """A handler (delivery *origin*; 0: none) waits for a task's *moment*, its CHANGE, or *name*."""
 
 
-class WaitBegan(_WaitFact, frozen=True, tag="wait began"):
-    """A handler (delivery *origin*; 0: none) waits for a *moment* of a task, its CHANGE, or for
-    what *name* says.
-    """
-
-
-class WaitEnded(_WaitFact, frozen=True, tag="wait ended"):
-    """Such a wait ended. Of what moment it was is not said."""
+class WaitEnded(WaitFact, frozen=True, tag="wait ended"):
+    """A wait ended. The moment is not recorded."""
 
 
 class Claimed(NumberedFact, frozen=True, tag="claimed"):
-    """A module waits to lock a resource, or (*is_reserved*) to reserve it, in delivery *origin* (0:
-    in none).
-    """
+    """A module waits to lock or (*is_reserved*) reserve a resource, in delivery *origin* (or 0)."""
 
     module: str
     resource: str
@@ -472,7 +420,7 @@ class Granted(NumberedFact, frozen=True, tag="granted"):
 
 
 class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
-    """A resource is not locked or reserved any more, or is no longer waited for to be."""
+    """A lock or reservation ended, or the wait for it."""
 
     why: str
 
@@ -481,13 +429,11 @@ class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
 
 
 class Failed(NumberedFact, frozen=True, tag="failed"):
-    """A failure was raised on a task or message, or on what one receiver got: a copy of message
-    *copy_of*.
+    """A failure was raised on a task or message, or on one receiver's copy of message *copy_of*.
 
-    Of a module that was lost no handler returns: this ends its part. A failure that is raised
-    *beside* the handler changes nothing for the one that has the task. Of that one *by* is the
-    module that raised it, or "central", and *body* the failure's data; else the handler raised it,
-    and they are "" and empty.
+    If a module was lost, its handler does not return: this fact ends its part. A failure *beside*
+    the handler does not affect the handler. Then *by* is the module that raised it, or "central",
+    and *body* its data. Otherwise the handler raised it, and *by* and *body* are empty.
     """
 
     failure: str
@@ -499,7 +445,7 @@ class Failed(NumberedFact, frozen=True, tag="failed"):
 
 
 class Attached(NumberedFact, frozen=True, tag="attached"):
-    """Exception handler *handler* takes care of a failure ("": any) of a task, or of all tasks of a
+    """Exception handler *handler* is attached for a failure ("": any) to a task, or to all of a
     message.
     """
 
@@ -511,67 +457,57 @@ class Attached(NumberedFact, frozen=True, tag="attached"):
 
 
 class Removed(NumberedFact, frozen=True, tag="removed"):
-    """An exception handler or wiretap was taken away."""
+    """An exception handler or wiretap was removed."""
 
     by: str
 
 
 class Caught(TaskFact, frozen=True, tag="caught"):
-    """The failure of a task is handled: task *handler* was made for it, by attachment *attachment*
-    of task *at*.
+    """Task *handler* handles the failure of a task. Attachment *attachment* of task *at* created
+    it.
     """
 
     handler: TaskId
     at: TaskId
     attachment: int
     is_beside: bool = False
-    """The failure was raised beside the task's handler: that goes on, or another exception handler
-    decides about it.
-    """
+    """Raised beside the task's handler: that continues, or another exception handler decides."""
 
 
 class Reissued(BaseFact, frozen=True, tag="reissued"):
-    """An exception handler could not deal with its failure; the search goes on."""
+    """An exception handler could not deal with its failure; the search continues."""
 
     handler: TaskId
 
 
 class Resolved(BaseFact, frozen=True, tag="resolved"):
-    """An exception handler says that its failure is resolved: that counts if its task ends without
-    a failure.
-    """
+    """An exception handler resolves its failure. It counts if its task ends without a failure."""
 
     handler: TaskId
 
 
 class NotResolved(BaseFact, frozen=True, tag="not resolved"):
-    """An exception handler's task ended and left its failure as it was; the search goes on."""
+    """An exception handler's task ended and left its failure as it was; the search continues."""
 
     handler: TaskId
     task: TaskId
 
 
 class Unhandled(TaskFact, frozen=True, tag="unhandled"):
-    """No exception handler was found for the failure of a task: its top-level task is killed, or
-    *undecided*.
-    """
+    """A failure has no exception handler: its top-level task is killed, or *undecided*."""
 
     undecided: TaskId = ROOT
-    """The exception handler that could not decide because of it: it is killed, and the search for
-    the failure that it was called for goes on after it.
-    """
+    """The exception handler that could not decide because of it, and is killed (0: none)."""
 
 
 class Recovered(TaskFact, frozen=True, tag="recovered"):
-    """The failure of a task has been dealt with, by *handler*; the task counts as handled."""
+    """*handler* has dealt with the failure of a task; the task counts as handled."""
 
     handler: TaskId = ROOT
 
 
 class Retried(TaskFact, frozen=True, tag="retried"):
-    """A task will be handled again when all under it has ended, with the body as its data if there
-    is one.
-    """
+    """A task will be handled again when its descendants have ended. A body replaces its data."""
 
     body: bytes
     by: str
@@ -581,9 +517,7 @@ class Retried(TaskFact, frozen=True, tag="retried"):
 
 
 class TapAdded(NumberedFact, frozen=True, tag="tap"):
-    """A wiretap: *listener* is sent whenever the condition comes true of a message, or of one task.
-    *by* is the module that asked for it first.
-    """
+    """A wiretap: *listener* is sent whenever the condition holds for a message or a task."""
 
     condition: Condition
     listener: str
@@ -593,9 +527,7 @@ class TapAdded(NumberedFact, frozen=True, tag="tap"):
 
 
 class TapFired(BaseFact, frozen=True, tag="tapped"):
-    """A wiretap sent its listener (message *listener*; 0: nobody handles it, so nothing was
-    sent).
-    """
+    """A wiretap sent its listener (message *listener*; 0: not sent, as it has no handler)."""
 
     tap: int
     tapped: int
@@ -603,15 +535,11 @@ class TapFired(BaseFact, frozen=True, tag="tapped"):
 
 
 class WaitedFor(MonitorFact, frozen=True, tag="waited for"):
-    """A polling or demon monitor was sent to be waited for: else it would end at the latest when
-    its parent waits for nothing but such monitors.
-    """
+    """A parent waits for a polling or demon monitor, which so need not end with all else there."""
 
 
 class OutlivesRetry(MonitorFact, frozen=True, tag="spared"):
-    """Others than the handler of the task above have put a monitor there: a retry of that task
-    spares it.
-    """
+    """A retry of the task above spares a monitor: the task's handler did not create it."""
 
 
 class MonitorTested(MonitorFact, frozen=True, tag="tested"):
@@ -621,79 +549,42 @@ class MonitorTested(MonitorFact, frozen=True, tag="tested"):
 
 
 class MonitorEnded(MonitorFact, frozen=True, tag="monitor ended"):
-    """A monitor watches no longer."""
+    """A monitor stopped watching."""
 
     why: str
 
 
+_OfRuns = Opened | Shortened | Closed | CentralFailed | CentralRestarted | WentOn | DiskSpace
+_OfModules = ModuleJoined | ModuleLeft | ResourceChanged | Recalling
+_OfDeclarations = FormatDefined | HandlerAdded | HandlerRemoved
+_OfAccess = KeysChanged | PermissionsChanged | RequestRefused | Ignored
+_OfMessages = Received | Queued | Unqueued | Delivered | Returned | Answered | Dropped
+_OfDirectMessages = HandledDirectly | LostDirectly
+_OfTasks = Constrained | TimedOut | Reached | Killed | KillPlanned | SendPlanned | DeadlineSet
+_OfStates = SuspendedOrResumed | StateChanged | Kept | Released
+_OfWaits = Awaited | WaitBegan | WaitEnded | Claimed | Granted | ClaimEnded
+_OfFailures = Failed | Attached | Removed | Caught | Reissued | Resolved | NotResolved
+_OfRecoveries = Unhandled | Recovered | Retried
+_OfMonitors = TapAdded | TapFired | WaitedFor | OutlivesRetry | MonitorTested | MonitorEnded
 Fact = (
-    Opened
-    | Shortened
-    | Closed
-    | CentralFailed
-    | CentralRestarted
-    | WentOn
-    | DiskSpace
-    | ModuleJoined
-    | ModuleLeft
-    | ResourceChanged
-    | Recalling
-    | FormatDefined
-    | HandlerAdded
-    | HandlerRemoved
-    | KeysChanged
-    | PermissionsChanged
-    | RequestRefused
-    | Ignored
-    | Received
-    | Queued
-    | Unqueued
-    | Delivered
-    | Returned
-    | Answered
-    | Dropped
-    | HandledDirectly
-    | LostDirectly
-    | Constrained
-    | TimedOut
-    | Reached
-    | Killed
-    | KillPlanned
-    | SendPlanned
-    | DeadlineSet
-    | SuspendedOrResumed
-    | StateChanged
-    | Kept
-    | Released
-    | Awaited
-    | WaitBegan
-    | WaitEnded
-    | Claimed
-    | Granted
-    | ClaimEnded
-    | Failed
-    | Attached
-    | Removed
-    | Caught
-    | Reissued
-    | Resolved
-    | NotResolved
-    | Unhandled
-    | Recovered
-    | Retried
-    | TapAdded
-    | TapFired
-    | WaitedFor
-    | OutlivesRetry
-    | MonitorTested
-    | MonitorEnded
+    _OfRuns
+    | _OfModules
+    | _OfDeclarations
+    | _OfAccess
+    | _OfMessages
+    | _OfDirectMessages
+    | _OfTasks
+    | _OfStates
+    | _OfWaits
+    | _OfFailures
+    | _OfRecoveries
+    | _OfMonitors
 )
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All facts of one cause, and all that followed from it at once. *time* is in seconds since the
-    epoch began, on a clock that never jumps; *cause* is None where central itself begins or ends a
-    segment.
+    """All facts of one cause. *time* is in seconds since the epoch began, on a monotonic clock;
+    *cause* is missing where central itself starts or ends a segment.
     """
 
     number: EntryNumber
@@ -703,8 +594,6 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def kind_of(fact: Fact | type[Fact]) -> str:
-    """The word that names a fact's kind: "received"; as people read it, not always as journals have
-    it.
-    """
+    """Return the word for a fact's kind: "received". For readers: not always the journal's tag."""
     tag = str(fact.__struct_config__.tag)
-    return "delay over" if tag == "timed out" else tag  # nothing has failed
+    return "delay over" if tag == "timed out" else tag  # "timed out" would suggest a failure

@@ -1,5 +1,7 @@
-"""Records of a log: a payload with its length and checksum before it. Two integers of MessagePack,
-always in five bytes (``ce`` and 32 bits, big endian), so that a record's frame has a fixed size.
+"""Records of a log: a payload after its length and checksum.
+
+Both are MessagePack integers that always take five bytes (``ce`` and 32 bits, big endian): so a
+record's frame has a fixed size.
 """
 
 import struct
@@ -13,18 +15,20 @@ MAX_RECORD = 64 << 20
 
 
 def framed(payload: bytes) -> bytes:
-    """A record."""
+    """Return a record."""
     return FRAME.pack(UINT32, len(payload), UINT32, crc32(payload)) + payload
 
 
 def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """The payloads of sound records from the present place on, each with the place behind it; up to
-    the first that is none.
+    """Yield the payloads of sound records from the stream's position on, with the position after
+    each.
+
+    Stops at the first unsound record.
     """
     place = stream.tell()
     while len(frame := stream.read(FRAME.size)) == FRAME.size:
-        mark, length, mark_too, checksum = FRAME.unpack(frame)
-        if (mark, mark_too) != (UINT32, UINT32) or length > MAX_RECORD:
+        mark, length, second_mark, checksum = FRAME.unpack(frame)
+        if (mark, second_mark) != (UINT32, UINT32) or length > MAX_RECORD:
             return
         payload = stream.read(length)
         if len(payload) < length or crc32(payload) != checksum:
@@ -34,14 +38,16 @@ def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 _SPARE = 8
-"""So many times its own size may be read in vain while a record is looked for: what a client has
-sent may look like a million of them.
+"""The limit for bytes that a search for a record reads in vain, as a multiple of the data.
+
+A client's data may look like a million records.
 """
 
 
 def has_record(data: bytes) -> bool:
-    """Whether a sound record is anywhere behind the first byte, or may be: it is not looked for for
-    ever.
+    """Return whether a sound record is, or may be, anywhere after the first byte.
+
+    The search is bounded: after too many bytes read in vain it returns True.
     """
     left, view = _SPARE * len(data) + MAX_RECORD, memoryview(data)
     place = data.find(UINT32, 1)

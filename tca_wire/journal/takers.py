@@ -1,4 +1,4 @@
-"""Functions by the type of what they take. Pure."""
+"""Functions by the type of their argument. Pure."""
 
 from collections.abc import Callable
 from inspect import isfunction, signature
@@ -9,12 +9,14 @@ from typing import Any, get_type_hints
 def takers(
     *parts: type | ModuleType, parameter: str = "fact"
 ) -> dict[type, Callable[[Any, Any], None]]:
-    """By type, the method of some classes, or the function of some modules, that takes it: each of
-    which the second and last parameter is called so takes all of the type that it names.
+    """Map types to the methods of classes, or functions of modules, that accept them.
+
+    A function counts if its second and last parameter has the name *parameter*; the type is that
+    parameter's annotation.
     """
     return {
-        get_type_hints(take)[parameter]: take
+        get_type_hints(function)[parameter]: function
         for part in parts
-        for take in vars(part).values()
-        if isfunction(take) and [*signature(take).parameters][1:] == [parameter]
+        for function in vars(part).values()
+        if isfunction(function) and [*signature(function).parameters][1:] == [parameter]
     }

@@ -1,8 +1,7 @@
-"""Numpy arrays and numbers as MessagePack: every dtype arrives as it was sent, or is refused by
-name.
+"""Numpy arrays and numbers as MessagePack: each dtype arrives unchanged, or is refused by name.
 
-numpy is not imported here: an array knows how it is built, and a type that names numpy has imported
-it already.
+numpy is not imported here: an array brings its own methods, and a type that names numpy has
+imported it already.
 """
 
 import sys
@@ -11,16 +10,12 @@ from typing import Any, get_args, get_origin
 import msgspec
 
 _NDARRAY = 1  # MessagePack extension type: [description of the dtype, shape, bytes in C order]
-_NUMBERS, _LARGEST = (
-    "biuf",
-    8,
-)  # kinds of dtype, and bytes, of numbers that Python's and MessagePack's hold exactly
+# Kinds of dtype and most bytes of the numbers that Python's and MessagePack's hold exactly.
+_NUMBERS, _LARGEST = "biuf", 8
 
 
 def is_array_type(kind: Any) -> bool:
-    """Whether a type is ``numpy.ndarray`` or ``numpy.typing.NDArray[...]``, and no class derived
-    from it.
-    """
+    """Return whether a type is ``numpy.ndarray`` or ``numpy.typing.NDArray[...]`` itself."""
     origin = get_origin(kind) or kind
     return (
         getattr(origin, "__name__", "") == "ndarray"
@@ -29,8 +24,9 @@ def is_array_type(kind: Any) -> bool:
 
 
 def encode_custom(value: Any) -> Any:
-    """Encode values that msgspec does not know: arrays, numpy's numbers, subclasses of int. Raises
-    TypeError.
+    """Encode values that msgspec does not know: arrays, numpy's numbers, subclasses of int.
+
+    Raises TypeError.
     """
     if isinstance(value, int):
         return int(value)
@@ -45,17 +41,19 @@ def encode_custom(value: Any) -> Any:
 
 
 def _description(dtype: Any) -> Any:
-    """A dtype as text, or a structured one as a list of its fields. Raises TypeError if that would
-    not be all of it.
+    """Return a dtype as text, or a structured one as a list of its fields.
+
+    Raises TypeError if that would lose a part.
     """
     try:
         found = dtype.descr if dtype.names else dtype.str
         is_whole = not dtype.hasobject and _dtype(found) == dtype
-    except (ValueError, TypeError):  # numpy can't describe it, or not read the description
+    except (ValueError, TypeError):  # numpy can't describe it, or can't read its description
         is_whole = False
     if not is_whole:
         raise TypeError(
-            f"an array of dtype {dtype} can't be sent: it holds Python objects, or overlapping fields"
+            f"an array of dtype {dtype} can't be sent:"
+            " it holds Python objects, or overlapping fields"
         )
     return found
 
@@ -66,7 +64,7 @@ def _dtype(description: Any) -> Any:
 
 
 def _with_tuples(description: Any) -> Any:
-    """A description as numpy wants it: MessagePack has lists only."""
+    """Return a description as numpy wants it, with tuples: MessagePack has lists only."""
     if isinstance(description, str):
         return description
     fields = []
@@ -77,8 +75,9 @@ def _with_tuples(description: Any) -> Any:
 
 
 def decode_array(code: int, data: memoryview) -> Any:
-    """The array that an extension holds. Raises msgspec.ValidationError if its bytes are
-    damaged.
+    """Return the array that an extension holds.
+
+    Raises msgspec.ValidationError if its bytes are damaged.
     """
     if code != _NDARRAY:
         return msgspec.msgpack.Ext(code, bytes(data))
@@ -86,7 +85,7 @@ def decode_array(code: int, data: memoryview) -> Any:
         data, type=tuple[str | list[Any], tuple[int, ...], bytes]
     )
     numpy: Any = sys.modules.get("numpy")
-    if numpy is None:  # a tool without numpy: still show what there is
+    if numpy is None:  # a tool without numpy still shows the type and shape
         return {"dtype": description, "shape": shape}
     try:
         return numpy.frombuffer(bytearray(content), dtype=_dtype(description)).reshape(shape)
@@ -107,5 +106,5 @@ def decode_custom(kind: Any, value: Any) -> Any:
 
 
 def without_content(value: Any) -> Any:
-    """Encode an array as its place alone; other values as ``encode_custom`` does."""
+    """Encode an array as None, other values as ``encode_custom`` does."""
     return None if is_array_type(type(value)) else encode_custom(value)

@@ -1,4 +1,4 @@
-"""Declarations of what controls other tasks: exception handlers and monitors.
+"""Declarations of exception handlers and monitors, which control other tasks.
 
 ::
 
@@ -24,8 +24,22 @@ Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
 
 
 class ExceptionHandler(Message[D, None]):
-    """A task that decides what becomes of another one that failed; it gets the failure's data, or
-    none of it.
+    """A task that decides about another task that failed. It gets the failure's data, or no data.
+
+    Args:
+        name: the message's name.
+        data: the type of the failure's data (None: the handler needs no data).
+
+    Raises:
+        BadFormat: the name or type is not usable.
+
+    Example::
+
+        HIGHER_SWING = ExceptionHandler("higher swing", Contact)
+
+        @expert.handles(HIGHER_SWING)
+        def swing_higher(task: Task, contact: Contact) -> None:
+            task.trouble.failing.retry()
     """
 
     message_class = MessageClass.EXCEPTION
@@ -40,9 +54,7 @@ class ExceptionHandler(Message[D, None]):
         super().__init__(name, data)
 
     def decode_data(self, data: bytes) -> D:
-        """The failure's data; one that is declared without any leaves them aside. None of a failure
-        without any.
-        """
+        """Return the failure's data; None if the handler is declared without data."""
         nothing: Any = None
         return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
 
@@ -60,24 +72,27 @@ class Monitor(Message[D, None]):
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
 
-    def _check(self, what: str, message: Any, kinds: tuple[type, ...]) -> None:
+    def _check(self, part_name: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
-            raise BadFormat(f"the {what} of {self.title} must be a {wanted}, not {message!r:.60}")
+            raise BadFormat(
+                f"the {part_name} of {self.title} must be a {wanted}, not {message!r:.60}"
+            )
 
     def _check_data(
-        self, what: str, message: "Message[Any, Any] | None", data: str, whose: str
+        self, part_name: str, message: "Message[Any, Any] | None", data: str, source: str
     ) -> None:
-        """Raise BadFormat for a part that can't take the data that it will get."""
+        """Raise BadFormat for a part that does not fit the data that it will get."""
         if (
             message is None
             or message.data.schema == NO_DATA
             or not (misfit := first_misfit(data, message.data.schema))
         ):
             return
-        text = f"the {what} '{message.name}' of {self.title} wants data of type {message.data}"
+        text = f"the {part_name} '{message.name}' of {self.title} wants data of type {message.data}"
         raise BadFormat(
-            f"{text}, and gets {whose}: declare both with the same type, or it without data ({misfit})"
+            f"{text}, but gets {source}:"
+            f" declare both with the same type, or it without data ({misfit})"
         )
 
 
@@ -86,10 +101,20 @@ _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_t
 
 
 class ConditionMonitor(Monitor[D]):
-    """A monitor that asks a query: None and False say that the condition does not hold; any other
-    reply is the data of the action, except True, for which the action gets the monitor's own data.
-    A part that is declared without data gets none. Raises BadFormat for one that can't take what it
-    would get. Use one of the subclasses.
+    """A monitor that asks a query. Use one of the subclasses.
+
+    The condition does not hold if the reply is None or False. If it is True, the action gets the
+    monitor's own data; any other reply is itself the data of the action. A condition or action that
+    is declared without data gets none.
+
+    Args:
+        name: the message's name.
+        data: the type of the monitor's data, which the condition gets (None: no data).
+        condition: the query to ask.
+        action: the message to send when the condition holds (None: nothing).
+
+    Raises:
+        BadFormat: the condition or action does not fit the data that it would get.
     """
 
     @overload
@@ -119,16 +144,14 @@ class ConditionMonitor(Monitor[D]):
         ]
         for reply in replies:
             self._check_data(
-                "action", action, reply, f"what '{condition.name}' replies, {condition.reply}"
+                "action", action, reply, f"the reply of '{condition.name}', {condition.reply}"
             )
         if not replies:
             self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
 
 
 class PointMonitor(ConditionMonitor[D]):
-    """Tests its condition once, when its turn among its siblings comes (TCA 8.5:
-    RegisterPointMonitor).
-    """
+    """Tests its condition once, in order among its siblings (TCA 8.5: RegisterPointMonitor)."""
 
     message_class = MessageClass.POINT_MONITOR
 
@@ -148,9 +171,23 @@ class _Sent(TypedDict, total=False):
 
 
 class DemonMonitor(Monitor[D]):
-    """Has something set up, is fired by a module, and has it cancelled (TCA 8.5:
-    RegisterDemonMonitor). Set-up and cancel message get the monitor's data, or none if they are
-    declared without, the action what it is fired with. Raises BadFormat if they want others.
+    """A monitor that modules fire (TCA 8.5: RegisterDemonMonitor).
+
+    Args:
+        name: the message's name.
+        data: the type of the monitor's data (None: no data).
+        set_up: the message to send at the start, with the monitor's data.
+        action: the message to send when a module fires it, with the data from there.
+        cancel: the message to send at the end, with the monitor's data.
+
+    Raises:
+        BadFormat: the set-up or cancel message has data of another type.
+
+    Example::
+
+        CUPS = DemonMonitor("cups", set_up=WATCH, action=FETCH)
+        user.monitor(CUPS)                # sends WATCH
+        task.monitor_ref.fire(FETCH, cup) # in the handler of WATCH: sends FETCH
     """
 
     message_class = MessageClass.DEMON_MONITOR
@@ -172,7 +209,7 @@ class DemonMonitor(Monitor[D]):
     ) -> None:
         super().__init__(name, data, [set_up, action, cancel])
         self.action = action
-        for what, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
-            self._check(what, part, _OPTIONAL)
-        for what, part in (("set-up", set_up), ("cancel message", cancel)):
-            self._check_data(what, part, self.data.schema, f"the monitor's own, {self.data}")
+        for part_name, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
+            self._check(part_name, part, _OPTIONAL)
+        for part_name, part in (("set-up", set_up), ("cancel message", cancel)):
+            self._check_data(part_name, part, self.data.schema, f"the monitor's own, {self.data}")

@@ -25,9 +25,7 @@ R = TypeVar("R")
 
 
 class Declaring(type):
-    """The class of declarations: arguments that don't fit are refused in words of the declaration,
-    whichever base has its constructor.
-    """
+    """The metaclass of declarations: errors for wrong arguments name the declared class."""
 
     @property
     def __signature__(cls) -> inspect.Signature:
@@ -35,28 +33,27 @@ class Declaring(type):
         signature = inspect.signature(cls.__init__)  # type: ignore[misc]  # of the class itself
         return signature.replace(parameters=list(signature.parameters.values())[1:])
 
-    # A type checker that saw this method would take every declaration for Any: it reads the
-    # classes' own __init__.
+    # Hidden from type checkers: they would infer Any for every declaration, instead of reading
+    # __init__.
     if not TYPE_CHECKING:
 
         def __call__(cls, *arguments: Any, **options: Any) -> Any:
-            """Make one. Raises TypeError."""
+            """Create a declaration. Raises TypeError."""
             signature = cls.__signature__
             try:
-                signature.bind_partial(
-                    *arguments, **options
-                )  # a wrong name is worse than a missing one
+                # Report a wrong name before a missing one.
+                signature.bind_partial(*arguments, **options)
                 signature.bind(*arguments, **options)
             except TypeError as error:
-                what = str(error).replace(" keyword-only", "")
+                problem = str(error).replace(" keyword-only", "")
                 raise TypeError(
-                    f"{cls.__name__}(): {what}: write {cls.__name__}{_form(signature)}"
+                    f"{cls.__name__}(): {problem}: write {cls.__name__}{_form(signature)}"
                 ) from None
             return super().__call__(*arguments, **options)
 
 
 def _form(signature: inspect.Signature) -> inspect.Signature:
-    """The arguments without their types."""
+    """Return the arguments without their types."""
     plain = [
         one.replace(annotation=inspect.Parameter.empty) for one in signature.parameters.values()
     ]
@@ -70,10 +67,8 @@ def _checked_name(name: str) -> str:
     return name
 
 
-def _format(kind: Any, what: str) -> Format[Any]:
-    """The format of a type; a format is taken as it is, None says that there are no data. *what* is
-    for errors.
-    """
+def _format(kind: Any, subject: str) -> Format[Any]:
+    """Return the format of a type (None: no data), or a format as it is."""
     try:
         return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
     except BadFormat as error:
@@ -83,7 +78,7 @@ def _format(kind: Any, what: str) -> Format[Any]:
             if is_value
             else f": {error}"
         )
-        raise BadFormat(what + why) from None
+        raise BadFormat(subject + why) from None
 
 
 class Message(Generic[D, R], metaclass=Declaring):
@@ -107,9 +102,9 @@ class Message(Generic[D, R], metaclass=Declaring):
         return MessageFormat(self.name, self.message_class, self.data.schema, self.reply.schema)
 
     def encode_data(self, data: D) -> bytes:
-        """*data* as bytes. Raises BadData, naming message and field."""
+        """Encode *data*. Raises BadData, naming message and field."""
         if data is not None and self.data.kind is type(None):
-            msg = f"{self.title} is declared without data, and was given {data!r:.60}"
+            msg = f"{self.title} is declared without data, but got {data!r:.60}"
             raise BadData(msg)
         try:
             return self.data.encode(data)
@@ -118,15 +113,15 @@ class Message(Generic[D, R], metaclass=Declaring):
             raise BadData(msg) from None
 
     def decode_data(self, data: bytes) -> D:
-        """The data of a message received. Raises BadData, naming message and field."""
+        """Decode the data of a received message. Raises BadData, naming message and field."""
         try:
             return self.data.decode(data)
         except BadData as error:
-            msg = f"{self.title} came with data that is no {self.data}: {error}"
+            msg = f"{self.title} came with data that is not of type {self.data}: {error}"
             raise BadData(msg) from None
 
     def encode_reply(self, reply: R) -> bytes:
-        """A handler's return value as bytes. Raises BadData, naming message and field."""
+        """Encode a handler's return value. Raises BadData, naming message and field."""
         try:
             return self.reply.encode(reply)
         except BadData as error:
@@ -134,16 +129,29 @@ class Message(Generic[D, R], metaclass=Declaring):
             raise BadData(msg) from None
 
     def decode_reply(self, reply: bytes) -> R:
-        """The reply or result of a message sent. Raises BadData, naming message and field."""
+        """Decode the reply or result of a message. Raises BadData, naming message and field."""
         try:
             return self.reply.decode(reply)
         except BadData as error:
-            msg = f"the answer to {self.title} is no {self.reply}: {error}"
+            msg = f"the answer to {self.title} is not of type {self.reply}: {error}"
             raise BadData(msg) from None
 
 
 class Inform(Message[D, None]):
-    """One way, to the one handler; at most once, in order."""
+    """A one-way message to one handler, delivered in order and at most once.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+
+    Raises:
+        BadFormat: the name or type is not usable.
+
+    Example::
+
+        POSE = Inform("pose", Pose)
+        module.inform(POSE, Pose(0.0, 1.0))
+    """
 
     message_class = MessageClass.INFORM
 
@@ -158,7 +166,15 @@ class Inform(Message[D, None]):
 
 
 class Broadcast(Message[D, None]):
-    """One way, to every module that handles it."""
+    """A one-way message to every module that handles it.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+
+    Raises:
+        BadFormat: the name or type is not usable.
+    """
 
     message_class = MessageClass.BROADCAST
 
@@ -173,8 +189,21 @@ class Broadcast(Message[D, None]):
 
 
 class Query(Message[D, R]):
-    """A question with a reply. It belongs to no task's intervals and is answered even while goals
-    are held back.
+    """A question with a reply. It is not part of the task tree: goals that are held do not delay
+    it.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+        reply: the type of the reply.
+
+    Raises:
+        BadFormat: the name or a type is not usable.
+
+    Example::
+
+        HEIGHT = Query("height", Place, reply=float)
+        height = module.query(HEIGHT, Place(1.0, 2.0))
     """
 
     message_class = MessageClass.QUERY
@@ -190,7 +219,16 @@ class Query(Message[D, R]):
 
 
 class MultiQuery(Message[D, R]):
-    """A question to every module that handles it."""
+    """A question to every module that handles it, with one reply from each.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+        reply: the type of each reply.
+
+    Raises:
+        BadFormat: the name or a type is not usable.
+    """
 
     message_class = MessageClass.MULTI_QUERY
 
@@ -205,8 +243,10 @@ class MultiQuery(Message[D, R]):
 
 
 class TaskMessage(Message[D, R]):
-    """A task: goal or command. Its handler may tell of intermediate results, of the type
-    *progress*; *life_cycle* has the states that it goes through.
+    """A task: goal or command.
+
+    Its handler may report intermediate results of the type *progress*. *life_cycle* defines the
+    states of the task.
     """
 
     def __init__(
@@ -215,7 +255,10 @@ class TaskMessage(Message[D, R]):
         super().__init__(name, data, result)
         self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
         if not isinstance(life_cycle, LifeCycle):
-            msg = f"the life cycle of {self.title} must be a LifeCycle, such as GENERAL, not {life_cycle!r:.60}"
+            msg = (
+                f"the life cycle of {self.title} must be a LifeCycle, such as GENERAL,"
+                f" not {life_cycle!r:.60}"
+            )
             raise BadFormat(msg)
         self.life_cycle = life_cycle
 
@@ -228,15 +271,32 @@ class TaskMessage(Message[D, R]):
 
 
 class _OfTask(TypedDict, total=False):
-    """The declaration of a task, beside its data and result."""
+    """The options of a task's declaration, beside its data and result."""
 
     progress: Any
     life_cycle: LifeCycle
 
 
 class Goal(TaskMessage[D, None]):
-    """A task that expands into subtasks; planned as soon as planning may start, even while
-    achieving is held back.
+    """A task that expands into subtasks. It is planned ahead, while its achievement is still held.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+        progress: the type of its intermediate results (None: it reports none).
+        life_cycle: the states of the task, by default ``GENERAL``.
+
+    Raises:
+        BadFormat: the name, a type or the life cycle is not usable.
+
+    Example::
+
+        FETCH = Goal("fetch", str)
+
+        @robot.handles(FETCH)
+        def fetch(task: Task, thing: str) -> None:
+            task.command(DRIVE, "kitchen")
+            task.command(GRASP, thing)
     """
 
     message_class = MessageClass.GOAL
@@ -254,7 +314,24 @@ class Goal(TaskMessage[D, None]):
 
 
 class Command(TaskMessage[D, R]):
-    """A task that acts: handled only when it may be achieved. Its handler may return a result."""
+    """A task that acts: it is handled only when it may be achieved. Its handler may return a
+    result.
+
+    Args:
+        name: the message's name.
+        data: the type of its data (None: no data).
+        result: the type of its result (None: no result).
+        progress: the type of its intermediate results (None: it reports none).
+        life_cycle: the states of the task, by default ``GENERAL``.
+
+    Raises:
+        BadFormat: the name, a type or the life cycle is not usable.
+
+    Example::
+
+        MOVE_LEG = Command("move leg", LegMove, result=Footfall)
+        footfall = module.command(MOVE_LEG, move).result()
+    """
 
     message_class = MessageClass.COMMAND
 
@@ -289,12 +366,23 @@ class Command(TaskMessage[D, R]):
 
 
 class Variable(Message[D, None]):
-    """A value that central keeps for all; the newest wins, and it outlives the module that set it
-    (TCA 7.7).
+    """A value that central keeps for all modules (TCA 7.7). The newest value wins.
 
-    Whoever handles it watches it: the handler is called with the value there is, then with each new
-        one, but of those
-    that come while it runs only with the newest. After a break it may be called with a value twice.
+    The value outlives the module that set it. A handler of a variable watches it: central calls it
+    with the present value, then with each new one. Values that arrive while it runs are skipped,
+    except the newest. After a reconnect it may get a value twice.
+
+    Args:
+        name: the variable's name.
+        data: the type of its value.
+
+    Raises:
+        BadFormat: the name or type is not usable.
+
+    Example::
+
+        MODE = Variable("mode", str)
+        module.set_variable(MODE, "walking")
     """
 
     message_class = MessageClass.VARIABLE
@@ -308,13 +396,21 @@ class Variable(Message[D, None]):
 
 
 class Failure(Generic[D], metaclass=Declaring):
-    """Something that can go wrong, by name and with data. A handler fails with ``raise
-    COLLISION(contact)``.
+    """A failure that a handler may raise, by name and with data: ``raise COLLISION(contact)``.
 
-    Of a failure that is a *kind_of* another the exception handlers of that other one take care,
-    too. They get its data:
-    so these must be of the same type as the other one's, or fit it, unless that has none. Raises
-    BadFormat if not.
+    Args:
+        name: the failure's name.
+        data: the type of its data (None: no data).
+        kind_of: a more general failure, whose exception handlers also handle this one.
+            It must have the same type of data, a type that fits, or no data.
+
+    Raises:
+        BadFormat: the name or type is not usable, or the data does not fit that of *kind_of*.
+
+    Example::
+
+        COLLISION = Failure("collision", Contact)
+        ROCK = Failure("rock", Contact, kind_of=COLLISION)
     """
 
     @overload
@@ -340,25 +436,23 @@ class Failure(Generic[D], metaclass=Declaring):
 
     def _check_kind(self, kind_of: Any) -> None:
         if kind_of is not None and not isinstance(kind_of, Failure):
-            msg = f"failure '{self.name}' can't be a kind of {kind_of!r:.60}: give the declaration of a Failure"
+            msg = f"the kind_of of failure '{self.name}' must be a Failure, not {kind_of!r:.60}"
             raise BadFormat(msg)
         if kind_of is None or kind_of.data.kind is type(None):
             return
         if misfit := first_misfit(self.data.schema, kind_of.data.schema):
-            text = f"failure '{self.name}' has data of type {self.data}, and '{kind_of.name}', of which it is a kind,"
+            text = f"failure '{self.name}' has data of type {self.data}, but exception handlers of"
             advice = f"declare both with the same type, or '{kind_of.name}' without data ({misfit})"
-            raise BadFormat(f"{text} {kind_of.data}, which its exception handlers want: {advice}")
+            raise BadFormat(f"{text} '{kind_of.name}' get data of type {kind_of.data}: {advice}")
 
     @overload
     def __call__(self: "Failure[None]", data: None = None, text: str = "") -> "FailureRaised": ...
     @overload
     def __call__(self, data: D, text: str = "") -> "FailureRaised": ...
     def __call__(self, data: Any = None, text: str = "") -> "FailureRaised":
-        """The Python exception to raise. Raises BadData if *data* does not fit, or *text* is
-        none.
-        """
+        """Return the Python exception to raise. Raises BadData for unsuitable *data* or *text*."""
         if not isinstance(text, str):
-            msg = f"failure '{self.name}' wants a text beside its data, and {text!r:.60} is none"
+            msg = f"the text of failure '{self.name}' must be a str, not {text!r:.60}"
             raise BadData(msg)
         try:
             return FailureRaised(self.name, text, self.data.encode(data), self.kinds)

@@ -1,17 +1,16 @@
-"""Failures that nobody has to declare: central raises them, or the module library where a handler
-went wrong.
-"""
+"""Failures that need no declaration: central raises them, or the module library."""
 
 MODULE_LOST = "module lost"
-"""The module that handled a message is gone."""
+"""The module that handled the message is lost."""
 
 UNCERTAIN = "uncertain"
-"""Whether a handler did what it had to is not known: its module did not come back when central did.
-A kind of "module lost".
+"""Unknown whether the handler did its work: a kind of "module lost".
+
+Its module did not come back when central did.
 """
 
 HANDLER_ERROR = "handler error"
-"""A handler let an error pass. What failed elsewhere, and it let pass, is a kind of this."""
+"""A handler raised a Python error. A failure that it let pass is a kind of this."""
 
 BAD_DATA = "bad data"
 """A handler's data or result does not fit the declaration."""
@@ -21,13 +20,13 @@ OVERLOAD = "overload"
 DEADLOCK = "deadlock"
 
 REJECTED = "rejected"
-"""A handler did not accept a task, or had no time for it."""
+"""A handler did not accept a task, or was busy."""
 
 FORGOTTEN = "forgotten"
-"""The LaterReply of a handler was dropped without an answer: a kind of "handler error"."""
+"""A handler's LaterReply was dropped without an answer: a kind of "handler error"."""
 
 LOCK_LOST = "lock lost"
-"""A lock or reservation was taken away from a task that still counted on it."""
+"""A lock or reservation was taken from a task that still needed it."""
 
 CANCELLED = "cancelled"
 """An asynchronous handler was cancelled: a kind of "handler error"."""
@@ -35,4 +34,4 @@ CANCELLED = "cancelled"
 NOT_BY_CHOICE = frozenset(
     (MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST)
 )
-"""An exception handler that fails with one of these, or a kind of them, has decided nothing."""
+"""An exception handler that fails with such a failure, or a kind of it, has decided nothing."""

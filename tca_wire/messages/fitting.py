@@ -1,10 +1,9 @@
-"""Whether all data of one format can be read as another: where central passes on data made for
-another message.
+"""Whether all data of one format can be decoded as another: for data that central passes on.
 
-An exception handler gets the failure's data, an action what the condition replies. The rules are
-those by which data are decoded (formats.py): fields that nobody wants are passed over, a whole
-number is a number, too, and of a union each alternative must find one that takes it. Formats do not
-tell everything; what they leave open fits.
+An exception handler gets the failure's data, an action the reply of the condition. The rules are
+those of decoding (formats.py). Unknown fields are skipped, an integer is also a number, and each
+alternative of a union needs a fitting one. Schemas do not describe everything; what they leave open
+fits.
 """
 
 import json
@@ -24,21 +23,22 @@ _ANYTHING: dict[str, Any] = {}
 
 
 def first_misfit(sent: str, wanted: str) -> str | None:
-    """The first misfit of the format *sent* (a JSON Schema) to *wanted*: ``"$.x: integer here,
-    string there"``, where "here" is what is wanted; None if all can, as far as formats tell.
+    """Return the first misfit of format *sent* to *wanted* (JSON Schemas), or None.
+
+    For example ``"$.x: integer here, string there"``, where "here" is the wanted format.
     """
     if sent == wanted:
         return None
     try:
         left, right = json.loads(sent or "{}"), json.loads(wanted or "{}")
         found = _Fitting(left, right).misfit(left, right)
-    except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
-        return "$: one of the two is no JSON Schema"
+    except Exception:  # noqa: BLE001 - clients may send any text
+        return "$: one of the two is not a JSON Schema"
     return found and f"${found}"
 
 
 def alternatives(schema: str) -> list[str]:
-    """The schemas of which a value must fit one: several where a type is a union."""
+    """Return the schemas of a union's alternatives; one schema if it is not a union."""
     whole = json.loads(schema)
     shared = {name: whole[name] for name in ("$defs",) if name in whole}
     texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
@@ -46,11 +46,11 @@ def alternatives(schema: str) -> list[str]:
 
 
 class _Fitting:
-    """Walks two schemas side by side, following references. What it says begins with the place,
-    from where it stands.
+    """Walks two schemas side by side, following references. Results start with the place in the
+    data.
 
-    A pair of named types that is met again, within itself, fits if nothing else speaks against it;
-    when something has, what was found to fit meanwhile is looked at anew.
+    A pair of named types that is met again within itself fits, if nothing else speaks against it.
+    If something does, the pairs that seemed to fit since then are checked again.
     """
 
     def __init__(self, sent: Any, wanted: Any) -> None:
@@ -59,7 +59,7 @@ class _Fitting:
         self._misfits: dict[tuple[str, str], str] = {}
 
     def misfit(self, sent: Any, wanted: Any) -> str | None:
-        """The first misfit of *sent*, its place and reason: ``".x: integer here, string
+        """Return the first misfit of *sent*, with place and reason: ``".x: integer here, string
         there"``.
         """
         pair = (sent.get("$ref", ""), wanted.get("$ref", ""))
@@ -91,7 +91,7 @@ class _Fitting:
         return None
 
     def _single(self, sent: Any, wanted: Any) -> str | None:
-        """The misfit of two schemas that are no unions."""
+        """Return the misfit of two schemas that are not unions."""
         if _is_open(sent) or _is_open(wanted):
             return None
         if "enum" in sent or "enum" in wanted:
@@ -113,58 +113,67 @@ class _Fitting:
         return found
 
     def _fields(self, sent: Any, wanted: Any) -> str | None:
-        """The fields that are wanted."""
-        theirs, needed = sent.get("properties", {}), wanted.get("required", ())
-        others = _values(sent)
+        """Return the misfit of the wanted fields."""
+        sent_fields, required = sent.get("properties", {}), wanted.get("required", ())
+        other_values = _values(sent)
         for name, field in wanted.get("properties", {}).items():
-            there = theirs.get(name, others)
-            if name in needed and name not in theirs:
+            there = sent_fields.get(name, other_values)
+            if name in required and name not in sent_fields:
                 return f".{name}: a field here, none there"
-            if name in needed and name not in sent.get("required", ()):
+            if name in required and name not in sent.get("required", ()):
                 return f".{name}: required here, optional there"
             if there is not None and (found := self.misfit(there, field)):
                 return f".{name}{found}"
         return None
 
     def _other_fields(self, sent: Any, wanted: Any) -> str | None:
-        """The misfit of fields not wanted: they are passed over, unless their values or names
-        matter.
+        """Return the misfit of other fields.
+
+        They are skipped, unless their values or names matter.
         """
-        taken = wanted.get("additionalProperties", _ANYTHING)
+        accepted = wanted.get("additionalProperties", _ANYTHING)
         for name, field in sent.get("properties", {}).items():
             if name in wanted.get("properties", {}):
                 continue
-            if taken is False:
+            if accepted is False:
                 return f".{name}: no field here, one there"
-            if found := self.misfit(field, taken):
+            if found := self.misfit(field, accepted):
                 return f".{name}{found}"
-        others = _values(sent)
-        if others is None:
+        other_values = _values(sent)
+        if other_values is None:
             return None
         found = (
-            ": no further fields here, any there" if taken is False else self.misfit(others, taken)
+            ": no further fields here, any there"
+            if accepted is False
+            else self.misfit(other_values, accepted)
         )
         return found and f"[...]{found}"
 
     def _items(self, sent: Any, wanted: Any) -> str | None:
-        mine, yours = wanted.get("prefixItems", []), sent.get("prefixItems", [])
-        for place in range(max(len(mine), len(yours)) + 1):
-            there = (
-                yours[place]
-                if place < len(yours)
-                else sent.get("items", False if yours else _ANYTHING)
+        wanted_items, sent_items = wanted.get("prefixItems", []), sent.get("prefixItems", [])
+        for place in range(max(len(wanted_items), len(sent_items)) + 1):
+            sent_item = (
+                sent_items[place]
+                if place < len(sent_items)
+                else sent.get("items", False if sent_items else _ANYTHING)
             )
-            here = mine[place] if place < len(mine) else wanted.get("items", _ANYTHING)
-            if there is False:
+            wanted_item = (
+                wanted_items[place] if place < len(wanted_items) else wanted.get("items", _ANYTHING)
+            )
+            if sent_item is False:
                 return None
-            found = ": none here, some there" if here is False else self.misfit(there, here)
+            found = (
+                ": none here, some there"
+                if wanted_item is False
+                else self.misfit(sent_item, wanted_item)
+            )
             if found:
                 return f"[...]{found}"
         return None
 
 
 def _alternatives(schema: Any) -> list[Any]:
-    """The alternatives of a schema, one by one."""
+    """Return the alternatives of a schema, one by one."""
     if len(schema.get("enum", ())) > 1:
         return [{"enum": [value]} for value in schema["enum"]]
     whole: list[Any] = schema.get("anyOf", [schema])
@@ -172,12 +181,12 @@ def _alternatives(schema: Any) -> list[Any]:
 
 
 def _is_open(schema: Any) -> bool:
-    """Whether it says nothing of what a value must be."""
+    """Return whether a schema accepts any value."""
     return not any(key in schema for key in ("type", "enum", "anyOf"))
 
 
 def _takes_value(sent: Any, wanted: Any) -> bool:
-    """Whether the one value that there is, if it is only one, is among those that are wanted."""
+    """Return whether *sent* has exactly one value, and *wanted* accepts it."""
     if "enum" not in sent:
         return False
     value = sent["enum"][0]
@@ -194,34 +203,42 @@ def _takes_value(sent: Any, wanted: Any) -> bool:
 
 
 def _takes_form(sent: Any, wanted: Any) -> bool:
-    """Whether values written as text, or as a list, can be read as wanted."""
+    """Return whether values written as text, or as a list, can be read as wanted."""
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
-    mine, yours = wanted.get("format"), sent.get("format")
+    wanted_format, sent_format = wanted.get("format"), sent.get("format")
     is_any_zone = (
-        mine is not None and mine.startswith("any-") and yours in (mine[4:], f"partial-{mine[4:]}")
+        wanted_format is not None
+        and wanted_format.startswith("any-")
+        and sent_format in (wanted_format[4:], f"partial-{wanted_format[4:]}")
     )
-    return bool(mine == yours or is_any_zone or (mine is None and yours in TEXT_FORMATS))
+    return bool(
+        wanted_format == sent_format
+        or is_any_zone
+        or (wanted_format is None and sent_format in TEXT_FORMATS)
+    )
 
 
 def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
-    """The wanted bound that is not kept."""
+    """Return the wanted bound that *sent* does not keep."""
     for key in (*_AT_LEAST, *_AT_MOST, *_EQUAL):
-        mine, yours = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
-        if key == "maxItems" and yours is None and "prefixItems" in sent:
-            yours = len(sent["prefixItems"])
-        if mine is None or mine == yours:
+        wanted_bound, sent_bound = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
+        if key == "maxItems" and sent_bound is None and "prefixItems" in sent:
+            sent_bound = len(sent["prefixItems"])
+        if wanted_bound is None or wanted_bound == sent_bound:
             continue
-        is_kept = yours is not None and (
-            (key in _AT_LEAST and yours >= mine) or (key in _AT_MOST and yours <= mine)
+        is_kept = sent_bound is not None and (
+            (key in _AT_LEAST and sent_bound >= wanted_bound)
+            or (key in _AT_MOST and sent_bound <= wanted_bound)
         )
         if not is_kept:
-            return f": {key} {json.dumps(mine)} here, {'none' if yours is None else json.dumps(yours)} there"
+            shown = "none" if sent_bound is None else json.dumps(sent_bound)
+            return f": {key} {json.dumps(wanted_bound)} here, {shown} there"
     return None
 
 
 def _values(schema: Any) -> Any:
-    """The schema of a mapping's values; None for a type with fields only."""
+    """Return the schema of a mapping's values; None for a type with fields only."""
     return schema.get("additionalProperties", _ANYTHING) if "properties" not in schema else None
 
 

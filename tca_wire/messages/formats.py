@@ -1,6 +1,4 @@
-"""Formats of user data: from Python type hints to MessagePack and JSON Schema. Knows nothing of
-messages.
-"""
+"""Formats of user data: from Python type hints to MessagePack and JSON Schema."""
 
 import dataclasses
 import json
@@ -22,12 +20,10 @@ NO_DATA = '{"type":"null"}'
 """The schema of messages without data."""
 
 MISSION_TASK = "x-tca-mission"
-"""The key of a schema that says which task of which server a command is: missions find their tasks
-by it.
-"""
+"""The key of a schema that names the task server's task of a command, for missions."""
 
 _CERTAIN = (bytes, str, float, int, bool, type(None))
-"""Types whose values can be read wherever they can be sent."""
+"""Types whose values can always be read again."""
 
 _UNFIT = (
     msgspec.MsgspecError,
@@ -42,7 +38,7 @@ _UNFIT = (
 class Format(Generic[T]):
     """The encoding of values of one type: checked, as MessagePack.
 
-    Accepts what msgspec does (dataclasses, Structs, TypedDicts, enums, containers, optionals,
+    It accepts the types of msgspec (dataclasses, Structs, TypedDicts, enums, containers, optionals,
     datetimes, ...) and numpy arrays. Raises BadFormat for a type that it can't encode.
     """
 
@@ -66,13 +62,14 @@ class Format(Generic[T]):
         return type_name(self.kind)
 
     def encode(self, value: T) -> bytes:
-        """*value* as bytes. Raises BadData, naming the field, if the receiver could not read it."""
+        """Encode *value*. Raises BadData, naming the field, if the receiver could not read it."""
         try:
             data = self._encoder.encode(value)
         except _UNFIT as error:
             raise BadData(f"{error}") from None
         if len(data) > Limit.BODY:
-            msg = f"{len(data)} bytes; a message holds at most {Limit.BODY:d}: send a reference to it instead"
+            limit = f"a message holds at most {Limit.BODY:d}"
+            msg = f"{len(data)} bytes: {limit}; send a reference instead"
             raise BadData(msg)
         if type(value) is not self._certain:
             read = self.decode(data)  # msgspec checks types only when it decodes
@@ -81,7 +78,7 @@ class Format(Generic[T]):
         return data
 
     def decode(self, data: bytes) -> T:
-        """The value that *data* holds. Raises BadData, naming the field, if it is no T."""
+        """Decode a value. Raises BadData, naming the field, if it is not a T."""
         try:
             value: T = self._decoder.decode(data)
         except _UNFIT as error:
@@ -90,49 +87,49 @@ class Format(Generic[T]):
 
 
 def type_name(kind: Any) -> str:
-    """A type as it is written."""
+    """Return a type as it is written."""
     name = "None" if kind is type(None) else getattr(kind, "__name__", "")
     return name if name and not get_args(kind) else str(kind)
 
 
 def decode_untyped(data: bytes) -> Any:
-    """User data of unknown type, as plain Python values; for tools. Raises BadData."""
+    """Decode user data of unknown type to plain Python values; for tools. Raises BadData."""
     try:
         return msgspec.msgpack.decode(data, ext_hook=decode_array) if data else None
     except _UNFIT as error:
         raise BadData(f"{error}") from None
 
 
-# Parts of a schema that say nothing about which data fits.
+# Parts of a schema that do not affect which data fits.
 _NO_MATTER = frozenset({"title", "description", "default", "examples", "$defs"})
 
 
 def first_difference(one: str, other: str) -> str | None:
-    """The difference of two formats (JSON Schema texts): ``"$.radius: number here, string there"``;
-    None if they agree.
+    """Return the difference of two formats (JSON Schemas); None if they agree.
 
-    Names of types, descriptions and defaults may differ; fields, their types and which are required
-    may not.
+    For example ``"$.radius: number here, string there"``. Names of types, descriptions and defaults
+    may differ; fields, their types and which fields are required may not.
     """
     if one == other:
         return None
     try:
         left, right = json.loads(one or "{}"), json.loads(other or "{}")
         return _Comparison(left, right).difference(left, right, "$")
-    except Exception:  # noqa: BLE001 - the texts come from anybody, and may be any JSON or none
-        return "$: one of the two is no JSON Schema"
+    except Exception:  # noqa: BLE001 - clients may send any text
+        return "$: one of the two is not a JSON Schema"
 
 
 class _Comparison:
-    """Walks two schemas side by side, following references; recursive types end where a pair is met
-    again.
+    """Walks two schemas side by side, following references.
+
+    A pair of named types that is met again ends the walk: types may be recursive.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
         self._definitions = [
             schema.get("$defs", {}) if isinstance(schema, dict) else {} for schema in (left, right)
         ]
-        self._met: set[tuple[str, str]] = set()
+        self._visited: set[tuple[str, str]] = set()
 
     def _resolve(self, side: int, schema: Any) -> tuple[Any, str]:
         name = schema.get("$ref", "") if isinstance(schema, dict) else ""
@@ -145,9 +142,9 @@ class _Comparison:
     def difference(self, left: Any, right: Any, path: str) -> str | None:
         (left, left_name), (right, right_name) = self._resolve(0, left), self._resolve(1, right)
         if left_name and right_name:
-            if (left_name, right_name) in self._met:
+            if (left_name, right_name) in self._visited:
                 return None
-            self._met.add((left_name, right_name))
+            self._visited.add((left_name, right_name))
         if not isinstance(left, dict) or not isinstance(right, dict):
             return None if left == right else f"{path}: {brief(left)} here, {brief(right)} there"
         if left.get("type") != right.get("type") or ("enum" in left) != ("enum" in right):
@@ -155,13 +152,13 @@ class _Comparison:
         return self._fields(left, right, path) or self._rest(left, right, path)
 
     def _fields(self, left: Any, right: Any, path: str) -> str | None:
-        mine, yours = left.get("properties", {}), right.get("properties", {})
-        for name in sorted(mine.keys() | yours.keys()):
-            if name not in yours:
+        left_fields, right_fields = left.get("properties", {}), right.get("properties", {})
+        for name in sorted(left_fields.keys() | right_fields.keys()):
+            if name not in right_fields:
                 return f"{path}.{name}: a field here, none there"
-            if name not in mine:
+            if name not in left_fields:
                 return f"{path}.{name}: no field here, one there"
-            if found := self.difference(mine[name], yours[name], f"{path}.{name}"):
+            if found := self.difference(left_fields[name], right_fields[name], f"{path}.{name}"):
                 return found
         for name in sorted(set(left.get("required", ())) ^ set(right.get("required", ()))):
             sides = (
@@ -174,32 +171,32 @@ class _Comparison:
 
     def _rest(self, left: Any, right: Any, path: str) -> str | None:
         for key in sorted((left.keys() | right.keys()) - _NO_MATTER - {"properties", "required"}):
-            mine, yours = left.get(key), right.get(key)
-            step = {"items": "[...]", "additionalProperties": "[...]", "prefixItems": "[...]"}.get(
-                key, ""
-            )
+            left_part, right_part = left.get(key), right.get(key)
+            step = "[...]" if key in ("items", "additionalProperties", "prefixItems") else ""
             if (
                 key in ("anyOf", "prefixItems")
-                and mine is not None
-                and yours is not None
-                and len(mine) == len(yours)
+                and left_part is not None
+                and right_part is not None
+                and len(left_part) == len(right_part)
             ):
-                found = next(
-                    filter(None, map(self.difference, mine, yours, [path + step] * len(mine))), None
-                )
+                pairs = zip(left_part, right_part, strict=True)
+                differences = (self.difference(*pair, path + step) for pair in pairs)
+                found = next(filter(None, differences), None)
             elif key in ("enum", "anyOf", "prefixItems"):
                 found = (
-                    None if mine == yours else f"{path}: {brief(left)} here, {brief(right)} there"
+                    None
+                    if left_part == right_part
+                    else f"{path}: {brief(left)} here, {brief(right)} there"
                 )
             else:
-                found = self.difference(mine, yours, path + step)
+                found = self.difference(left_part, right_part, path + step)
             if found:
                 return found
         return None
 
 
 def brief(schema: Any) -> str:
-    """A schema in a word or two, for a message."""
+    """Return a schema in a word or two, for a message."""
     if not isinstance(schema, dict):
         return "nothing" if schema is None else json.dumps(schema)
     if "enum" in schema:
@@ -211,10 +208,10 @@ def brief(schema: Any) -> str:
     return f"{schema.get('format', '')} {schema.get('type', 'anything')}".strip()
 
 
-# --- data that a format would silently leave out: fields of a subclass, misspelt keys of a dict ---
+# --- data that a format would drop silently: fields of a subclass, misspelt keys of a dict --------
 
-# A decoder passes over fields that its type does not have. So data to be sent is compared with what
-# a receiver reads.
+# A decoder skips fields that its type does not have. Before data is sent, it is therefore compared
+# with the data that a receiver would read.
 
 _encode = msgspec.msgpack.Encoder(enc_hook=without_content).encode
 
@@ -224,25 +221,22 @@ def _first_loss(sent: Any, read: Any) -> str:
 
     Args:
         sent: the sender's value.
-        read: the same, as the receiver's type reads it.
+        read: the value as the receiver's type reads it.
 
     Returns:
-        Its place, such as ``$.legs[2].hight``; "" if nothing is lost.
+        The place of that part, such as ``$.legs[2].hight``; "" if nothing is lost.
     """
     data = _encode(sent)
     return "" if data == _encode(read) else _loss(msgspec.msgpack.decode(data), read, "$")
 
 
 def _loss(sent: Any, read: Any, path: str) -> str:
-    """The first part of *sent*, plain data, that *read* does not have."""
+    """Return the place of the first part of *sent* (plain data) that *read* lacks."""
     if isinstance(sent, dict):
         fields = _fields(read)
-        if len(fields) == len(
-            sent
-        ):  # keys of another type than text are read as such: compare them in their order
-            fields = (
-                dict(zip(sent, fields.values(), strict=True)) if isinstance(read, dict) else fields
-            )
+        # Keys that are not text were decoded to their own type: compare them in order.
+        if isinstance(read, dict) and len(fields) == len(sent):
+            fields = dict(zip(sent, fields.values(), strict=True))
         for key, value in sent.items():
             if (
                 found := _loss(value, fields[key], f"{path}.{key}")
@@ -260,7 +254,7 @@ def _loss(sent: Any, read: Any, path: str) -> str:
 
 
 def _fields(read: Any) -> dict[Any, Any]:
-    """The fields that a value has, by the names they travel with."""
+    """Return the fields of a value, by their names in the encoded data."""
     if isinstance(read, dict):
         return read
     if isinstance(read, msgspec.Struct):

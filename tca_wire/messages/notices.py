@@ -1,28 +1,24 @@
-"""Notices: broadcasts of central itself about modules. Any module may handle them, no module sends
-them.
-"""
+"""Notices: broadcasts by which central reports joins, leaves and handlers. No module sends them."""
 
 import msgspec
 
 from tca_wire.messages.declarations import Broadcast, D, Message
 
 PREFIX = "tca: "
-"""Names of messages that begin so are central's own."""
+"""The start of the names of central's own messages."""
 
 COMMANDS = "tca "
-"""Modules whose names begin so are commands that people type (``tca status``): notices do not tell
-of them.
-"""
+"""The start of the names of commands (``tca status``): notices do not report them."""
 
 
 class Notice(Message[D, None]):
-    """A broadcast of central's. Nothing is sent or recorded while nobody listens."""
+    """A broadcast of central. Without a handler it is neither sent nor recorded."""
 
     message_class = Broadcast.message_class
 
 
 class Arrival(msgspec.Struct, frozen=True):
-    """A module has joined, or another program that is no command of people's."""
+    """A module has joined."""
 
     module: str
     """Its name, unique among those connected."""
@@ -31,11 +27,11 @@ class Arrival(msgspec.Struct, frozen=True):
 
 
 class Departure(msgspec.Struct, frozen=True):
-    """A module has left, or another program that is no command of people's."""
+    """A module has left."""
 
     module: str
     why: str
-    """In words, for people: it said goodbye, its connection closed, ..."""
+    """In words, for display: it said goodbye, its connection closed, ..."""
     process: str = ""
     """Its process: "host:pid"."""
     is_lost: bool = False
@@ -43,20 +39,20 @@ class Departure(msgspec.Struct, frozen=True):
 
 
 class HandlerCount(msgspec.Struct, frozen=True):
-    """A message is handled by more or fewer than before."""
+    """A message is handled by more or fewer modules than before."""
 
     message: str
     handlers: int
-    """So many modules handle it now and have a thread for it."""
+    """The number of modules that handle it now and have a thread for it."""
 
 
 MODULE_JOINED = Notice[Arrival](f"{PREFIX}module joined", Arrival)
 MODULE_LEFT = Notice[Departure](f"{PREFIX}module left", Departure)
 HANDLERS_CHANGED = Notice[HandlerCount](f"{PREFIX}handlers changed", HandlerCount)
-"""Not told of notices themselves."""
+"""Sent for every message except notices."""
 
 NOTICES: dict[str, Message[object, None]] = {
     notice.name: notice  # type: ignore[misc]
     for notice in (MODULE_JOINED, MODULE_LEFT, HANDLERS_CHANGED)
 }
-"""By name."""
+"""All notices, by name."""

@@ -1,6 +1,4 @@
-"""JSON Schemas of types, as msgspec makes them, and with the formats of times and the types of
-keys, which it omits.
-"""
+"""JSON Schemas of types: those of msgspec, plus the formats of times and the types of keys."""
 
 import json
 from collections.abc import Iterable
@@ -22,24 +20,36 @@ TEXT_FORMATS: dict[str, Any] = {
     "time": Annotated[time, msgspec.Meta(tz=True)],
     "partial-time": Annotated[time, msgspec.Meta(tz=False)],
     "any-time": time,
-    "date": date, "duration": timedelta, "uuid": UUID, "decimal": Decimal,
-}  # fmt: skip
-"""The type of each format of text. "partial" is without a time zone, "any" is with or without
-one.
+    "date": date,
+    "duration": timedelta,
+    "uuid": UUID,
+    "decimal": Decimal,
+}
+"""The type of each format of text.
+
+Times that are "partial" have no time zone; "any" times may have one.
 """
 
 _TIMES: dict[type, str] = {inspect.DateTimeType: "date-time", inspect.TimeType: "time"}
 _ZONES = {True: "", False: "partial-", None: "any-"}
 _KEYS: dict[type, Any] = {
-    inspect.BoolType: bool, inspect.IntType: int, inspect.FloatType: float, inspect.BytesType: bytes,
-    inspect.UUIDType: UUID, inspect.DecimalType: Decimal, inspect.DateType: date, inspect.DateTimeType: datetime,
-    inspect.TimeType: time, inspect.TimeDeltaType: timedelta,
-}  # fmt: skip
+    inspect.BoolType: bool,
+    inspect.IntType: int,
+    inspect.FloatType: float,
+    inspect.BytesType: bytes,
+    inspect.UUIDType: UUID,
+    inspect.DecimalType: Decimal,
+    inspect.DateType: date,
+    inspect.DateTimeType: datetime,
+    inspect.TimeType: time,
+    inspect.TimeDeltaType: timedelta,
+}
 
 
 def schema_text(kind: Any) -> str:
-    """Describe a type as JSON Schema, in canonical text. Raises TypeError or BadFormat for a type
-    without a format.
+    """Describe a type as JSON Schema, in canonical text.
+
+    Raises TypeError or BadFormat for a type without a format.
     """
     schema = msgspec.json.schema(kind, schema_hook=_schema_of_custom)
     _Completion(schema.get("$defs", {})).complete(inspect.type_info(kind), schema)
@@ -49,23 +59,26 @@ def schema_text(kind: Any) -> str:
 def _schema_of_custom(kind: Any) -> dict[str, Any]:
     if is_array_type(kind):
         return {"type": "array", "format": "numpy"}
-    msg = f"{getattr(kind, '__name__', kind)} has no format; use a dataclass, msgspec.Struct or TypedDict"
+    name = getattr(kind, "__name__", kind)
+    msg = f"{name} has no format: use a dataclass, msgspec.Struct or TypedDict"
     raise BadFormat(msg)
 
 
 class _Completion:
-    """Walks a type and its schema side by side, and writes into the schema. A class is met once."""
+    """Walks a type and its schema side by side, and completes the schema. Each class is visited
+    once.
+    """
 
     def __init__(self, definitions: dict[str, Any]) -> None:
         self._definitions = definitions
-        self._met: set[str] = set()
+        self._visited: set[str] = set()
 
     def complete(self, kind: inspect.Type, schema: dict[str, Any]) -> None:
-        """Complete the *schema* of *kind*, and of all that is in it."""
+        """Complete the *schema* of *kind*, and the schemas inside it."""
         kind = _plain(kind)
         if name := schema.get("$ref", "").rpartition("/")[2]:
-            if name not in self._met:
-                self._met.add(name)
+            if name not in self._visited:
+                self._visited.add(name)
                 self.complete(kind, self._definitions[name])
             return
         if isinstance(kind, inspect.DateTimeType | inspect.TimeType):
@@ -77,8 +90,9 @@ class _Completion:
                 self.complete(part, its_schema)
 
     def _key(self, kind: inspect.Type) -> dict[str, Any]:
-        """The schema of a mapping's keys; nothing for text, which msgspec describes, and for keys
-        of any type.
+        """Return the schema of a mapping's keys.
+
+        It is empty for text, which msgspec describes, and for keys of any type.
         """
         kind = _plain(kind)
         if isinstance(kind, inspect.EnumType):
@@ -92,7 +106,7 @@ class _Completion:
 
 
 def _plain(kind: inspect.Type) -> inspect.Type:
-    """A type without what is noted beside it."""
+    """Return a type without its metadata."""
     while isinstance(kind, inspect.Metadata):
         kind = kind.type
     return kind
@@ -101,8 +115,9 @@ def _plain(kind: inspect.Type) -> inspect.Type:
 def _parts(
     kind: inspect.Type, schema: dict[str, Any]
 ) -> tuple[Iterable[inspect.Type], Iterable[dict[str, Any] | None]]:
-    """The types in a type, and the schema of each. A union has structs, as a choice, after others,
-    and null last.
+    """Return the types in a type, and the schema of each.
+
+    In the schema of a union, structs (as a choice) come after other types, and null comes last.
     """
     if isinstance(kind, inspect.UnionType):
         options = [one for option in schema["anyOf"] for one in option.get("anyOf", [option])]

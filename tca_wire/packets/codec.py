@@ -1,8 +1,8 @@
 """Packets: header and body pairs to bytes and back. One packet is one ZeroMQ frame.
 
 A packet holds one or more *items*, each ``length of header (u32, big endian), length of body (u32),
-header, body``. Items that wait for the same peer share a packet: with small messages, frames and
-calls are what costs.
+header, body``. Items that wait for the same peer share a packet: with small messages the frames and
+calls cost most.
 """
 
 import re
@@ -20,13 +20,13 @@ from tca_wire.vocabulary import Limit
 _LENGTHS = struct.Struct(">II")
 _LONGEST, _LONGEST_HEADER = int(Limit.PACKET), int(Limit.HEADER)
 _MOST_ITEMS, _MOST_PARTS, _TOGETHER = int(Limit.ITEMS), int(Limit.PARTS), int(Limit.TOGETHER)
-_COPIED = 4096  # bytes of a body that is dearer to keep apart than to copy
-_SHORT = 96  # bytes of an item, or of a header, that is too short to have many parts
+_COPIED = 4096  # bytes: copying a smaller body is cheaper than a second piece
+_SHORT = 96  # bytes: a shorter item or header can't have many parts
 
 
 def plain(value: Any) -> float:
-    """A number of a type of its own, as programs have them, goes as a plain one: the one it has *on
-    the wire*.
+    """Encode a number of a user-defined type as a plain number: its ``on_wire`` value, if it has
+    one.
     """
     if isinstance(value, int):
         return getattr(value, "on_wire", None) or int(value)
@@ -37,18 +37,18 @@ def plain(value: Any) -> float:
 
 _encode = msgspec.msgpack.Encoder(enc_hook=plain).encode
 
-# The errors of msgspec on hostile bytes; the last two are no MsgspecError.
+# The errors of msgspec on hostile bytes; the last two are not subclasses of MsgspecError.
 _BAD_BYTES = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
 def pack_item(header: msgspec.Struct, body: bytes = b"") -> bytes:
-    """One item; packets are items joined."""
+    """Return one item. Packets are concatenated items."""
     encoded = _encode(header)
     return b"".join((_LENGTHS.pack(len(encoded), len(body)), encoded, body))
 
 
 def pack_in_pieces(header: msgspec.Struct, body: bytes) -> list[bytes]:
-    """The pieces of one item; a large body is not copied."""
+    """Return the pieces of one item; a large body is not copied."""
     if len(body) < _COPIED:
         return [pack_item(header, body)]
     encoded = _encode(header)
@@ -56,15 +56,16 @@ def pack_in_pieces(header: msgspec.Struct, body: bytes) -> list[bytes]:
 
 
 def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
-    """A packet of several items."""
+    """Return a packet of several items."""
     return b"".join(pack_item(header, body) for header, body in items)
 
 
 def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
-    """Items in as few packets as their size allows, each with the number of items in those before
-    it.
+    """Return items in as few packets as their sizes allow.
+
+    Each comes with the number of items in the packets before it.
     """
-    if len(items) == 1:  # as most of the time
+    if len(items) == 1:  # the usual case, fast
         return ((0, pack_item(*items[0])),)
     return _packets(items)
 
@@ -89,26 +90,33 @@ def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[in
 
 @cache
 def _lists(kind: type) -> tuple[str, ...]:
-    """The fields of a header that are lists."""
+    """Return the fields of a header that are lists."""
     return tuple(name for name, hint in get_type_hints(kind).items() if get_origin(hint) is list)
 
 
 def parts_in(header: msgspec.Struct) -> int:
-    """The number of entries in a header's lists."""
+    """Return the number of entries in a header's lists."""
     return sum(len(getattr(header, name)) for name in _lists(type(header)))
 
 
 def unpacker(
     kinds: Any,
-    what_it_is_not: str,
+    expected: str,
     *,
     most_items: int = _LONGEST,
     most_parts: int = _LONGEST,
     together: int = _LONGEST,
 ) -> Callable[[bytes], list[tuple[Any, bytes]]]:
-    """A function that unpacks packets with headers of these *kinds*, of so many items, so many
-    entries in the lists of its headers, and, of several items, so many bytes. It raises
-    ProtocolError, whatever the bytes.
+    """Return a function that unpacks packets with headers of the given *kinds*.
+
+    The function raises ProtocolError for invalid bytes of any kind.
+
+    Args:
+        kinds: the union of header types.
+        expected: the packet's purpose, for errors: "a message to central".
+        most_items: the limit for items in a packet.
+        most_parts: the limit for entries in the lists of a packet's headers.
+        together: the limit for the bytes of a packet with several items.
     """
     decode = msgspec.msgpack.Decoder(kinds).decode
 
@@ -116,7 +124,7 @@ def unpacker(
         items: list[tuple[Any, bytes]] = []
         at, size, parts = 0, len(packet), 0
         if not 0 < size <= _LONGEST:
-            msg = f"a packet of {size} bytes; 8 to {_LONGEST} are allowed"
+            msg = f"a packet of {size} bytes: 8 to {_LONGEST} are allowed"
             raise ProtocolError(msg)
         while at < size:
             if at + 8 > size:
@@ -126,22 +134,29 @@ def unpacker(
             header_end = at + 8 + header_length
             begin, at = at + 8, header_end + body_length
             if at > size:
-                msg = f"an item claims {header_length} + {body_length} bytes, more than the packet's {size} hold"
+                msg = (
+                    f"an item claims {header_length} + {body_length} bytes,"
+                    f" more than the packet's {size} bytes hold"
+                )
                 raise ProtocolError(msg)
             if header_length > _LONGEST_HEADER or (
                 items and (len(items) == most_items or size > together)
             ):
                 msg = (
-                    f"a packet of {size} bytes with a header of {header_length}: {most_items} items of together \
-{together} bytes, with headers of {_LONGEST_HEADER}, are allowed"
+                    f"a packet of {size} bytes with a header of {header_length}:"
+                    f" allowed are {most_items} items, together {together} bytes,"
+                    f" and headers of {_LONGEST_HEADER}"
                 )
                 raise ProtocolError(msg)
             try:
                 header = decode(packet[begin:header_end])
             except _BAD_BYTES as error:
-                raise ProtocolError(f"a header is {what_it_is_not}: {error}") from None
+                raise ProtocolError(f"a header is not {expected}: {error}") from None
             if header_length > _SHORT and (parts := parts + parts_in(header)) > most_parts:
-                msg = f"the lists in the headers of a packet have more than {most_parts} entries; send several packets"
+                msg = (
+                    f"the lists in the headers of a packet have more than {most_parts} entries:"
+                    " send several packets"
+                )
                 raise ProtocolError(msg)
             items.append((header, packet[header_end:at]))
         return items
@@ -151,28 +166,28 @@ def unpacker(
 
 unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
     ToCentral,
-    "no message to central",
+    "a message to central",
     most_items=_MOST_ITEMS,
     most_parts=_MOST_PARTS,
     together=_TOGETHER,
 )
-"""The items of a packet that a module sent. Raises ProtocolError, whatever the bytes."""
+"""The items of a packet that a module sent. Raises ProtocolError for any invalid bytes."""
 
 unpack_to_module: Callable[[bytes], list[tuple[ToModule, bytes]]] = unpacker(
-    ToModule, "no message to a module"
+    ToModule, "a message to a module"
 )
-"""The items of a packet that central sent. Raises ProtocolError, whatever the bytes."""
+"""The items of a packet that central sent. Raises ProtocolError for any invalid bytes."""
 
 
 _decode_header = msgspec.msgpack.Decoder(ToCentral).decode
 
 
 def misfit(header: Any) -> str:
-    """The error in the fields of a header, as central would see it; "" if there is none."""
+    """Return the error that central would find in the fields of a header, or ""."""
     try:
         encoded = _encode(header)
         if len(encoded) > Limit.HEADER:
-            return f"it takes {len(encoded):,} bytes beside its data; at most {Limit.HEADER:,} are allowed"
+            return f"it has {len(encoded):,} bytes beside its data: the limit is {Limit.HEADER:,}"
         _decode_header(encoded)
     except UnicodeEncodeError:
         raise
@@ -180,6 +195,6 @@ def misfit(header: Any) -> str:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
         field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
-        what = str(error).partition(" - at ")[0]
-        return f"{field}: {what}" if field else what
+        problem = str(error).partition(" - at ")[0]
+        return f"{field}: {problem}" if field else problem
     return ""

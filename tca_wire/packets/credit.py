@@ -1,8 +1,7 @@
-"""How much a peer has read: central sends nobody more than WINDOW bytes of which it has not heard
-that they were read.
+"""Flow control: central sends a peer at most WINDOW bytes that it has not acknowledged as read.
 
-So what waits for somebody who does not read lies in central, which can count it, and not in ZeroMQ,
-which can't.
+Messages for a slow reader therefore wait in central, which can count them, and not in ZeroMQ, which
+can't.
 """
 
 from tca_wire.packets.codec import pack_item
@@ -15,17 +14,17 @@ _BEAT = pack_item(Beat())
 
 
 class Receipts:
-    """What was read of central's packets, and central has not been told yet."""
+    """The bytes that were read from central's packets and not reported yet."""
 
     def __init__(self) -> None:
         self._read = 0
 
     def due(self, packet: bytes) -> bytes:
-        """What to send after this packet has been read: most times nothing."""
+        """Return the receipt to send after this packet has been read: usually b""."""
         if packet != _BEAT:
             self._read += len(packet)
         return pack_item(Receipt(self._read)) if self._read >= REPORTED_AFTER else b""
 
     def sent(self) -> None:
-        """That has left."""
+        """Reset the count: the receipt was sent."""
         self._read = 0

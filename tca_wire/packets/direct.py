@@ -1,7 +1,7 @@
 """Headers and packets of direct messages between two modules.
 
-The sender connects to a slot's entrance (routes.py), greets with its key, and numbers what it
-sends. The packets are made as those to and from central are (codec.py).
+The sender connects to a slot's entrance (routes.py), greets with its key, and numbers its messages.
+The packets are built like those to and from central (codec.py).
 """
 
 from tca_wire.packets.codec import unpacker
@@ -10,24 +10,23 @@ from tca_wire.packets.parts import Numbered, WireArray
 
 
 class Greet(WireArray, frozen=True, tag=96):
-    """First message of a sender, and again when it doubts that its messages have arrived. Answered
-    by Greeting.
-    """
+    """First message of a sender, sent again when it suspects a loss. Answered by Greeting."""
 
     version: int
     key: str
     session: str
-    """Names this sender's way to this entrance, across reconnects."""
+    """The id of this sender's path to this entrance, across reconnects."""
     module: str
     newest: int = 0
     """The highest number that the sender has used."""
     is_first: bool = True
-    """It was never answered a Greet in this session."""
+    """No Greet of this session was answered before."""
 
 
 class Direct(Numbered, frozen=True, tag=97):
-    """Handle this message; the body is its data. A query is answered by Answer or Refused, an
-    inform by nothing.
+    """Handle this message; the body is its data.
+
+    A query is answered by Answer or Refused, an inform is not answered.
     """
 
     message: str
@@ -36,8 +35,10 @@ class Direct(Numbered, frozen=True, tag=97):
 
 
 class Greeting(WireArray, frozen=True, tag=98):
-    """Of the sender's numbers up to *newest*, *missing* ones never arrived; *open* ones are queries
-    that will be answered. Answers to any others were given, or are forgotten.
+    """The state of the sender's messages up to *newest*.
+
+    *missing* ones never arrived; *open* ones are queries that will be answered. Answers to all
+    others were sent, or are forgotten.
     """
 
     newest: int
@@ -46,16 +47,14 @@ class Greeting(WireArray, frozen=True, tag=98):
 
 
 class Begun(Numbered, frozen=True, tag=99):
-    """All messages up to this number have been begun with; before Closing: or are counted as
-    lost.
-    """
+    """All messages up to this number have started or, before Closing, are counted as lost."""
 
 
 ToEntrance = Greet | Direct | GiveUp
 FromEntrance = Greeting | Begun | Answer | Refused | Unknown | Closing
 
-unpack_to_entrance = unpacker(ToEntrance, "no message to a slot")
-"""The items of a packet that came to an entrance. Raises ProtocolError, whatever the bytes."""
+unpack_to_entrance = unpacker(ToEntrance, "a message to a slot")
+"""The items of a packet that came to an entrance. Raises ProtocolError for any invalid bytes."""
 
-unpack_from_entrance = unpacker(FromEntrance, "no message from a slot")
-"""The items of a packet that came from an entrance. Raises ProtocolError, whatever the bytes."""
+unpack_from_entrance = unpacker(FromEntrance, "a message from a slot")
+"""The items of a packet from an entrance. Raises ProtocolError for any invalid bytes."""

@@ -1,13 +1,14 @@
-"""The headers that modules and central exchange, one type a message; the field order is the wire
-order.
+"""The headers that modules and central exchange, one type a message.
 
-A header travels with a body of opaque bytes (user data as MessagePack; central never looks inside).
-Types named in the imperative are sent by a module, the others by central; routes.py has those about
-direct messages, changes.py those about the states of tasks, docs/protocol.md the bytes. ``number``
-counts a connection's requests: the answer to a request carries the same number, and 0 means that no
-answer is wanted. ``origin`` is the delivery whose handler asks (0:
-code outside of handlers does). A task below -1 is the one that this connection has sent with that
-request: -7 is that of request 7.
+The field order is the wire order. A header travels with a body of opaque bytes: user data as
+MessagePack, which central never decodes. Types named in the imperative are sent by a module, the
+others by central. routes.py has the headers about direct messages, changes.py those about the
+states of tasks, docs/protocol.md the bytes.
+
+``number`` counts a connection's requests: the answer to a request carries its number; with 0 no
+answer is wanted. ``origin`` is the delivery whose handler sends the request (0: code outside of
+handlers). A task id below -1 names the task that this connection has sent: -7 is the task of
+request 7.
 """
 
 from typing import Annotated, Literal
@@ -34,15 +35,16 @@ from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Condition, Outcome, Refusal, Scope
 
 PROTOCOL_VERSION = 7
-"""Goes up whenever a header changes: who speaks another one is refused, and told so."""
+"""Goes up whenever a header changes. Central refuses a module with another version, and says so."""
 
 
 # --- from a module --------------------------------------------------------------------------------
 
 
 class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
-    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused. A
-    later version's may have more fields: so it can be read, and refused for its version.
+    """First message of a connection, and again after a reconnect. Answered by Welcome or Refused.
+
+    Unknown fields of a later version are accepted: so central can read and refuse it.
     """
 
     version: int
@@ -50,103 +52,97 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     incarnation: str
     """The id of one run of a module, shared by all its connections."""
     connection: int = 0
-    """The module's connection: 0 is its own, the others handle messages."""
+    """The number of the module's connection: 0 is its own, the others handle messages."""
     resource: str = ""
-    """The resource whose messages this connection handles, if any: one at a time."""
+    """The resource whose messages this connection handles, one at a time ("": none)."""
     process: str = ""
-    """The module's process, for people: "host:pid"."""
+    """The module's process, for display: "host:pid"."""
     entrance: Entrance | None = None
-    """This slot's entrance for direct messages, if it takes any."""
+    """This slot's entrance for direct messages, if it accepts any."""
     pulse: bytes = b""
-    """Routing id of the socket on which this process sends back central's beats, if it has one."""
+    """Routing id of the socket on which this process echoes central's heartbeats, if it has one."""
     prefetch: int = 0
-    """Number of messages that this slot takes ahead, before it has handled the one it has."""
+    """Number of messages that central may prefetch to this slot while it handles another."""
     hung_after: float = 0
-    """Seconds after which a handler hangs that was to end, or whose sender has given up: then this
-    slot counts as lost, and the module gets Replace (0: never).
+    """Seconds after which central counts this slot as lost, and sends the module Replace (0:
+    never).
+
+    They count while the handler should have ended, or its sender has given up.
     """
 
 
 class Register(Numbered, frozen=True, tag=2):
-    """Declare messages, and say which of them this module handles."""
+    """Declare messages, and name those that this module handles."""
 
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
-    """The module has attached what it attaches at its start: what its earlier runs attached besides
-    is left behind.
+    """The module has finished its attachments at start. Central drops others of its earlier runs.
     """
 
 
 class Unregister(Numbered, frozen=True, tag=3):
-    """This module handles these messages no longer (all of its handlers when the list is empty)."""
+    """Stop handling these messages; all messages if the list is empty."""
 
     messages: Annotated[list[str], MANY]
 
 
 class Send(Numbered, frozen=True, tag=4):
-    """Send a message of any class; the body is its data. Answered by Accepted or Refused, then by
-    Answer where due.
+    """Send a message of any class; the body is its data.
+
+    Answered by Accepted or Refused, then by Answer where due.
     """
 
     message: str
     parent: TaskId = TaskId(0)
-    """The task that a goal or command becomes a child of (0: the root)."""
+    """The parent of the new goal or command (0: the root)."""
     origin: int = 0
     flags: Flags = Flags.SEQ_ACH
     constraints: Annotated[list[Constraint], MANY] = []
     priority: int = 0
     blocking: bool = False
-    """The sender's connection does nothing else until the answer is there."""
+    """The sender's connection does nothing else until the answer arrives."""
     maximum: int = 0
-    """The number of replies that a multi-query wants (0: from every handler)."""
+    """The number of replies that a multi-query wants (0: one from every handler)."""
     attachments: Annotated[list[Attachment], MANY] = []
-    """Exception handlers of the new task, each newer than the one before it."""
+    """Exception handlers of the new task, oldest first."""
     deadline: float = 0
-    """Seconds within which the task must be achieved, or the failure "timeout" is raised on it (0:
-    no such bound).
-    """
+    """Seconds until the task must be achieved; later the failure "timeout" is raised (0: none)."""
     watch: WatchOptions | None = None
     """The options of a monitor."""
     when_killed: bool = False
-    """Not now, but when *parent* is killed after it has been started and before it is achieved."""
+    """Send it when *parent* is killed between its start and its achievement, not now."""
     if_handled: bool = False
-    """Only if somebody handles the message now; else the answer is Accepted with id 0 (TCA 8.5:
-    MaybeExecute).
-    """
+    """Send it only if a module handles it now; else Accepted has id 0 (TCA 8.5: MaybeExecute)."""
     keep: bool = False
-    """The sender's module keeps the task, as with Keep (TDL: PERSISTENT)."""
+    """The sender's module retains the task, as with Keep (TDL: PERSISTENT)."""
     brief: bool = False
     """The *blocking* wait is too short to be checked for a deadlock."""
     suspended: bool = False
-    """The new task is suspended from its birth on, by the sender: it is not started before it is
-    resumed.
-    """
+    """The new task is created suspended by the sender: it does not start before it is resumed."""
     quiet: bool = False
-    """Of a task: instead of Accepted comes TasksMade, with others and at the latest before the next
-    other answer.
-    """
+    """The new task is confirmed by TasksMade, with others, before the next other answer."""
 
 
 class Reply(OfDelivery, frozen=True, tag=5):
     """The handler of a delivery returned; the body is its reply or result."""
 
     took: float = 0
-    """Seconds that it ran, by its own clock (0: not said)."""
+    """Seconds that it ran, by the module's clock (0: unknown)."""
     refusals: int = 0
-    """How many refusals of *quiet* tasks that it has sent the handler knows: if there were more, it
-    has failed.
+    """The number of refused *quiet* tasks that the handler knows of. It failed if there were more.
     """
 
 
 class Replies(WireArray, frozen=True, tag=30):
-    """Handlers of informs, queries or broadcasts have returned, one after the other; what they
-    returned is the body, end to end.
+    """Handlers of informs, queries or broadcasts have returned, one after the other.
+
+    The body is what they returned, end to end.
     """
 
     ended: Annotated[list[EndedRun], MANY]
     begun: float = -1
-    """How long ago this slot began with what comes after these (below 0: it has not)."""
+    """Seconds since this slot started its next message (below 0: it has not)."""
 
 
 class Fail(OfDelivery, frozen=True, tag=6):
@@ -155,17 +151,17 @@ class Fail(OfDelivery, frozen=True, tag=6):
     failure: str
     text: str = ""
     kinds: Annotated[list[str], MANY] = []
-    """The more general failures that this one is a kind of, nearest first."""
+    """The more general failures of which this one is a kind, nearest first."""
     reissue: bool = False
-    """The handler of a failure cannot deal with it: search on, above it, at once."""
+    """The exception handler can't deal with the failure: search on above it, at once."""
 
 
 class Recalled(WireArray, frozen=True, tag=29):
-    """This slot gives back what it had ahead and had not begun: it never begins it."""
+    """This slot returns prefetched messages that it has not started, and never starts them."""
 
     deliveries: Annotated[list[int], MANY]
     is_answer: bool = True
-    """To a Recall: what that named, and is not given back, has been begun."""
+    """It answers a Recall: messages named there, but not here, have started."""
 
 
 class Constrain(Numbered, frozen=True, tag=7):
@@ -181,46 +177,47 @@ class AwaitPoint(Numbered, frozen=True, tag=8):
     point: Point
     origin: int = 0
     blocking: bool = False
-    """The sender's connection does nothing else until the answer is there."""
+    """The sender's connection does nothing else until the answer arrives."""
     brief: bool = False
     """As in Send."""
 
 
 class GiveUp(WireArray, frozen=True, tag=9):
-    """The sender no longer waits for the answer to request *request*; if that was a Lock, its claim
-    is released.
-    """
+    """Stop waiting for the answer to *request*. If that was a Lock, central releases its claim."""
 
     request: int
     number: int = 0
-    """With a number it is answered: the text of the Answer says why that answer is not there ("":
-    it is, or was). Of a multi-query to which nobody has replied it is the first failure, if there
-    was one.
+    """With a number it is answered. The text of the Answer says why the other answer is missing.
+
+    The text is "" if there is or was an answer. For a multi-query without replies it is the first
+    failure, if any.
     """
     origin: int = 0
 
 
 class Await(WireArray, frozen=True, tag=26):
-    """The sender of query or multi-query *request*, who went on, now waits for its answer; or that
-    of a *quiet* task for its id; or that of Observe for news. Nothing else answers this.
+    """The sender now waits for an answer: of a query, a multi-query, a *quiet* task or an Observe.
+
+    It had continued after it sent *request*. Nothing else answers this header.
     """
 
     request: int
     blocking: bool = True
-    """The sender's connection does nothing else meanwhile; a coroutine lets it do other things."""
+    """The sender's connection does nothing else while it waits. A coroutine does not block it."""
     origin: int = 0
     others: Annotated[list[int], MANY] = []
     """Further requests: the sender waits for the first answer to any of them."""
     brief: bool = False
-    """As in Send; a query that was fetched late is always waited for like that."""
+    """As in Send; the wait for the reply of a query sent earlier is always brief."""
     seen: int = 0
-    """The number of answers that the sender has got to these, as far as they are Observe: if there
-    are more on their way, it does not wait. -1: it waits no longer.
+    """The number of Observe answers that the sender has received.
+
+    If more are on their way, it does not wait. -1: it has stopped waiting.
     """
 
 
 class Kill(OfTask, frozen=True, tag=10):
-    """End a task and everything under it: now, *delay* seconds from now, or *delay* seconds after a
+    """Kill a task with all its descendants: now, after *delay* seconds, or *delay* seconds after a
     point.
     """
 
@@ -232,26 +229,30 @@ class Kill(OfTask, frozen=True, tag=10):
 
 
 class Ask(Numbered, frozen=True, tag=11):
-    """Ask central about a topic; answered with a MessagePack map as body."""
+    """Query central about a topic. The answer has a MessagePack map as body."""
 
     topic: Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 
 class Receipt(WireArray, frozen=True, tag=50):
-    """This connection has read so many bytes of packets, beats left out, since it said so last:
-    central sends nobody more than so much that was not read.
+    """The bytes of packets, without heartbeats, that this connection has read since its last
+    receipt.
+
+    Central limits the unread bytes for each connection.
     """
 
     size: int
 
 
 class Bye(WireArray, frozen=True, tag=12):
-    """This connection closes: of its own will, nothing failed."""
+    """This connection closes normally; nothing failed."""
 
 
 class Attach(Numbered, frozen=True, tag=13):
-    """Let an exception handler take care of a failure ("": any) of one task, or of every task of a
-    message. Answered by Accepted with the id by which it can be removed.
+    """Attach an exception handler for a failure ("": any) to one task, or to all tasks of a
+    message.
+
+    Answered by Accepted with the id for Remove.
     """
 
     attachment: Attachment
@@ -262,8 +263,10 @@ class Attach(Numbered, frozen=True, tag=13):
 
 
 class Remove(Numbered, frozen=True, tag=14):
-    """Take away an exception handler, wiretap or (*for all*) a monitor, whoever wants it. Accepted:
-    0 if it is gone.
+    """Remove an exception handler, or the sender's share in a wiretap.
+
+    With *for_all* the wiretap is removed for all modules, or a monitor ends. Accepted has id 0 if
+    it no longer exists.
     """
 
     id: int
@@ -281,35 +284,29 @@ class Raise(OfTask, frozen=True, tag=15):
 
 
 class Retry(OfTask, frozen=True, tag=16):
-    """Kill all under a task and let it be handled again, with the body as its data where
-    *new_data*.
-    """
+    """Kill all descendants of a task and handle it again. With *new_data* the body is its data."""
 
     new_data: bool = False
     origin: int = 0
 
 
 class Resolve(Numbered, frozen=True, tag=55):
-    """The exception handler with the delivery *origin* has dealt with its failure, if its task ends
-    without one.
+    """The exception handler with delivery *origin* has resolved its failure, if it ends without
+    one.
     """
 
     origin: int
 
 
 class Suspend(OfTask, frozen=True, tag=17):
-    """From now on nothing under a task, and not the task itself, is started; or, with *resume*, may
-    be again.
-    """
+    """Start neither a task nor its descendants from now on; with *resume*, allow it again."""
 
     resume: bool = False
     origin: int = 0
 
 
 class Deadline(Numbered, frozen=True, tag=18):
-    """Raise the failure "timeout" on a task if its point is not reached within *seconds* from
-    now.
-    """
+    """Raise the failure "timeout" on a task if it misses a point within *seconds* from now."""
 
     point: Point
     seconds: float
@@ -317,7 +314,7 @@ class Deadline(Numbered, frozen=True, tag=18):
 
 
 class Inspect(OfTask, frozen=True, tag=19):
-    """Ask central about a task and its relatives; answered with a MessagePack list of maps."""
+    """Query central about a task and its relatives. The answer is a MessagePack list of maps."""
 
     relation: Literal["self", "parent", "children", "ancestors", "descendants", "kept"]
     message: str = ""
@@ -325,8 +322,8 @@ class Inspect(OfTask, frozen=True, tag=19):
 
 
 class Lock(Numbered, frozen=True, tag=23):
-    """Let nobody into a resource, or (*reserve*) only what this module sends. Answered when that is
-    so.
+    """Close a resource to all messages or (*reserve*) to those of other modules. Answered when
+    granted.
 
     It ends when this request is given up, when the task or message *origin* has ended, or with the
     connection.
@@ -334,22 +331,20 @@ class Lock(Numbered, frozen=True, tag=23):
 
     resource: str
     module: str = ""
-    """The resource's module; "" if only one has a resource of that name."""
+    """The resource's module; "" if only one module has a resource of that name."""
     reserve: bool = False
     origin: int = 0
     timeout: float = -1
-    """After so many seconds of waiting the answer is the failure "timeout" (negative: never)."""
+    """Seconds to wait; then the answer is the failure "timeout" (negative: no limit)."""
     priority: int = 0
     blocking: bool = False
-    """The sender's connection does nothing else until the answer is there."""
+    """The sender's connection does nothing else until the answer arrives."""
     brief: bool = False
     """As in Send."""
 
 
 class Unlock(Numbered, frozen=True, tag=24):
-    """Take a lock or reservation from whoever has it. Answered by Accepted; its id is 0 if nobody
-    had it.
-    """
+    """Take a lock or reservation from its holder. Accepted has id 0 if it had no holder."""
 
     resource: str
     module: str = ""
@@ -357,90 +352,80 @@ class Unlock(Numbered, frozen=True, tag=24):
 
 
 class Tap(Numbered, frozen=True, tag=64):
-    """Send *listener* whenever the condition comes true of a message, or of one task; it gets the
-    tapped data.
+    """Send *listener* with the tapped data whenever the condition holds for a message or a task.
 
-    Answered by Accepted with the id by which the wiretap can be removed.
+    Answered by Accepted with the id for Remove.
     """
 
     condition: Condition
     listener: str
     message: str = ""
     task: TaskId = TaskId(0)
-    """The task that is tapped, where *message* is ""."""
+    """The tapped task, where *message* is ""."""
     watch: WatchOptions | None = None
     """The options of a listener that is a monitor."""
     origin: int = 0
     at_once: bool = False
-    """Where what *task* is tapped for has happened already, send the listener now; else that is
-    refused.
-    """
+    """If the tapped event has happened already, send the listener now rather than refuse it."""
     of: str = ""
-    """With *at_once*: the message that *task* is, for it may have ended."""
+    """With *at_once*: the message of *task*, which may have ended."""
 
 
 class Fire(Numbered, frozen=True, tag=65):
-    """Fire a monitor, or all that watch of *message* (TCM: Activate). A demon monitor sends its
-    action, the body is the data of that; any other tests its condition now.
+    """Fire a monitor, or all watching monitors of *message* (TCM: Activate).
 
-    Answered by Accepted; its id is 0 if the monitor did not watch, and nothing was done; of a
-    message the oldest that did.
+    A demon monitor sends its action with the body as data; others test their condition now.
+    Accepted has the id of the monitor, of a message the oldest; 0 if none was watching.
     """
 
     monitor: TaskId
     action: str = ""
-    """The message that the data are for; refused if that is not the monitor's action ("": it is not
-    asked).
-    """
+    """The message that the data fit; central refuses it for another action ("": not checked)."""
     origin: int = 0
     message: str = ""
-    """All that watch of this message, instead of one *monitor*."""
+    """Fire all watching monitors of this message, instead of one *monitor*."""
 
 
 class EndMonitor(Numbered, frozen=True, tag=66):
-    """End a monitor; messages that it has sent go on."""
+    """End a monitor; messages that it has sent continue."""
 
     monitor: TaskId
     origin: int = 0
 
 
 class Keep(OfTask, frozen=True, tag=25):
-    """Remember a task after its end: data, outcome and place in the tree; or, with *release*, no
-    longer.
-    """
+    """Retain a task's data, outcome and place after its end; or, with *release*, stop that."""
 
     release: bool = False
     origin: int = 0
 
 
 class AwaitAny(OfDelivery, frozen=True, tag=27):
-    """The handler of a delivery, a coroutine, does nothing until one of these requests is answered;
-    it was said before what it awaited, and that is no longer so. With no requests: it may go on.
+    """The coroutine that handles a delivery waits until one of these requests is answered.
+
+    It replaces what Await said before. With no requests the coroutine may continue.
     """
 
     requests: Annotated[list[int], MANY]
 
 
 class Release(Numbered, frozen=True, tag=28):
-    """The sender no longer needs what Lock *request* has got. The id that Accepted names is 0 if it
-    had lost that.
-    """
+    """Release the claim of Lock *request*. Accepted has id 0 if the sender had lost it."""
 
     request: int
     origin: int = 0
 
 
 class GetVariable(Numbered, frozen=True, tag=20):
-    """Get the value of a variable, as the body of the Answer; it is empty if the variable was never
-    set.
-    """
+    """Get a variable. The body of the Answer is its value, empty if it was never set."""
 
     variable: str
 
 
 class SetVariable(Numbered, frozen=True, tag=21):
-    """Set a variable to the value in the body. Answered by Accepted or, with *swap*, as GetVariable
-    was just before.
+    """Set a variable to the value in the body.
+
+    Answered by Accepted or, with *swap*, by the value before, as for GetVariable.
     """
 
     variable: str
@@ -449,61 +434,38 @@ class SetVariable(Numbered, frozen=True, tag=21):
 
 
 class WaitUntilHandled(Numbered, frozen=True, tag=22):
-    """Answer when each of these messages is handled by somebody, all at the same time. Before that
-    an Answer with *more* and a text may come: a warning.
+    """Answer when all these messages have handlers at the same time.
+
+    Before that, an Answer with *more* and a text may warn.
     """
 
     messages: Annotated[list[str], MANY]
     promised: Annotated[list[str], MANY] = []
-    """The messages that the sender will handle as soon as all those are."""
+    """The messages that the sender will handle once the others have handlers."""
     origin: int = 0
 
 
 class GoOn(Numbered, frozen=True, tag=54):
-    """Let tasks start again after a restart of central, whoever is not back yet."""
+    """Start tasks again after a restart of central, without waiting for missing connections."""
 
 
+_OfConnections = Hello | Register | Unregister | Bye | Receipt | Ask | WaitUntilHandled | GoOn
+_OfMessages = Send | Reply | Replies | Fail | Recalled | GiveUp | Await | AwaitAny
+_OfTasks = Constrain | AwaitPoint | Kill | Retry | Suspend | Deadline | Inspect | Keep
+_OfStates = ChangeState | Observe
+_OfFailures = Raise | Attach | Remove | Resolve
+_OfMonitors = Tap | Fire | EndMonitor
+_OfResources = Lock | Unlock | Release | GetVariable | SetVariable
+_OfDirectMessages = Noted | WatchEntrance
 ToCentral = (
-    Hello
-    | Register
-    | Unregister
-    | Send
-    | Reply
-    | Fail
-    | Constrain
-    | AwaitPoint
-    | GiveUp
-    | Kill
-    | Ask
-    | Bye
-    | Receipt
-    | Attach
-    | Remove
-    | Raise
-    | Retry
-    | Resolve
-    | Suspend
-    | Deadline
-    | Inspect
-    | Tap
-    | Fire
-    | EndMonitor
-    | GetVariable
-    | SetVariable
-    | WaitUntilHandled
-    | Lock
-    | Unlock
-    | Keep
-    | Await
-    | AwaitAny
-    | Release
-    | Noted
-    | WatchEntrance
-    | Recalled
-    | Replies
-    | GoOn
-    | ChangeState
-    | Observe
+    _OfConnections
+    | _OfMessages
+    | _OfTasks
+    | _OfStates
+    | _OfFailures
+    | _OfMonitors
+    | _OfResources
+    | _OfDirectMessages
 )
 
 
@@ -511,8 +473,9 @@ ToCentral = (
 
 
 class Welcome(Numbered, frozen=True, tag=33):
-    """Answers Hello. *module* is the name by which the journal knows the module; *epoch* names this
-    run of central.
+    """Answers Hello.
+
+    *module* is the name by which the journal knows the module; *epoch* names this run of central.
     """
 
     version: int
@@ -521,38 +484,35 @@ class Welcome(Numbered, frozen=True, tag=33):
 
 
 class Accepted(Numbered, frozen=True, tag=34):
-    """The request was taken; *id* is the task or message it became (0: neither)."""
+    """The request was accepted; *id* is the new task or message (0: neither)."""
 
     id: int = 0
 
 
 class TasksMade(WireArray, frozen=True, tag=45):
-    """The *quiet* requests that were taken since the last such message, and the tasks that they
-    became.
-    """
+    """The *quiet* requests accepted since the last such header, with the tasks that they became."""
 
     tasks: list[tuple[int, TaskId]]
 
 
 class Refused(Numbered, frozen=True, tag=35):
-    """The request was not taken, and nothing of it remains."""
+    """The request was refused and had no effect."""
 
     refusal: Refusal
     text: str
 
 
 class Answer(Numbered, frozen=True, tag=36):
-    """The answer to a query, a wait or a question; the body is the reply, result or failure
-    data.
-    """
+    """The answer to a query or wait; the body is the reply, result or failure data."""
 
     outcome: Outcome = Outcome.DONE
     failure: str = ""
     text: str = ""
     more: bool = False
-    """Further answers to a multi-query follow; the one without *more* is the end. It has no body
-    and is *done*, or is the first failure if all handlers failed: the first line of its text names
-    them all.
+    """Further answers to a multi-query follow. The answer without *more* ends them.
+
+    It has no body and is *done*. If all handlers failed, it is the first failure; its text's first
+    line names them all.
     """
 
 
@@ -561,27 +521,24 @@ class Deliver(OfDelivery, frozen=True, tag=37):
 
     message: str
     task: TaskId = TaskId(0)
-    """The task that it is (0: it belongs to no tree)."""
+    """The id of the task (0: the message is not a task)."""
     context: Trouble | Tapped | Watching | None = None
-    """The reason for it, if central made it."""
+    """The cause, if central made the message."""
     suspended: bool = False
     own: bool = False
-    """A slot of its resource waits for the answer, and this one takes messages directly: handle it
-    within another.
+    """Handle it within another message: a slot of its resource waits for the answer.
+
+    This slot accepts messages directly.
     """
     ahead: int = 0
-    """So many deliveries, which are not answered yet as far as central knows, are to be handled
-    before it.
-    """
+    """The number of unanswered deliveries, as far as central knows, to handle before it."""
 
 
 class Cancelled(OfDelivery, frozen=True, tag=38):
-    """The task of this delivery has been killed, or is to be handled again: its handler should end
-    soon.
-    """
+    """The task of this delivery was killed or will be retried: its handler should end soon."""
 
     why: str = ""
-    """Why, and of a kill by whom."""
+    """The reason, and the requester of a kill."""
 
 
 class Beat(WireArray, frozen=True, tag=39):
@@ -589,12 +546,10 @@ class Beat(WireArray, frozen=True, tag=39):
 
 
 class Unknown(WireArray, frozen=True, tag=40):
-    """Central does not know this connection: say Hello again, then repeat unacknowledged
-    requests.
-    """
+    """Central does not know this connection: say Hello again and repeat unacknowledged requests."""
 
     number: int = 0
-    """The request that it answers, which is not done: if it was sent only once, nobody has it."""
+    """The request that it answers and has not done: if it was sent only once, it is lost."""
 
 
 class Closing(WireArray, frozen=True, tag=41):
@@ -604,50 +559,30 @@ class Closing(WireArray, frozen=True, tag=41):
 
 
 class Suspended(OfDelivery, frozen=True, tag=42):
-    """The task of this delivery has been suspended, or resumed: its handler may hold, or go on to
-    its end.
-    """
+    """The task of this delivery was suspended or resumed: its handler may pause, or continue."""
 
     is_suspended: bool
 
 
 class Taken(Numbered, frozen=True, tag=43):
-    """The resource of the Lock with this number was taken away: *text* says by whom, or why."""
+    """The lock of the resource was taken from the Lock with this number: *text* names the cause."""
 
     text: str
 
 
 class Replace(Numbered, frozen=True, tag=51):
-    """The slot of this number is lost, for its handler hangs: open another one in its place."""
+    """This slot is lost because its handler hangs: open another slot in its place."""
 
     text: str = ""
 
 
 class Recall(WireArray, frozen=True, tag=44):
-    """Give back those of these deliveries, which you have ahead, that you have not begun; answered
-    by Recalled.
-    """
+    """Return the named prefetched deliveries that have not started. Answered by Recalled."""
 
     deliveries: list[int]
 
 
-ToModule = (
-    Welcome
-    | Accepted
-    | TasksMade
-    | Refused
-    | Answer
-    | Deliver
-    | Cancelled
-    | Beat
-    | Unknown
-    | Closing
-    | Suspended
-    | Requested
-    | Taken
-    | Replace
-    | Route
-    | EntranceGone
-    | Recall
-    | Barred
-)
+_Answers = Welcome | Accepted | TasksMade | Refused | Answer | Unknown
+_ToHandlers = Deliver | Recall | Cancelled | Suspended | Requested
+_Notices = Beat | Closing | Taken | Replace | Route | EntranceGone | Barred
+ToModule = _Answers | _ToHandlers | _Notices

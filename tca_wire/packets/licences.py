@@ -1,7 +1,7 @@
-"""Licences: by what a slot knows that central lets a sender send to it directly.
+"""Licences: a slot's proof that central allows a sender to send to it directly.
 
-Central makes one for each sender out of the key of the slot's entrance, which nobody else has; so
-the slot needs no list of senders, only one of the licences that are not valid any more.
+Central makes one for each sender from the secret key of the slot's entrance. A slot therefore needs
+no list of senders, only a list of revoked licences.
 """
 
 import hashlib
@@ -9,14 +9,15 @@ import hmac
 
 
 def licence(entrance_key: str, number: str) -> str:
-    """The licence of that *number* for the entrance with that key."""
+    """Return the licence of that *number* for the entrance with that key."""
     return f"{number}/{_proof(entrance_key, number)}"
 
 
 def number_of(shown: str, entrance_key: str) -> str | None:
-    """The number of a licence that was shown at the entrance with that key; None if it is none."""
+    """Return the number of a licence shown at the entrance with that key; None if it is invalid."""
     number, _, proof = shown.rpartition("/")
     expected = _proof(entrance_key, number)
+    # compare_digest takes the same time for all proofs, so that none can be guessed step by step.
     return number if number and hmac.compare_digest(proof.encode(), expected.encode()) else None
 
 

@@ -8,12 +8,13 @@ from tca_wire.points import Point, TaskId
 from tca_wire.vocabulary import Busy, Condition, Limit, MessageClass, Outcome, Party
 
 MANY = msgspec.Meta(max_length=int(Limit.LIST))
-"""Of a list in a header: so many entries, and no more."""
+"""The limit for a list in a header."""
 
 
 class WireArray(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """The base of all headers and their parts: an array on the wire. The first element of a header
-    is its kind.
+    """The base of all headers and their parts: an array on the wire.
+
+    The first element of a header is its kind.
     """
 
 
@@ -36,17 +37,16 @@ class OfDelivery(WireArray, frozen=True):
 
 
 class MessageFormat(WireArray, frozen=True):
-    """A message's name, class and formats (JSON Schema as text; "" where the class has no
-    reply).
-    """
+    """A message's name, class and formats (JSON Schema as text; "" for no reply)."""
 
     name: str
     message_class: MessageClass
     data: str
     reply: str = ""
     parts: Annotated[list[str], MANY] = []
-    """The messages that a monitor sends: condition and action, or set-up, action and cancel ("" for
-    none).
+    """The messages that a monitor sends ("": none).
+
+    These are condition and action, or set-up, action and cancel message.
     """
     progress: str = ""
     """The format of a task's intermediate results ("": it has none)."""
@@ -55,43 +55,40 @@ class MessageFormat(WireArray, frozen=True):
 
 
 class HandlerFormat(WireArray, frozen=True):
-    """A message that a module handles, in which resource; handlers of one *pool* share the
-    messages.
-    """
+    """A message that a module handles, and its resource; handlers of one *pool* share messages."""
 
     message: str
     resource: str
     pool: str = ""
     pending: int = 0
-    """At most so many of them wait for this handler, the newest ones (0: no such limit)."""
+    """The limit for messages that wait for this handler, the newest ones (0: no limit)."""
     direct: bool = False
-    """They come from their senders directly, if nothing speaks against it."""
+    """Senders may send it directly, unless central has a reason against that."""
     accepts: bool = False
-    """The handler itself says when it accepts a task; else it has when it gets it."""
+    """The handler itself accepts a task; else a task is accepted when the handler gets it."""
     takes: Annotated[list[str], MANY] = []
-    """The transitions of clients that the handler is told of, and decides about."""
+    """The transitions of clients that the handler decides about."""
     refuses: Annotated[list[str], MANY] = []
-    """Those that are refused in its name. Of the others an update restarts the task, a cancel kills
-    it.
+    """The transitions of clients that central refuses for it.
+
+    Without either, an update restarts the task and a cancel kills it.
     """
     busy: Busy = Busy.QUEUE
-    """What becomes of a task that has to wait for this handler."""
+    """The fate of a task that would have to wait for this handler."""
 
 
 class EndedRun(WireArray, frozen=True, gc=False):
-    """A run of a handler that has ended: how long ago, and how long it *took*, in seconds."""
+    """A run of a handler that has ended *ago* seconds ago, and *took* some seconds."""
 
     delivery: int
     ago: float
     took: float
     size: Annotated[int, msgspec.Meta(ge=0)] = 0
-    """Of what it returned, in bytes (0: nothing)."""
+    """The bytes of its reply (0: none)."""
 
 
 class Attachment(WireArray, frozen=True):
-    """The attachment of an exception handler for a failure, at most *maximum* times (0: any number
-    of times).
-    """
+    """The attachment of an exception handler to a failure, *maximum* times or (0) without limit."""
 
     failure: str
     handler: str
@@ -104,23 +101,21 @@ class WatchOptions(WireArray, frozen=True):
     period: float = 0
     """The time between a polling monitor's tests of its condition."""
     maximum: int = 0
-    """The number of actions that end it (0: any number)."""
+    """The number of actions that end it (0: no limit)."""
     fire_every: int = 1
-    """Every how many times that the condition holds, or that it is fired, an action is sent."""
+    """Send an action only every n-th time that the condition holds, or that it is fired."""
     initial_wait: bool = False
     """Whether a polling monitor tests first after one period, not at once."""
     duration: float = 0
-    """After how long it ends (0: not because of time)."""
+    """The time after which it ends (0: no limit)."""
     until: Point | None = None
     """The point at which it ends."""
     waited_for: bool = False
-    """Its parent waits for its end: it does not end at the latest when all else under its parent
-    has.
-    """
+    """Its parent waits for its end. Otherwise it ends when all else under its parent has ended."""
 
 
 class StateChange(WireArray, frozen=True):
-    """A change of a task's state, or how the task stands."""
+    """A change of a task's state, or its present state."""
 
     task: TaskId
     message: str
@@ -130,24 +125,25 @@ class StateChange(WireArray, frozen=True):
     transition: str
     by: Party
     module: str = ""
-    """Of the client or server."""
+    """The module of the client or server."""
     text: str = ""
-    """The reason, for people."""
+    """The reason, for display."""
     goal: bytes = b""
     """The task's data."""
     data: bytes = b""
-    """The goal that is asked for, an intermediate result (the newest, where the task is told of as
-    it stands), or the result.
+    """The requested goal, an intermediate result, or the result.
+
+    A report of the present state has the newest intermediate result.
     """
     is_late: bool = False
-    """It was so before the observer came."""
+    """The state is older than the observation."""
     is_over: bool = False
     outcome: Outcome | None = None
-    """How it ended, if it *is over*."""
+    """The outcome, if it *is over*."""
 
 
 class Involved(WireArray, frozen=True):
-    """A task that another one is about."""
+    """A task that another task is about."""
 
     task: TaskId
     message: str
@@ -164,9 +160,7 @@ class Trouble(WireArray, frozen=True, tag="trouble"):
     attempts: int
     """The number of times that the failing task has been handled."""
     invocations: int
-    """The number of calls of this exception handler for the task that it is attached to, this one
-    included.
-    """
+    """The number of this exception handler's calls for its attached task, including this one."""
 
 
 class Tapped(WireArray, frozen=True, tag="tapped"):
@@ -174,7 +168,7 @@ class Tapped(WireArray, frozen=True, tag="tapped"):
 
     condition: Condition
     tapped: Involved
-    """The tapped task (task 0: the tapped message is none)."""
+    """The tapped task (task 0: the tapped message is not a task)."""
 
 
 class Watching(WireArray, frozen=True, tag="watching"):
@@ -182,4 +176,4 @@ class Watching(WireArray, frozen=True, tag="watching"):
 
     monitor: Involved
     action: str = ""
-    """The message that a demon monitor is fired with; "" if it sends none, or tests a condition."""
+    """The action of a demon monitor; "" if it has none, or tests a condition."""

@@ -1,6 +1,6 @@
 """Headers between modules and central about direct messages: their routes and outcomes.
 
-The lists of all headers are in headers.py; docs/protocol.md tells the story.
+headers.py lists all headers; docs/protocol.md explains the exchange.
 """
 
 from typing import Annotated
@@ -9,25 +9,22 @@ from tca_wire.packets.parts import MANY, WireArray
 from tca_wire.vocabulary import Outcome
 
 MOST_NOTES = 1000
-"""Notes in one report."""
+"""The limit for notes in one report."""
 MOST_LOST = 1_000_000_000
-"""Messages in one loss."""
+"""The limit for messages in one loss."""
 
 
 class Entrance(WireArray, frozen=True):
     """A slot's entrance for direct messages: the ZeroMQ address of a ROUTER socket, and its key.
 
-    In a slot's Hello the key is a secret of the slot's. Central gives those who send such messages
-    licences that it makes of it (licences.py), and nothing to anybody else; no journal has them,
-    but the log of inputs.
+    In a slot's Hello the key is the slot's secret. Central derives licences from it (licences.py)
+    for the senders, and never shares the key itself. It is in the log of inputs, but in no journal.
     """
 
     endpoint: str
     key: str
     curve: str = ""
-    """The public key of the socket, if it asks for CURVE: whoever connects needs it, and shows a
-    pair of its own.
-    """
+    """The public key of the socket, if it uses CURVE: a sender needs it, and shows a key pair."""
 
 
 class Note(WireArray, frozen=True):
@@ -35,11 +32,11 @@ class Note(WireArray, frozen=True):
 
     message: str
     sender: str
-    """The module that sent it, by the name that central gave it."""
+    """The module that sent it, by central's name for it."""
     origin: int
     """The delivery whose handler sent it (0: none)."""
     size: int
-    """Bytes of its data."""
+    """The bytes of its data."""
     ago: float
     """Seconds between the end of its handler and this report."""
     seconds: float
@@ -49,9 +46,7 @@ class Note(WireArray, frozen=True):
 
 
 class Loss(WireArray, frozen=True):
-    """The number of informs sent directly that were lost, or may have been; of message "": notes
-    that were not kept.
-    """
+    """The number of direct informs that were lost, or may have been; of message "": lost notes."""
 
     message: str
     number: int
@@ -65,14 +60,14 @@ class Noted(WireArray, frozen=True, tag=80):
 
 
 class WatchEntrance(WireArray, frozen=True, tag=81):
-    """Say EntranceGone when this entrance is gone, or at once if it is not there."""
+    """Send EntranceGone when this entrance is removed, or at once if it does not exist."""
 
     endpoint: str
 
 
 class Route(WireArray, frozen=True, tag=82):
-    """From now on send this message to one of these entrances; if there is none, through
-    central.
+    """From now on send this message to one of these entrances, or through central if there are
+    none.
     """
 
     message: str
@@ -80,15 +75,16 @@ class Route(WireArray, frozen=True, tag=82):
 
 
 class Barred(WireArray, frozen=True, tag=46):
-    """These licences of senders are not valid any more, at any entrance."""
+    """These licences of senders are revoked, at all entrances."""
 
     numbers: list[str]
 
 
 class EntranceGone(WireArray, frozen=True, tag=83):
-    """The slot of an entrance is gone: queries that it has not answered will not be. If it was not
-    *lost* but left, it answers what it has begun with, and says Closing to those whose queries it
-    has not.
+    """The slot of an entrance has left or (*lost*) was lost: it answers no further queries.
+
+    A slot that left still answers what it has started, and says Closing to the senders of other
+    queries.
     """
 
     endpoint: str

@@ -1,1 +1,1 @@
-"""Data as text that people read, and text that people type as data."""
+"""Data as text for people, and text from people as data."""

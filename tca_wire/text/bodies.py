@@ -1,6 +1,4 @@
-"""Bodies of messages (user data of unknown type) as plain values and as text. Knows nothing of
-messages.
-"""
+"""Message bodies (user data of unknown type) as plain values and as text."""
 
 import base64
 import json
@@ -18,8 +16,9 @@ _DEEPEST = 100
 
 
 def plain_data(body: bytes) -> Any:
-    """The content of *body* as JSON values: strings for numbers JSON lacks, objects for bytes and
-    arrays.
+    """Return the content of *body* as JSON values.
+
+    Numbers that JSON lacks become strings; bytes and arrays become objects.
     """
     try:
         return _plain(decode_untyped(body), 0)
@@ -28,8 +27,9 @@ def plain_data(body: bytes) -> Any:
 
 
 def json_text(value: Any, *, indent: int | None = None) -> str:
-    """A value as JSON that every program reads: what is no number, or infinite, is the text ``nan``
-    or ``inf``.
+    """Return a value as JSON that every program reads.
+
+    A number that JSON lacks becomes the text ``nan`` or ``inf``.
     """
     try:
         return json.dumps(value, indent=indent, allow_nan=False)
@@ -38,8 +38,9 @@ def json_text(value: Any, *, indent: int | None = None) -> str:
 
 
 def data_text(body: bytes) -> str:
-    """The content of *body* on one line, safe for a terminal; "" for nothing. Very long data is
-    cut.
+    """Return the content of *body* on one line, safe for a terminal; "" for no data.
+
+    Very long data is cut.
     """
     data = plain_data(body)
     if data is None:
@@ -72,8 +73,7 @@ def _plain_leaf(value: Any) -> Any:
         return {"extension": value.code, "base64": base64.b64encode(value.data).decode()}
     if hasattr(value, "isoformat"):
         return value.isoformat()
-    if hasattr(
-        value, "dtype"
-    ):  # an array, if numpy happens to be loaded; shown as it is without numpy
+    # An array, decoded because numpy is loaded: it is shown in the same way without numpy.
+    if hasattr(value, "dtype"):
         return {"dtype": value.dtype.str, "shape": list(value.shape)}
     return str(value)

@@ -1,4 +1,4 @@
-"""Why an activity did not start ahead of its state, and what to do, in words."""
+"""The reason why an activity did not start ahead of its state, and a remedy, in words."""
 
 from typing import NamedTuple
 
@@ -9,45 +9,48 @@ from tca_wire.coordination import CoordinationReport, Objection, Reason
 class WhyNotEarly(NamedTuple):
     """An objection in words."""
 
-    told: str
-    """``'reach' did not start early: it has failed early``."""
+    reason: str
+    """``'reach' did not start early: it failed when it started early``."""
     remedy: str
-    """The change that lets it start early; "" if it has to wait for its turn."""
+    """The change that lets it start early; "" if it must wait for its turn."""
 
     def __str__(self) -> str:
         return "; ".join(filter(None, self))
 
 
-_TOLD: dict[Reason, str] = {
-    Reason.STEADY: "nothing is foreseen beyond {state}",
-    Reason.NOT_FORESEEN: "it is not foreseen any more",
-    Reason.REPEATED: "it comes twice",
-    Reason.NEEDS: "{name} is not as it needs it",
-    Reason.CONFLICT: "{other} comes first, and shares {name} with it",
-    Reason.BRANCH: "{other}, or what follows, may need {name} as it was",
-    Reason.AGENT: "agent {name} has no place left",
-    Reason.UTILITY: "its utility is too small, by the progress of {other}",
-    Reason.MISTAKE: "its cost or the policy failed, as the log says",
-    Reason.FAILED: "it has failed early",
+_REASONS: dict[Reason, str] = {
+    Reason.STEADY: "no state is foreseen after {state}",
+    Reason.NOT_FORESEEN: "it is no longer foreseen",
+    Reason.REPEATED: "the machine is in it now, or comes to it earlier",
+    Reason.NEEDS: "fact {name} does not have the value that it needs",
+    Reason.CONFLICT: "{other} comes first and uses {name}, too",
+    Reason.BRANCH: "{other}, or a state after it, may need {name} unchanged",
+    Reason.AGENT: "agent {name} can take no more tasks",
+    Reason.UTILITY: "its utility is too small at the progress of {other}",
+    Reason.MISTAKE: "its cost or the policy failed: see the log",
+    Reason.FAILED: "it failed when it started early",
 }
 _REMEDIES: dict[Reason, str] = {
-    Reason.STEADY: "give its arrows known likelihoods, together more than 0.5",
-    Reason.BRANCH: "give its Activity an undo=, or Prior(0.0) to arrows never taken",
+    Reason.STEADY: "give its transitions known likelihoods with a sum above 0.5",
+    Reason.BRANCH: "give its Activity an undo=, or Prior(0.0) to transitions that are never taken",
     Reason.UTILITY: "report progress in {other}, or change threshold or utility",
 }
 
 
 def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
-    """An objection of a report, with the labels of its machine."""
-    told, remedy = _filled(chart, one, _TOLD[one.reason]), _REMEDIES.get(one.reason, "")
+    """Return an objection of a report in words, with the labels of its machine."""
+    reason, remedy = _filled(chart, one, _REASONS[one.reason]), _REMEDIES.get(one.reason, "")
     if one.reason is not Reason.STEADY:
-        told = _filled(chart, one, "{state} did not start early: ") + told
-    return WhyNotEarly(told, _filled(chart, one, remedy))
+        reason = _filled(chart, one, "{state} did not start early: ") + reason
+    return WhyNotEarly(reason, _filled(chart, one, remedy))
 
 
 def why_stopped(chart: MachineChart, one: Objection) -> str:
-    """An objection to an activity that has started early: ``'reach': it has failed early``."""
-    return _filled(chart, one, "{state}: " + _TOLD[one.reason])
+    """Return an objection to an activity that started early.
+
+    For example ``'reach': it failed when it started early``.
+    """
+    return _filled(chart, one, "{state}: " + _REASONS[one.reason])
 
 
 def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
@@ -60,8 +63,10 @@ def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
 
 
 def late_objections(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
-    """The objections that held until a transition: to the activity of the state that is entered;
-    and that nothing was foreseen, if an activity was done then.
+    """Return the objections that held until a transition.
+
+    They concern the activity of the state that is entered, or, if an activity has just finished,
+    that no state was foreseen.
     """
     steady = now.before if now.taken.split(" [")[0] == "done" else -1
     entered = now.current if now.taken else -1

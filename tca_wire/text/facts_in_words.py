@@ -1,6 +1,4 @@
-"""The facts of a journal in words, one line each. Remembers the names of messages, and nothing
-else.
-"""
+"""The facts of a journal in words, one line each. The only state is the names of messages."""
 
 import re
 from collections.abc import Callable
@@ -17,12 +15,13 @@ from tca_wire.vocabulary import CENTRAL, Due, Scope
 from tca_wire.waits import WaitKind
 
 _COMMAND = "tca "
-"""The first part of the module names of command-line tools: "tca kill"."""
+"""The start of the module names of command-line tools: "tca kill"."""
 
 
 class Wording:
-    """Facts in words; a name stays known as long as facts about it may come. *known* names earlier
-    messages.
+    """Facts in words.
+
+    It remembers each message's name for later facts; *known* returns the names of earlier messages.
     """
 
     def __init__(self, known: Callable[[int], str] = lambda _: "?") -> None:
@@ -30,7 +29,7 @@ class Wording:
         self._known = known
 
     def words(self, fact: facts.Fact) -> str:
-        """A fact in words, without its kind and body."""
+        """Return a fact in words, without its kind and body."""
         if isinstance(fact, facts.Received):
             self._names[fact.id] = fact.message
         elif isinstance(fact, facts.Delivered | facts.Queued):
@@ -44,11 +43,11 @@ class Wording:
         return self.filled(phrase, fact)
 
     def filled(self, phrase: str, record: Any) -> str:
-        """A phrase with the fields of a record; its parts are explained at ``PHRASES``."""
+        """Fill a phrase with the fields of a record; ``PHRASES`` explains its parts."""
         return "".join(self._part(record, *part) for part in _parts(phrase))
 
     def _part(self, record: Any, flag: str, text: str, certain: str) -> str:
-        """A part of a phrase, filled in; "" for an optional part without values."""
+        """Fill a part of a phrase; return "" for an optional part without values."""
         if flag:
             text = text.partition("|")[0 if getattr(record, flag) else 2]
         words, *fields = _pieces(text or certain)
@@ -60,27 +59,28 @@ class Wording:
         return words
 
     def cause(self, cause: Cause) -> str:
-        """The cause of an entry: ``Kill by user, in the handler of walk {1}``."""
+        """Return the cause of an entry: ``Kill by user, in the handler of walk {1}``."""
         if isinstance(cause, TimeOver):
             return _DUE[cause.due] + (f" of {self.name(cause.about)}" if cause.about else "")
         if isinstance(cause, ConnectionLost):
             return f"a connection of {cause.module} was lost"
         if isinstance(cause, Administrator):
-            return "whoever runs central"
+            return "the operator of central"
         handler = f", in the handler of {self.name(cause.origin)}" if cause.origin else ""
-        return f"{cause.message or 'no message'}{by_whom(cause.module)}{handler}"
+        return f"{cause.message or 'an invalid request'}{by_whom(cause.module)}{handler}"
 
     def name(self, number: int) -> str:
-        """A message, task or lock: ``walk {1}``."""
+        """Return a message, task or lock: ``walk {1}``."""
         return f"{self._names.get(number) or self._known(number)} {{{number}}}"
 
     def point(self, point: Point) -> str:
-        """A point: ``end handling of walk {1}``."""
+        """Return a point: ``end handling of walk {1}``."""
         return f"{_moments(point.moment)} of {self.name(point.task)}"
 
     def constraint(self, constraint: Constraint) -> str:
-        """``end handling of walk {1} + 2 s before start handling of grip {2}``; or the delay alone
-        before it.
+        """Return ``end handling of walk {1} + 2 s before start handling of grip {2}``.
+
+        A constraint on time alone shows only the delay before "before".
         """
         before, delay = constraint.before, _seconds(constraint.delay) if constraint.delay else ""
         parts = [delay] if before.task == ROOT else [self.point(before), *filter(None, [delay])]
@@ -94,27 +94,31 @@ PHRASES: dict[type, str] = {
     facts.Closed: "{why}",
     facts.CentralFailed: "{why}",
     facts.CentralRestarted: (
-        "away for {away:seconds}, {awaited} connections awaited; no task starts until "
-        "[hold?somebody says so|all are back or lost]"
-        "[may_lack?; the last inputs may be missing, {aside} entries were put aside]"
+        "down for {away:seconds}; waiting for {awaited} connections; no task starts until "
+        "[hold?a module allows it|all are back or lost]"
+        "[may_lack?; the last inputs may be missing, {aside} entries were set aside]"
     ),
-    facts.Shortened: "what had ended by {until:seconds} was removed ('tca log prune')",
+    facts.Shortened: "removed all that had ended by {until:seconds} ('tca log prune')",
     facts.DiskSpace: "the disk of the journal [is_low?is nearly full|has room again]",
     facts.WentOn: "tasks start again{by:by}",
     facts.ModuleJoined: "{module}[, {process}][, {principal}]",
     facts.KeysChanged: "[allowed: {allowed:list} ][revoked: {revoked:list}]",
     facts.ModuleLeft: "{module}: {why}",
-    facts.PermissionsChanged: "[source?{rules} rules of {source}|whoever gets in may do everything]",
-    facts.ResourceChanged: "{module:place} takes {capacity} at a time",
-    facts.Recalling: "{module:place} [is_over?has said|is asked] what it has not begun",
+    facts.PermissionsChanged: (
+        "[source?{rules} rules of {source}|no rules: every module may do everything]"
+    ),
+    facts.ResourceChanged: "{module:place} handles up to {capacity} at a time",
+    facts.Recalling: (
+        "{module:place} [is_over?has answered|is asked] which prefetched messages have not started"
+    ),
     facts.FormatDefined: "{message_class} {message}, declared by {module}",
     facts.HandlerAdded: "{module:place} handles {message}",
-    facts.HandlerRemoved: "{module} handles {message} no longer",
+    facts.HandlerRemoved: "{module} no longer handles {message}",
     facts.RequestRefused: "{sender}: {refusal}: {text}",
     facts.Ignored: "{sender}: {text}",
     facts.Received: (
-        "{message_class} {id:name} from {sender}[ under {parent:name}][parent?|{origin:in}][blocking?, which waits]"
-        "[, {role} for {about:name}][; {constraints:constraints}]"
+        "{message_class} {id:name} from {sender}[ under {parent:name}][parent?|{origin:in}]"
+        "[blocking?, which waits][, {role} for {about:name}][; {constraints:constraints}]"
     ),
     facts.Queued: "{message_id:name} for [module?{module:place}|a handler][, priority {priority}]",
     facts.Delivered: (
@@ -124,20 +128,23 @@ PHRASES: dict[type, str] = {
     facts.Returned: "{id:name}: {outcome}",
     facts.Dropped: "{message} {id:number}[ of message {copy_of:number}]: {why}[: {where}]",
     facts.HandledDirectly: (
-        "{message} from {sender} to {module:place}{origin:in}, {size} bytes, {seconds:duration}: {outcome}[: {failure}]"
+        "{message} from {sender} to {module:place}{origin:in}, {size} bytes, {seconds:duration}:"
+        " {outcome}[: {failure}]"
     ),
     facts.LostDirectly: "{module}: {number} of [message?{message}|the notes of direct messages]",
     facts.Constrained: "{constraints:constraints}",
     facts.TimedOut: "{constraint:constraint}",
     facts.Reached: "{task:name}: {moments:moments}",
     facts.Killed: "{task:name}: {why:reason}",
-    facts.KillPlanned: "{scope:scope}{task:name}[ in {seconds:seconds}][ after {after:point}]: {why:reason}",
+    facts.KillPlanned: (
+        "{scope:scope}{task:name}[ in {seconds:seconds}][ after {after:point}]: {why:reason}"
+    ),
     facts.SendPlanned: "{message} when {task:name} is killed",
     facts.DeadlineSet: "{task:name}: {moment:moments} within {seconds:seconds}",
     facts.SuspendedOrResumed: "{task:name}[is_suspended?| is resumed]{by:by}",
     facts.StateChanged: "{task:name}: {transition}{module:by}[, now {state}][: {text}]",
     facts.Kept: "{task:name} by {module}",
-    facts.Released: "{task:name}[module? by {module}|: its record is gone]",
+    facts.Released: "{task:name}[module? by {module}|: its record was removed]",
     facts.Awaited: "the answer to {id:name}",
     facts.WaitBegan: "{module}{origin:in} for {task:awaited}",
     facts.WaitEnded: "{module}{origin:in} for {task:awaited}",
@@ -151,15 +158,16 @@ PHRASES: dict[type, str] = {
     facts.Unhandled: "{task:name}[, so {undecided:name} could not decide]",
     facts.Retried: "{task:name}{by:by}",
     facts.TapAdded: "{id:number} {listener} {condition} of [task?{task:name}|all {message}]{by:by}",
-    facts.TapFired: "{tap:number} for {tapped:name}: [listener?{listener:name}|nobody]",
+    facts.TapFired: (
+        "{tap:number} for {tapped:name}: [listener?{listener:name}|the listener has no handler]"
+    ),
     facts.MonitorTested: "{monitor:name}: [holds?holds|does not hold]",
     facts.MonitorEnded: "{monitor:name}: {why}",
 }
-"""The phrase of each kind of fact that is told by more than the name of what it is about, its first
-field.
+"""The phrase of each kind of fact; without one the phrase is the name of its first field.
 
 ``{field:form}`` is a field in one of the forms below. A part in brackets is left out if one of its
-fields is empty; of ``[field?this|that]`` the field decides which one stands there.
+fields is empty. In ``[field?this|that]`` the field selects the alternative.
 """
 
 _PART = re.compile(r"\[(?:(\w+)\?)?([^]]*)\]|([^[]+)")
@@ -168,14 +176,14 @@ _FIELD = re.compile(r"\{(\w+):?(\w*)\}")
 
 @cache
 def _parts(phrase: str) -> list[tuple[str, str, str]]:
-    """The parts of a phrase: its flag, its text if it is optional, its text if not."""
+    """Return the parts of a phrase: its flag, its text if it is optional, its text if not."""
     return _PART.findall(phrase)
 
 
 @cache
 def _pieces(text: str) -> list[str]:
-    """The words of a part before its first field; then name and form of each field, and the words
-    behind it.
+    """Split a part into its words before the first field, then name, form and following words of
+    each field.
     """
     return _FIELD.split(text)
 
@@ -184,46 +192,45 @@ _AWAITED = {WaitKind.CHANGE: "a change of ", WaitKind.PRESENCE: "handlers of "}
 
 _FORMS: dict[str, Callable[[Wording, Any, Any], str]] = {
     "": lambda _, __, value: str(value),
-    "at": lambda say, _, task: say.name(task) if task else "the root",
-    "attachment": lambda say, _, one: say.filled(ATTACHMENT, one),
-    "attachments": lambda say, _, several: " and ".join(
-        say.filled(ATTACHMENT, one) for one in several
+    "at": lambda wording, _, task: wording.name(task) if task else "the root",
+    "attachment": lambda wording, _, one: wording.filled(ATTACHMENT, one),
+    "attachments": lambda wording, _, several: " and ".join(
+        wording.filled(ATTACHMENT, one) for one in several
     ),
-    "awaited": lambda say, fact, task: (
-        _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or say.name(task))
+    "awaited": lambda wording, fact, task: (
+        _AWAITED.get(fact.awaits, "") + _moment_of(fact) + (fact.name or wording.name(task))
     ),
     "by": lambda _, __, by: by_whom(by),
-    "constraint": lambda say, _, one: say.constraint(one),
-    "constraints": lambda say, _, several: "; ".join(map(say.constraint, several)),
+    "constraint": lambda wording, _, one: wording.constraint(one),
+    "constraints": lambda wording, _, several: "; ".join(map(wording.constraint, several)),
     "date": lambda _, __, seconds: _date(seconds),
     "duration": lambda _, __, seconds: duration(seconds),
-    "in": lambda say, _, origin: f" in {say.name(origin)}" if origin else "",
+    "in": lambda wording, _, origin: f" in {wording.name(origin)}" if origin else "",
     "list": lambda _, __, names: ", ".join(names),
     "moments": lambda _, __, moments: _moments(moments),
-    "name": lambda say, _, number: say.name(number),
+    "name": lambda wording, _, number: wording.name(number),
     "number": lambda _, __, number: f"{{{number}}}",
     "original": lambda _, fact, number: f" of message {{{number}}}" if number != fact.id else "",
     "place": lambda _, fact, module: place(module, fact.resource),
-    "point": lambda say, _, point: say.point(point),
+    "point": lambda wording, _, point: wording.point(point),
     "raised": lambda _, __, by: raised_by(by),
     "reason": lambda _, fact, why: kill_reason(why, fact.by),
     "scope": lambda _, __, scope: f"{scope} of " if scope is not Scope.TASK else "",
     "seconds": lambda _, __, seconds: _seconds(seconds),
     "slot": lambda _, __, slot: f", slot {slot}" if slot > 1 else "",
 }
-"""How a field is written."""
+"""The forms of fields."""
 
 
 def fields_of(fact: facts.Fact) -> dict[str, object]:
-    """A fact as a dictionary for text forms: moments as words, bodies left out."""
+    """Return a fact as a dictionary for text forms: moments as words, bodies left out."""
     fields = {name: getattr(fact, name) for name in fact.__struct_fields__ if name != "body"}
     if isinstance(fact, facts.Reached):
         fields["moments"] = describe_moments(fact.moments)
     elif isinstance(fact, facts.WaitBegan | facts.DeadlineSet):
         fields["moment"] = ", ".join(describe_moments(fact.moment))
-    if isinstance(
-        fact, facts.WaitBegan | facts.WaitEnded
-    ):  # of the one for a task only that is told
+    if isinstance(fact, facts.WaitBegan | facts.WaitEnded):
+        # Show "awaits" and the other defaults only where they say something.
         fields = {name: value for name, value in fields.items() if value or name == "origin"}
         if fact.awaits is WaitKind.TASK:
             del fields["awaits"]
@@ -231,7 +238,7 @@ def fields_of(fact: facts.Fact) -> dict[str, object]:
 
 
 def subject_of(fact: facts.Fact) -> int:
-    """The message, task, lock or attachment that a fact is about; 0 for none."""
+    """Return the message, task, lock or attachment that a fact is about; 0 for none."""
     fields = (
         getattr(fact, name, None)
         for name in ("task", "message_id", "id", "tapped", "monitor", "handler")
@@ -240,40 +247,45 @@ def subject_of(fact: facts.Fact) -> int:
 
 
 def called(module: str) -> str:
-    """A module's own name: further copies of a program are known as ``legs#2``, ``legs#3``."""
+    """Return a module's own name: more copies of a program are known as ``legs#2``, ``legs#3``."""
     return module.partition("#")[0]
 
 
 def by_whom(by: str) -> str:
-    """The requester in words: " by legs", " by the command 'tca kill'"; "" for central itself."""
+    """Return the requester in words: " by legs", " by the command 'tca kill'"; "" for central
+    itself.
+    """
     if by.startswith(_COMMAND):
         return f" by the command '{called(by)}'"
     return f" by {by}" if by not in ("", CENTRAL) else ""
 
 
 def state_change(transition: str, state: str, module: str, text: str = "") -> str:
-    """A transition of a task's life cycle: ``update by planner, now update requested: it slips``.
-    Without a *state*, that stays as it was.
+    """Return a transition: ``update by planner, now update requested: it slips``.
+
+    Without a *state*, the state has not changed.
     """
-    return f"{transition}{by_whom(module)}{f', now {state}' if state else ''}{f': {text}' if text else ''}"
+    now, why = (f", now {state}" if state else ""), (f": {text}" if text else "")
+    return f"{transition}{by_whom(module)}{now}{why}"
 
 
 def kill_reason(why: str, by: str) -> str:
-    """The reason for a kill and its requester, unless that is central."""
-    whom = by_whom(by).strip()
-    return f"{why} ({whom})" if why and whom else why or whom
+    """Return the reason for a kill and its requester, unless that is central."""
+    requester = by_whom(by).strip()
+    return f"{why} ({requester})" if why and requester else why or requester
 
 
 def raised_by(by: str) -> str:
-    """The origin of a failure from outside the handler: " (raised by the command 'tca raise')"; ""
-    for central.
+    """Return the module that raised a failure outside the handler; "" for central.
+
+    For example " (raised by the command 'tca raise')".
     """
-    whom = by_whom(by)
-    return f" (raised{whom})" if whom else ""
+    requester = by_whom(by)
+    return f" (raised{requester})" if requester else ""
 
 
 def place(module: str, resource: str) -> str:
-    """A module's resource: only the module's name where both are named alike."""
+    """Return a module's resource; only the module's name where both have the same name."""
     return module if resource in ("", module) else f"{module} / {resource}"
 
 
@@ -283,10 +295,10 @@ _DUE = {
     Due.KILL: "time of the kill",
     Due.TEST: "time of the next test",
     Due.WATCHED: "end of the watch",
-    Due.LOOK: "look for deadlocks",
-    Due.HUNG: "look for a handler that hangs",
+    Due.LOOK: "check for deadlocks",
+    Due.HUNG: "check for a handler that hangs",
     Due.CLAIM: "timeout of a lock",
-    Due.GRACE: "end of the wait for those who were there before the restart",
+    Due.GRACE: "end of the wait for modules to reconnect after the restart",
 }
 
 
@@ -294,11 +306,11 @@ def _date(began: float) -> str:
     try:
         return f"{datetime.fromtimestamp(began, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
-        return "at no known time"
+        return "at an unknown time"
 
 
 def _seconds(seconds: float) -> str:
-    """To the millisecond, without noughts: ``3 s``, ``507.915 s``."""
+    """Return seconds to the millisecond, without trailing zeros: ``3 s``, ``507.915 s``."""
     return f"{round(seconds, 3) if seconds >= 0.001 else seconds:.12g} s"
 
 

@@ -1,13 +1,13 @@
-"""Lengths of time, counts, lists and numbered things in words: one form each, everywhere."""
+"""Durations, counts, lists and numbered things in words: one form each, everywhere."""
 
 from collections.abc import Sequence
 
 _NAMED = 3
-"""The number of names listed of several."""
+"""The number of names in a list; further names are counted."""
 
 
 def duration(seconds: float) -> str:
-    """``742 µs``, ``12.3 ms``, ``1.5 s``, ``12:05 min``, ``33:09:06 h``."""
+    """Return ``742 µs``, ``12.3 ms``, ``1.5 s``, ``12:05 min`` or ``33:09:06 h``."""
     if seconds < 5e-7:
         return "0 s"
     for unit, size in (("µs", 1e-6), ("ms", 1e-3)):
@@ -24,12 +24,12 @@ def duration(seconds: float) -> str:
 
 
 def run_time(seconds: float) -> str:
-    """A time of the run, in seconds since it began: ``12.300 s``."""
+    """Return a time of the run, in seconds since its start: ``12.300 s``."""
     return f"{seconds:.3f} s" if seconds < 10_000 else f"{seconds:.1f} s"
 
 
 def from_to(start: float, end: float | None) -> str:
-    """A span in words: ``from 0.700 s to 1.400 s``, or without end ``from 0.700 s on``."""
+    """Return a span: ``from 0.700 s to 1.400 s``, or without an end ``from 0.700 s on``."""
     return (
         f"from {run_time(start)} on"
         if end is None
@@ -38,12 +38,12 @@ def from_to(start: float, end: float | None) -> str:
 
 
 def percent(share: float) -> str:
-    """``62%``, ``4.1%``."""
+    """Return ``62%``, ``4.1%``."""
     return f"{share:.0%}" if share >= 0.0995 else f"{share:.1%}"
 
 
 def size(octets: float) -> str:
-    """``812 bytes``, ``1.5 KiB``, ``320 MiB``."""
+    """Return ``812 bytes``, ``1.5 KiB``, ``320 MiB``."""
     if octets < 1 << 10:
         return f"{octets:.0f} bytes"
     unit = next(
@@ -55,24 +55,25 @@ def size(octets: float) -> str:
 
 
 def times(number: int) -> str:
-    """``once``, ``twice``, ``3 times``."""
+    """Return ``once``, ``twice``, ``3 times``."""
     return {1: "once", 2: "twice"}.get(number, f"{number:,} times")
 
 
-def counted(number: int, what: str) -> str:
-    """``1 task``, ``2 tasks``, ``12,000 tasks``."""
-    return f"{number:,} {what}{'s' * (number != 1)}"
+def counted(number: int, noun: str) -> str:
+    """Return ``1 task``, ``2 tasks``, ``12,000 tasks``."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
 def listed(names: Sequence[str], more: int = 0, *, named: int = _NAMED) -> str:
-    """``a``, ``a and b``, ``a, b and c``, ``a, b, c and 52 more``. Of very many only the first are
-    *named*.
+    """Return ``a``, ``a and b``, ``a, b and c``, or ``a, b, c and 52 more``.
+
+    Only the first *named* names are shown; *more* counts names that are not given at all.
     """
     more += max(len(names) - named, 0)
-    told = [*names[:named], *([f"{more:,} more"] if more else [])]
-    return f"{', '.join(told[:-1])} and {told[-1]}" if len(told) > 1 else "".join(told)
+    parts = [*names[:named], *([f"{more:,} more"] if more else [])]
+    return f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else "".join(parts)
 
 
 def numbered(name: str, number: int) -> str:
-    """A task, message or lock: ``grip {24}``."""
+    """Return a task, message or lock: ``grip {24}``."""
     return f"{name} {{{number}}}" if number else name

@@ -1,9 +1,12 @@
-"""Words for what needs a package that is not installed."""
+"""The error for a missing optional package."""
 
 
-def missing_package(what: str, package: str, extra: str, otherwise: str = "") -> str:
-    """``a report needs the Python package 'jinja2': pip install 'tca-central[report]'``, or what
-    else would do.
+def missing_package(feature: str, package: str, extra: str, otherwise: str = "") -> str:
+    """Return ``a report needs the Python package 'jinja2': pip install 'tca-central[report]'``.
+
+    *otherwise* is an alternative.
     """
     other = f", or {otherwise}" if otherwise else ""
-    return f"{what} needs the Python package '{package}': pip install 'tca-central[{extra}]'{other}"
+    return (
+        f"{feature} needs the Python package '{package}': pip install 'tca-central[{extra}]'{other}"
+    )

@@ -1,4 +1,4 @@
-"""Advice for a name that is not known, for the end of an error."""
+"""Advice for an unknown name, for the end of an error."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -7,12 +7,12 @@ from tca_wire.text.printable import printable
 
 
 def did_you_mean(name: str, known: Iterable[str], lead: str = "") -> str:
-    """A question for the nearest of the known names, after *lead*; "" if none is near."""
+    """Return a question for the nearest known name, after *lead*; "" if none is near."""
     found = get_close_matches(name, sorted(known), n=1)
     return f"{lead}did you mean '{printable(found[0])}'?" if found else ""
 
 
 def nearest_or_all(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
-    """The same; all known names if none is near."""
+    """Return a question for the nearest known name; all known names if none is near."""
     names = sorted(known)
     return did_you_mean(name, names) or f"{otherwise} {', '.join(map(printable, names)) or 'none'}"

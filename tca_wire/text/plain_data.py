@@ -1,8 +1,7 @@
-"""Plain values (what JSON has, or what a person types) made into data of a format that is known as
-JSON Schema only.
+"""Plain values (JSON, or typed text) as data of a format that is known only as JSON Schema.
 
-For programs that send messages which they did not declare, such as the command line. Stricter than
-a decoder: a field that the format does not know is refused, for it is a slip of the pen.
+For programs that send messages which they did not declare, such as the command line. It is stricter
+than a decoder: it refuses an unknown field, which is most likely a typing error.
 """
 
 import base64
@@ -20,25 +19,36 @@ from tca_wire.messages.schemas import TEXT_FORMATS
 from tca_wire.text.nearest import did_you_mean
 
 _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
-    "minimum": (lambda value, bound: value >= bound, "at least {}"),
-    "maximum": (lambda value, bound: value <= bound, "at most {}"),
-    "exclusiveMinimum": (lambda value, bound: value > bound, "more than {}"),
-    "exclusiveMaximum": (lambda value, bound: value < bound, "less than {}"),
-    "multipleOf": (lambda value, bound: value % bound == 0, "a multiple of {}"),
-    "minLength": (lambda value, bound: len(value) >= bound, "at least {} characters"),
-    "maxLength": (lambda value, bound: len(value) <= bound, "at most {} characters"),
-    "pattern": (lambda value, pattern: re.search(pattern, value) is not None, "text like {}"),
-    "minItems": (lambda value, bound: len(value) >= bound, "at least {} items"),
-    "maxItems": (lambda value, bound: len(value) <= bound, "at most {} items"),
+    "minimum": (lambda value, bound: value >= bound, "be at least {}"),
+    "maximum": (lambda value, bound: value <= bound, "be at most {}"),
+    "exclusiveMinimum": (lambda value, bound: value > bound, "be more than {}"),
+    "exclusiveMaximum": (lambda value, bound: value < bound, "be less than {}"),
+    "multipleOf": (lambda value, bound: value % bound == 0, "be a multiple of {}"),
+    "minLength": (lambda value, bound: len(value) >= bound, "have at least {} characters"),
+    "maxLength": (lambda value, bound: len(value) <= bound, "have at most {} characters"),
+    "pattern": (lambda value, pattern: re.search(pattern, value) is not None, "match {}"),
+    "minItems": (lambda value, bound: len(value) >= bound, "have at least {} items"),
+    "maxItems": (lambda value, bound: len(value) <= bound, "have at most {} items"),
 }
 _WORDS = {
-    "object": "an object", "array": "a list", "string": "a text", "integer": "a whole number", "number": "a number",
-    "boolean": "true or false", "null": "null", "date": "a date like 2024-02-03",
-    "date-time": "a time like 2024-02-03T12:00:00Z", "partial-date-time": "a time like 2024-02-03T12:00:00",
-    "any-date-time": "a time like 2024-02-03T12:00:00Z, or without the Z", "time": "a time of day like 12:00:00Z",
-    "partial-time": "a time of day like 12:00:00", "any-time": "a time of day like 12:00:00",
-    "duration": "a duration like PT1.5S", "uuid": "a UUID", "decimal": "a decimal number as text",
-}  # fmt: skip
+    "object": "an object",
+    "array": "a list",
+    "string": "text",
+    "integer": "a whole number",
+    "number": "a number",
+    "boolean": "true or false",
+    "null": "null",
+    "date": "a date like 2024-02-03",
+    "date-time": "a time like 2024-02-03T12:00:00Z",
+    "partial-date-time": "a time like 2024-02-03T12:00:00",
+    "any-date-time": "a time like 2024-02-03T12:00:00Z (or without Z)",
+    "time": "a time of day like 12:00:00Z",
+    "partial-time": "a time of day like 12:00:00",
+    "any-time": "a time of day like 12:00:00",
+    "duration": "a duration like PT1.5S",
+    "uuid": "a UUID",
+    "decimal": "a decimal number as text",
+}
 _SIMPLE: dict[str, Any] = {
     "integer": int,
     "number": int | float,
@@ -49,9 +59,7 @@ _LONGEST_SHOWN = 40
 
 
 class FieldMisfit(BadData):
-    """A value that does not fit: the *path* of its field ("": the whole), and the *problem* in
-    words.
-    """
+    """A value does not fit: the *path* of its field ("": the whole), and the *problem* in words."""
 
     def __init__(self, path: str, problem: str) -> None:
         super().__init__(f"field '{path}' {problem}" if path else f"the data {problem}")
@@ -69,7 +77,7 @@ class Bare:
 
     @property
     def value(self) -> Any:
-        """The JSON value that the text is; the text, if it is none."""
+        """The JSON value of the text; the text itself if it is not JSON."""
         try:
             return json.loads(self.text)
         except (ValueError, RecursionError):
@@ -77,9 +85,7 @@ class Bare:
 
 
 class PlainFormat(Format[Any]):
-    """A format of which only the schema is known. Its values are plain: dicts, lists, texts,
-    numbers, None.
-    """
+    """A format with a known schema only; its values are dicts, lists, texts, numbers and None."""
 
     def __init__(self, schema: str) -> None:
         try:
@@ -99,9 +105,7 @@ class PlainFormat(Format[Any]):
         return _DataBuilder(self.shape).takes_fields(self.shape)
 
     def encode(self, value: Any) -> bytes:
-        """*value*, in which texts may be Bare, as bytes. Raises BadData, naming the field, if it
-        does not fit.
-        """
+        """Encode *value*, in which texts may be Bare. Raises BadData, naming the field."""
         try:
             fitted = _DataBuilder(self.shape).fit(self.shape, value, "")
         except RecursionError:
@@ -110,7 +114,7 @@ class PlainFormat(Format[Any]):
 
 
 def _sound(schema: Any) -> dict[str, Any]:
-    """A schema without the parts that are none: it comes from anybody."""
+    """Return a schema without its invalid parts: any client may have sent it."""
     if not isinstance(schema, dict):
         return {}
     parts = {key: _PARTS[key](part) if key in _PARTS else part for key, part in schema.items()}
@@ -152,8 +156,9 @@ _PARTS: dict[str, Callable[[Any], Any]] = {
 
 
 def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
-    """Why the field at *path* (none: the whole) can't be *value*; "" if it can, as far as formats
-    tell.
+    """Return why the field at *path* (empty: the whole) can't be *value*; "" if it can.
+
+    Schemas do not describe everything: a value that is not described passes.
     """
     whole = PlainFormat(schema).shape
     fitting, problem = _DataBuilder(whole), ""
@@ -171,7 +176,7 @@ def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
 
 
 def knows_field(schema: str, path: Sequence[str]) -> bool:
-    """Whether data of a format may have a field at *path*."""
+    """Return whether data of a format may have a field at *path*."""
     whole = PlainFormat(schema).shape
     try:
         _DataBuilder(whole).field(whole, path)
@@ -193,7 +198,7 @@ class _DataBuilder:
         }
 
     def _resolve(self, schema: Any) -> dict[str, Any]:
-        for _ in range(100):  # a chain of references, or a circle
+        for _ in range(100):  # bounded: references may form a cycle
             if not isinstance(schema, dict) or "$ref" not in schema:
                 break
             schema = self._definitions.get(str(schema["$ref"]).rpartition("/")[2], {})
@@ -206,7 +211,9 @@ class _DataBuilder:
         return schema.get("type", "object") == "object" and "enum" not in schema
 
     def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
-        """The schemas that the field at *path* may have; raises BadData where there is none."""
+        """Return the schemas that the field at *path* may have. Raises BadData for an unknown
+        field.
+        """
         found = self._options(schema)
         for depth, name in enumerate(path):
             known = [key for option in found for key in option.get("properties", ())]
@@ -224,12 +231,12 @@ class _DataBuilder:
     def _fields_named(self, schema: dict[str, Any], name: str) -> list[Any]:
         if schema.get("type", "object") != "object" or "enum" in schema:
             return []
-        others = schema.get("additionalProperties", "properties" not in schema)
-        field = schema.get("properties", {}).get(name, others)
+        additional = schema.get("additionalProperties", "properties" not in schema)
+        field = schema.get("properties", {}).get(name, additional)
         return [] if field is False else self._options(field)
 
     def fit(self, schema: Any, value: Any, path: str) -> Any:
-        """The data that *value* is; raises BadData where it is none."""
+        """Return the data for *value*. Raises BadData if it does not fit."""
         if isinstance(value, Bare):
             return self._fit_bare(schema, value, path)
         schema = self._resolve(schema)
@@ -258,18 +265,18 @@ class _DataBuilder:
 
     def _any(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         options = schema["anyOf"]
-        told = schema.get("discriminator", {})
-        kind = value.get(told.get("propertyName")) if isinstance(value, dict) else None
+        tag = schema.get("discriminator", {})
+        kind = value.get(tag.get("propertyName")) if isinstance(value, dict) else None
         kind = kind.value if isinstance(kind, Bare) else kind
-        if isinstance(kind, str) and kind in told.get("mapping", {}):
-            return self.fit({"$ref": told["mapping"][kind]}, value, path)
+        if isinstance(kind, str) and kind in tag.get("mapping", {}):
+            return self.fit({"$ref": tag["mapping"][kind]}, value, path)
         errors = []
         for option in options:
             try:
                 return self.fit(option, value, path)
             except BadData as error:
                 errors.append((option, error))
-        if isinstance(value, dict):  # an error in its fields says more than "none of them"
+        if isinstance(value, dict):  # an error in a field says more than "fits none"
             with_fields = [error for option, error in errors if self.takes_fields(option)]
             if len(with_fields) == 1:
                 raise with_fields[0]
@@ -278,13 +285,13 @@ class _DataBuilder:
     # --- one type each ----------------------------------------------------------------------------
 
     def _object(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        fields, others = (
+        fields, additional = (
             schema.get("properties", {}),
             schema.get("additionalProperties", "properties" not in schema),
         )
         if not isinstance(value, dict):
             raise self._unfit(schema, value, path)
-        for name in value if others is False else ():
+        for name in value if additional is False else ():
             if name not in fields:
                 raise FieldMisfit(_field(path, name), f"is unknown: {_advice(name, list(fields))}")
         for name in schema.get("required", ()):
@@ -295,13 +302,13 @@ class _DataBuilder:
         names = schema.get("propertyNames", {})
         return {
             self._key(names, name, path): self.fit(
-                fields.get(name, others), one, _field(path, name)
+                fields.get(name, additional), one, _field(path, name)
             )
             for name, one in value.items()
         }
 
     def _key(self, schema: dict[str, Any], name: Any, path: str) -> Any:
-        """A key of a mapping: JSON writes all keys as text."""
+        """Return a key of a mapping: JSON writes all keys as text."""
         is_text = schema.get("type", "string") == "string" and "enum" not in schema
         return self.fit(
             schema, name if is_text or not isinstance(name, str) else Bare(name), _field(path, name)
@@ -327,9 +334,7 @@ class _DataBuilder:
             try:
                 return base64.b64decode(value, validate=True)
             except (binascii.Error, ValueError):
-                raise FieldMisfit(
-                    path, f"holds bytes, written in base64, and {_shown(value)} is not"
-                ) from None
+                raise FieldMisfit(path, f"must be bytes in base64, not {_shown(value)}") from None
         if kind := TEXT_FORMATS.get(schema.get("format", "")):
             try:
                 msgspec.convert(value, kind)
@@ -349,7 +354,7 @@ class _DataBuilder:
     # --- in words ---------------------------------------------------------------------------------
 
     def _unfit(self, schema: dict[str, Any], value: Any, path: str) -> FieldMisfit:
-        return FieldMisfit(path, f"must be {self._wanted(schema)}, and {_shown(value)} is not")
+        return FieldMisfit(path, f"must be {self._wanted(schema)}, not {_shown(value)}")
 
     def _wanted(self, schema: Any) -> str:
         schema = self._resolve(schema)
@@ -359,11 +364,11 @@ class _DataBuilder:
             return " or ".join(self._wanted(option) for option in schema["anyOf"])
         if fields := schema.get("properties"):
             return f"an object with {', '.join(fields)}"
-        return _WORDS.get(schema.get("format") or schema.get("type"), "something else")
+        return _WORDS.get(schema.get("format") or schema.get("type"), "a value of another type")
 
 
 def _without_bare(value: Any) -> Any:
-    """Data without a schema: typed text is JSON, if it can be."""
+    """Return data without a schema: typed text becomes JSON where possible."""
     if isinstance(value, dict):
         return {name: _without_bare(one) for name, one in value.items()}
     if isinstance(value, list):
@@ -377,12 +382,10 @@ def _check_bounds(schema: dict[str, Any], value: Any, path: str) -> None:
             continue
         try:
             is_met = holds(value, schema[key])
-        except (TypeError, re.error, ZeroDivisionError):  # the schema comes from anybody
+        except (TypeError, re.error, ZeroDivisionError):  # any client may have sent the schema
             continue
         if not is_met:
-            raise FieldMisfit(
-                path, f"must be {words.format(schema[key])}, and {_shown(value)} is not"
-            )
+            raise FieldMisfit(path, f"must {words.format(schema[key])}, not {_shown(value)}")
 
 
 def _shown(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Waits in English: the words after "waits". No other place has them."""
+"""Waits in English: the words after "waits". No other module words them."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -25,21 +25,23 @@ Waits = Sequence[WaitFor]
 
 
 def in_words(wait: WaitFor, now: float | None = None) -> str:
-    """One wait: ``until move leg {4} is achieved``. With *now* a delay is told as how long it still
-    takes, and of a suspension how long it has lasted.
+    """Return one wait: ``until move leg {4} is achieved``.
+
+    With *now*, a delay shows the time that is left, and a suspension the time since its start.
     """
     return _WORDS[wait.kind](_Alike([wait], now))
 
 
 def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
-    """Several waits, grouped by kind and moment: ``until a {1} and b {2} are achieved, and for
-    legs``.
+    """Return several waits, grouped by kind and moment.
+
+    For example ``until a {1} and b {2} are achieved, and for legs``.
     """
     return ", and ".join(clauses(waits, now))
 
 
 def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
-    """A clause for each group of waits."""
+    """Return a clause for each group of waits."""
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         is_plain = wait.kind in _TOGETHER and not wait.because
@@ -49,9 +51,7 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
 
 
 def waiter_in_words(waiter: Waiter) -> str:
-    """The waiter: ``walk {3}``, ``walk {3} in planner``, ``module panel``, ``step {5} and 2
-    more``.
-    """
+    """Return a waiter: ``walk {3} in planner``, ``module panel``, ``step {5} and 2 more``."""
     if not waiter.number:
         return f"module {waiter.module}"
     where = f" in {waiter.module}" if waiter.module else ""
@@ -60,8 +60,9 @@ def waiter_in_words(waiter: Waiter) -> str:
 
 
 def whereabouts(query: WaitFor) -> str:
-    """The place of a query without an answer: ``no module handles it``, ``it is queued for arm``;
-    or the modules that have not answered.
+    """Return the place of an unanswered query: ``no module handles it``, ``it is queued for arm``.
+
+    For a multi-query: the modules that have not answered.
     """
     if len(query.because) > 1 or query.answered:
         return not_answered(query)
@@ -75,9 +76,10 @@ def whereabouts(query: WaitFor) -> str:
 
 
 def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
-    """The causes of one wait, one after the other or at once, with how many seconds each took:
-    ``for legs, busy with grip {3} (3 s); busy with move {4} (2 s); and 2 more (520 ms)``. Those
-    that took longest are named.
+    """Return the causes of one wait, with the seconds that each took.
+
+    For example ``for legs, busy with grip {3} (3 s); busy with move {4} (2 s); and 2 more (520
+    ms)``. The longest causes are named.
     """
     lengths: dict[WaitFor, float] = {}
     for wait, seconds in causes:
@@ -86,33 +88,33 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
         return in_words(next(iter(lengths)))
     longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
     first = next(wait for wait in lengths if wait in longest)
-    told, more = list[str](), list[float]()
+    parts, more = list[str](), list[float]()
     for wait, seconds in lengths.items():
         if wait not in longest:
             more.append(seconds)
             continue
         text = in_words(wait)
-        if wait is not first and wait.because and wait.kind is first.kind in _KEPT:
-            text = _keepers(wait.because)  # words shared with the first are not repeated
-        told.append(f"{text} ({duration(seconds)})")
+        if wait is not first and wait.because and wait.kind is first.kind in _ON_RESOURCES:
+            text = _blockers(wait.because)  # words shared with the first are not repeated
+        parts.append(f"{text} ({duration(seconds)})")
     if more:
-        told.append(f"and {len(more):,} more ({duration(sum(more))})")
-    return "; ".join(told)
+        parts.append(f"and {len(more):,} more ({duration(sum(more))})")
+    return "; ".join(parts)
 
 
 def reached(moment: int, number: int = 1) -> str:
-    """The verb of so many tasks that reach a moment: ``is achieved``, ``have been handled``."""
+    """Return the verb for tasks that reach a moment: ``is achieved``, ``have been handled``."""
     verb, rest = _REACHED[moment]
     return f"{verb if number == 1 else _OF_SEVERAL[verb]} {rest}"
 
 
 def suspended_by(module: str, *, since_birth: bool) -> str:
-    """A suspension: ``suspended by panel``, ``suspended since its birth by planner``."""
-    return f"suspended{' since its birth' * since_birth}{by_whom(module)}"
+    """Return a suspension: ``suspended by panel``, ``suspended since its creation by planner``."""
+    return f"suspended{' since its creation' * since_birth}{by_whom(module)}"
 
 
 class _Alike:
-    """Waits of one kind and moment, told in one clause."""
+    """Waits of one kind and moment, shown in one clause."""
 
     def __init__(self, waits: Waits, now: float | None = None) -> None:
         more = sum(one.more for one in waits)
@@ -152,59 +154,61 @@ def _reply(waits: _Alike) -> str:
 
 
 def _resource(waits: _Alike) -> str:
-    others = f" (or {waits.first.more} more)" if waits.first.more else ""
-    return f"for {waits.place}{others}{_kept(waits.first.because)}"
+    alternatives = f" (or {waits.first.more} more)" if waits.first.more else ""
+    return f"for {waits.place}{alternatives}{_blocked_by(waits.first.because)}"
 
 
 def _lock(waits: _Alike) -> str:
     of = numbered(f"{waits.first.name or 'lock'} of {waits.place}", waits.first.number)
-    return f"for the {of}{_kept(waits.first.because)}"
+    return f"for the {of}{_blocked_by(waits.first.because)}"
 
 
-def _kept(because: Waits) -> str:
-    """The users that block a resource: ``, busy with walk {3} and 2 more``, ``, which panel has
+def _blocked_by(because: Waits) -> str:
+    """Return what blocks a resource: ``, busy with walk {3} and 2 more``, ``, which panel has
     locked``.
     """
-    return f", {_keepers(because)}" if because else ""
+    return f", {_blockers(because)}" if because else ""
 
 
-def _keepers(because: Waits) -> str:
+def _blockers(because: Waits) -> str:
     running = [one for one in because if one.kind is WaitKind.RUNNING]
     parts = [f"busy with {_Alike(running).names}"] if running else []
     parts += [
-        f"which {_keeper(one, ' first' if running else '')}"
+        f"which {_blocker(one, ' first' if running else '')}"
         for one in because
         if one not in running
     ]
     return ", and ".join(parts)
 
 
-def _keeper(wait: WaitFor, order: str) -> str:
+def _blocker(wait: WaitFor, order: str) -> str:
     if wait.kind is WaitKind.HANDLER:
         return "has no handler now"
-    whose = ""
+    purpose = ""
     if wait.because:
         message = wait.because[0]
         how = "while handling" if message.kind is WaitKind.RUNNING else "for"
-        whose = f" {how} {numbered(message.name, message.number)}"
+        purpose = f" {how} {numbered(message.name, message.number)}"
     to_lock, has_locked = (
         ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
     )
     how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}{order}"
-    return f"{wait.module} {how}{whose}"
+    return f"{wait.module} {how}{purpose}"
 
 
 def not_answered(query: WaitFor) -> str:
-    """A multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered (1 of 3
-    answered)``.
+    """Return a multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered``.
+
+    If some have, ``(1 of 3 answered)`` follows.
     """
     number, answered = len(query.because), query.answered
-    told = f" ({answered} of {answered + number} answered)" if answered else ""
-    return f"{listed([_who(one) for one in query.because])} {'has' if number == 1 else 'have'} not answered{told}"
+    counts = f" ({answered} of {answered + number} answered)" if answered else ""
+    verb = "has" if number == 1 else "have"
+    return f"{listed([_handler_of(one) for one in query.because])} {verb} not answered{counts}"
 
 
-def _who(where: WaitFor) -> str:
-    queued = f" (queued{_kept(where.because)})" if where.kind is WaitKind.RESOURCE else ""
+def _handler_of(where: WaitFor) -> str:
+    queued = f" (queued{_blocked_by(where.because)})" if where.kind is WaitKind.RESOURCE else ""
     return place(where.module, where.resource) + queued
 
 
@@ -223,19 +227,19 @@ def _resume(waits: _Alike) -> str:
 def _condition(waits: _Alike) -> str:
     if not waits.first.name:
         return "until it is fired"
-    last = {None: "has not been tested", False: "did not hold", True: "held"}
-    return f"for its condition {waits.names}, which {last[waits.first.holds]}"
+    last_test = {None: "not tested yet", False: "did not hold last time", True: "held last time"}
+    return f"for its condition {waits.names} ({last_test[waits.first.holds]})"
 
 
 def _running(waits: _Alike) -> str:
     first = waits.first
-    whose = f"the handler of {waits.names}" if first.number else "its handler"
+    handler = f"the handler of {waits.names}" if first.number else "its handler"
     where = f" in {waits.place}" if first.module and waits.number == 1 else ""
     on = f", which waits {several_in_words(first.because)}" if first.because else ""
-    return f"until {whose}{where} returns{on}"
+    return f"until {handler}{where} returns{on}"
 
 
-_KEPT = (WaitKind.RESOURCE, WaitKind.LOCK)
+_ON_RESOURCES = (WaitKind.RESOURCE, WaitKind.LOCK)
 _TOGETHER = frozenset(
     (
         WaitKind.CONSTRAINT,
@@ -248,7 +252,7 @@ _TOGETHER = frozenset(
         WaitKind.CHANGE,
     )
 )
-"""Kinds of which several are told in one clause."""
+"""The kinds of which several waits share one clause."""
 
 _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     WaitKind.CONSTRAINT: _point,
@@ -256,7 +260,8 @@ _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     WaitKind.TASK: _point,
     WaitKind.PARENT: lambda waits: f"until its parent {waits.names} {waits.reached}",
     WaitKind.LISTENER: lambda waits: (
-        f"until {waits.names}, the listener of a wiretap{by_whom(waits.first.module)}, {waits.reached}"
+        f"until {waits.names}, the listener of a wiretap{by_whom(waits.first.module)},"
+        f" {waits.reached}"
     ),
     WaitKind.DELAY: _delay,
     WaitKind.RESOURCE: _resource,
@@ -266,7 +271,9 @@ _WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
     WaitKind.LOCK: _lock,
     WaitKind.RESUME: _resume,
     WaitKind.RECOVERY: lambda waits: (
-        f"until {waits.names if waits.first.number else 'somebody'} has dealt with its failure"
+        f"until {waits.names} has dealt with its failure"
+        if waits.first.number
+        else "until its failure is dealt with"
     ),
     WaitKind.CHANGE: lambda waits: f"for a change of {waits.names}",
     WaitKind.CONDITION: _condition,

@@ -1,4 +1,4 @@
-"""Waits: their kinds, one wait as data, and the walk to their ends."""
+"""Waits: their kinds, one wait as data, and the search for their ends."""
 
 from tca_wire.waits.kinds import NAMED, CommonEnd, Waiter, WaitFor, WaitKind, first_ones
 

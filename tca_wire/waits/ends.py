@@ -1,7 +1,7 @@
-"""The ends of waits: from wait to wait until something waits for nothing else.
+"""The ends of waits: follow waits until something waits for nothing else.
 
-Central's state and a run at a moment each offer their waits as a graph. Each node is looked at
-once, however many wait for it, and nothing recurses.
+Central's state and a run at a moment both offer their waits as a graph. The search visits each node
+once, however many nodes wait for it, and does not recurse.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,39 +10,37 @@ from itertools import groupby, islice
 from typing import Any, Generic, Protocol, TypeVar
 
 MOST = 100
-"""Ends of one node that are told apart."""
+"""The number of ends of one node that are listed."""
 
 NodeT = TypeVar("NodeT")
 EndT_co = TypeVar("EndT_co", covariant=True)
 
 
 class TooFarError(Exception):
-    """A graph may not be followed any further. What was found before remains known."""
+    """A graph must not be followed any further. The ends found before remain known."""
 
 
 class WaitGraph(Protocol[NodeT, EndT_co]):
-    """Something that has waits."""
+    """A graph of waits."""
 
     def steps(self, node: NodeT) -> tuple[Sequence[NodeT], Sequence[EndT_co]]:
-        """The nodes that come before a node; and its own ends, by which it waits for nothing
-        else.
-        """
+        """Return the nodes that a node waits for, and its own ends, which wait for nothing."""
 
     def circle(self, nodes: list[NodeT]) -> EndT_co:
-        """The end of nodes that wait for each other, and for nothing else."""
+        """Return the end of nodes that wait for each other, and for nothing else."""
 
 
 class Ends(Generic[NodeT, EndT_co]):
-    """The ends of all waits of a graph, as far as they have been asked for."""
+    """The ends of the waits of a graph, computed on demand."""
 
     def __init__(self, graph: WaitGraph[NodeT, EndT_co]) -> None:
         self._graph = graph
         self.known: dict[NodeT, tuple[EndT_co, ...]] = {}
         self.circles: dict[EndT_co, list[NodeT]] = {}
-        """The nodes of each circle that was found."""
+        """The nodes of each cycle that was found."""
 
     def of(self, node: NodeT) -> tuple[EndT_co, ...]:
-        """The sorted ends of a node: the first ``MOST``, and one more if there are more."""
+        """Return the sorted ends of a node: the first ``MOST``, and one more if there are more."""
         known, start = self.known, node
         if (ends := known.get(start)) is not None:
             return ends
@@ -60,44 +58,48 @@ class Ends(Generic[NodeT, EndT_co]):
         return known[start]
 
     def _find(self, start: NodeT) -> None:
-        """Go depth first to where something waits for nothing else; what waits for each other is
-        found together (Tarjan's algorithm, without recursion).
+        """Search depth first for ends; nodes that wait for each other are found together.
+
+        This is Tarjan's algorithm for strongly connected components, without recursion.
         """
         known, order, lowest = self.known, dict[NodeT, int](), dict[NodeT, int]()
         undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]] = {}
-        way: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
-        while way:
-            node, nexts, rest = way[-1]
+        path: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
+        while path:
+            node, nexts, rest = path[-1]
             for new in rest:
                 if new in order or new in known:
                     continue
                 order[new] = lowest[new] = len(order)
                 further, own = self._graph.steps(new)
+                # Its only successor is known: it has the same ends, and needs no search.
                 if len(further) == 1 and not own and further[0] in known:
                     known[new] = known[further[0]]
                     continue
                 undecided[new] = further, own
-                way.append((new, further, iter(further)))
+                path.append((new, further, iter(further)))
                 break
             else:
-                way.pop()
+                path.pop()
                 lowest[node] = min(
                     [lowest[node], *(lowest[one] for one in nexts if one not in known)]
                 )
                 if lowest[node] == order[node] and node in undecided:
-                    self._settle(undecided, node)
+                    self._record_component(undecided, node)
 
-    def _settle(
+    def _record_component(
         self, undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]], first: NodeT
     ) -> None:
-        """Give each circle of waits, or single node, the ends of all that it waits for elsewhere,
-        and its own.
+        """Record the ends of a cycle of waits, or of a single node.
+
+        They are its own ends and the ends of everything that it waits for.
         """
         group = dict([undecided.popitem()])
         while first not in group:
             group.update([undecided.popitem()])
         own: set[Any] = {end for _, ends in group.values() for end in ends}
         beyond = (self.known[to] for nexts, _ in group.values() for to in nexts if to in self.known)
+        # Nodes share tuples of ends: distinct identities leave little to merge.
         several: list[Any] = [*{id(ends): ends for ends in beyond}.values()]
         if own:
             several.append(tuple(sorted(own)))

@@ -1,7 +1,7 @@
-"""Waits as data: their kinds, and one wait as shown to people.
+"""Waits as data: their kinds, and one wait for display.
 
-Central (for `tca status` and the texts of errors) and the tools (for all that explains a run) use
-the same kinds. The words stand in text/waits_in_words.py.
+Central (for `tca status` and the texts of errors) and the tools (for explanations of a run) use the
+same kinds. The words are in text/waits_in_words.py.
 """
 
 from collections.abc import Sequence
@@ -11,104 +11,107 @@ import msgspec
 from msgspec.structs import replace
 
 NAMED = 3
-"""Waits of one kind that are told one by one."""
+"""The number of waits of one kind that are listed."""
 
 
 class WaitKind(StrEnum):
-    """Why something does not go on."""
+    """The reason why something does not continue."""
 
-    CONSTRAINT = "constraint"  # a point of another task has to come first
-    PARENT = "parent"  # a point of its parent has to come first
-    DELAY = "delay"  # time has to pass
+    CONSTRAINT = "constraint"  # a point of another task must be reached first
+    PARENT = "parent"  # a point of its parent must be reached first
+    DELAY = "delay"  # a time must pass
     LISTENER = "listener"  # the listener of a wiretap holds it
-    SUBTASK = "subtask"  # a task under it has not got so far
-    RESOURCE = "resource"  # it is queued, and the resource is busy or kept by somebody
+    SUBTASK = "subtask"  # a descendant has not reached that moment
+    RESOURCE = "resource"  # it is queued: the resource is busy or locked
     HANDLER = "handler"  # no module handles it
     REPLY = "reply"  # its handler blocks until a query is answered
     TASK = "task"  # its handler blocks until a task reaches a moment
-    LOCK = "lock"  # its handler blocks until it has a resource for itself
-    CHANGE = (
-        "change"  # its handler blocks until the state of a task changes, or it reports something
-    )
+    LOCK = "lock"  # its handler blocks until it gets a lock
+    CHANGE = "change"  # its handler blocks until a task changes its state or reports something
     RESUME = "resume"  # it is suspended
     RECOVERY = "recovery"  # an exception handler decides on it
     PRESENCE = "presence"  # a module waits until messages are handled
     CONDITION = "condition"  # a monitor watches
     RUNNING = "running"  # a handler runs, and waits for nothing
-    LOCKED = "locked"  # somebody has the resource for himself
+    LOCKED = "locked"  # the resource is locked
     CIRCLE = "circle"  # it waits for itself, by way of others
 
 
 class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One wait, as shown to people. Fields that do not apply have their defaults."""
+    """One wait, for display. Fields that do not apply have their defaults."""
 
     kind: WaitKind
     number: int = 0
-    """The task, message or claim that is waited for. Of RUNNING 0 is the waiting task's own
-    handler.
-    """
+    """The task, message or claim that is waited for. For RUNNING, 0 is the task's own handler."""
     name: str = ""
-    """Its name: "move leg"; of LOCK and LOCKED "lock" or "reservation"; of CONDITION the query that
-    is asked, "" of a demon monitor; of CHANGE of no certain task "any move leg".
+    """Its name: "move leg".
+
+    For LOCK and LOCKED it is "lock" or "reservation". For CONDITION it is the query, "" for a demon
+    monitor. For CHANGE of any task of a message it is "any move leg".
     """
     moment: int = 0
-    """The moment that the task has to reach (a Moment); 0: its end, however it comes."""
+    """The moment that the task has to reach (a Moment); 0: its end, whatever its outcome."""
     module: str = ""
-    """The module of the resource or handler; of LOCKED, and of LOCK in *because*, the one that has
-    or wants it. Of RESUME the one that suspended the task, of LISTENER the one that added the
-    wiretap.
+    """The module of the resource or handler.
+
+    For LOCKED, and for LOCK in *because*, it is the lock's holder or requester. For RESUME it
+    suspended the task, for LISTENER it added the wiretap.
     """
     resource: str = ""
     seconds: float | None = None
-    """Of DELAY: its end, on the journal's clock; after a point that has not come, its length. Of
-    RESUME, as central tells it: the beginning of the suspension, on the journal's clock.
+    """A time on the journal's clock. For DELAY it is the end; after a point that is not reached,
+    the length.
+
+    For RESUME in central's reports it is the start of the suspension.
     """
     since_birth: bool = False
-    """Of RESUME: the task was created suspended."""
+    """For RESUME: the task was created suspended."""
     holds: bool | None = None
-    """Of CONDITION: the result of the last test; None: there was none."""
+    """For CONDITION: the result of the last test; None: not tested yet."""
     answered: int = 0
-    """Of REPLY to a multi-query: the number of answers; *because* has the others."""
+    """For REPLY to a multi-query: the number of answers; *because* has the missing ones."""
     more: int = 0
-    """The number of further waits of this kind and moment, not listed one by one; of RESOURCE the
-    number of others that would do as well.
+    """The number of further waits of this kind and moment; for RESOURCE of further suitable
+    resources.
     """
     because: "tuple[WaitFor, ...]" = ()
-    """The causes in turn. Of RESOURCE and LOCK: its user (RUNNING), its holder (LOCKED), an earlier
-    claim (LOCK), or that it has no slot now (HANDLER). Of LOCKED and of such a LOCK: the message
-    that it is for (RUNNING; TASK, if it is not handled any more). Of REPLY: the query's place
-    (HANDLER, RESOURCE, RUNNING). Of RUNNING: its own waits.
+    """The causes in turn.
+
+    - RESOURCE, LOCK: user (RUNNING), holder (LOCKED), earlier claim (LOCK), no slot (HANDLER).
+    - LOCKED, and LOCK in *because*: its message (RUNNING; TASK, if it is no longer handled).
+    - REPLY: the query's place (HANDLER, RESOURCE, RUNNING).
+    - RUNNING: its own waits.
     """
 
 
 class Waiter(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A waiter, as central reports it: a task or message, one with a handler, or a whole module."""
+    """A waiter in central's reports: a task or message, with its handler, or a whole module."""
 
     number: int = 0
-    """The task or message; 0: what the module does outside of handlers."""
+    """The task or message; 0: the code of the module outside of handlers."""
     name: str = ""
     module: str = ""
-    """The module that handles it: the handler waits."""
+    """The module whose handler waits."""
     more: int = 0
     """The number of others that wait behind it."""
     seconds: float = 0.0
     """The time that it has waited."""
     killed: str = ""
-    """The reason why the task was killed; it waits for its end."""
+    """The reason why the task was killed, if it waits for its end."""
     waits: tuple[WaitFor, ...] = ()
     end: WaitFor | None = None
-    """The last cause of its waits, where that is something else."""
+    """The last cause of its waits, if it differs from them."""
 
 
 class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The last cause of the waits of so many tasks."""
+    """The last cause of the waits of several *tasks*."""
 
     tasks: int
     wait: WaitFor
 
 
 def first_ones(waits: Sequence[WaitFor], number: int) -> list[WaitFor]:
-    """The first of a *number* of alike waits. The last of them says how many more there are."""
+    """Return the first of *number* similar waits. The last of them counts the rest."""
     named = list(waits[:NAMED])
     if more := number - len(named):
         named[-1] = replace(named[-1], more=named[-1].more + more)

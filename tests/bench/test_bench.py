@@ -93,6 +93,6 @@ def test_benchmark_refuses_an_unwritable_result_file(tmp_path: Path) -> None:
         bench, [*QUICK, "--json", str(tmp_path / "nowhere" / "figures.json")]
     )
     assert result.exit_code == 2
-    assert f"no folder '{tmp_path / 'nowhere'}' for the figures: make it first" in " ".join(
+    assert f"no folder '{tmp_path / 'nowhere'}' for the figures: create it first" in " ".join(
         result.output.split()
     )

@@ -412,6 +412,6 @@ def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch)
 def test_properties_say_what_is_wrong() -> None:
     result = tca.explore(walking(always(lambda world: len(world.tasks) < 2)))
     assert result.violation is not None
-    assert result.violation.why == "here it is not"
+    assert result.violation.why == "it is not true here"
     assert str(never(begun(STEP, 1))) == "never step begun with data=1"
     assert str(before(begun(WHERE), begun(STEP))) == "where begun before step begun"

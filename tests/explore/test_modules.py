@@ -402,11 +402,11 @@ def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
     [
         (
             lambda: begun(WRONG[0]),
-            r"^begun\(\) takes a message \(Goal, Command, ...\), and 'step' is none",
+            r"^begun\(\) needs the declaration of a message \(Goal, Command, ...\), not 'step'",
         ),
-        (lambda: planned_ahead(WRONG[1]), r"^planned_ahead\(\) takes a message"),
-        (lambda: being_achieved(WRONG[2], 1), r"^being_achieved\(\) takes a message"),
-        (lambda: handled_by(WRONG[3]), "is no name of a module"),
+        (lambda: planned_ahead(WRONG[1]), r"^planned_ahead\(\) needs the declaration"),
+        (lambda: being_achieved(WRONG[2], 1), r"^being_achieved\(\) needs the declaration"),
+        (lambda: handled_by(WRONG[3]), "the name of a module must have"),
     ],
 )
 def test_what_is_no_message_is_found_where_it_is_written(wrong: Any, words: str) -> None:

@@ -198,7 +198,7 @@ def test_an_exception_handler_that_is_not_passed_over_is_found(
     monkeypatch.setattr(
         "tca_central.failing.failures.skip_exception_handler", lambda _central, _handler: None
     )
-    assert "nobody handles 'higher', and the search does not go on" in found(helped(*ALL_ENDS))
+    assert "no handler of 'higher', and the search does not continue" in found(helped(*ALL_ENDS))
 
 
 # --- locks and reservations -----------------------------------------------------------------------

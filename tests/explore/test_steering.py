@@ -132,7 +132,7 @@ def begun_anew(world: tca.World) -> list[tca.Seen]:
 @pytest.mark.soak
 def test_a_ladder_without_an_end_is_found() -> None:
     story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
-    assert "here it comes to 3: walk {2}" in story
+    assert "it has happened 3 times: walk {2}" in story
 
 
 def test_the_steps_of_a_recovery_can_be_read() -> None:

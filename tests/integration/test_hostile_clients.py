@@ -197,9 +197,9 @@ def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> No
 
 def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(friend: Client) -> None:
     note = Inform("note", bytes)
-    with pytest.raises(BadData, match=f"bytes; a message holds at most {Limit.BODY:d}"):
+    with pytest.raises(BadData, match=f"bytes: a message holds at most {Limit.BODY:d}"):
         friend.inform(note, bytes(Limit.BODY))
-    with pytest.raises(MisuseError, match="at most 1,048,576 are allowed"):
+    with pytest.raises(MisuseError, match="the limit is 1,048,576"):
         friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
 
 

@@ -392,7 +392,7 @@ def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> Non
     said("allow", "planner", public)
     assert f"planner    {public}" in said("list")
     assert "that is the key of 'planner'" in said("allow", "other", public, code=1)
-    assert "is no public key" in said("allow", "other", "short", code=1)
+    assert "is not a public key" in said("allow", "other", "short", code=1)
 
 
 def test_a_key_whose_secret_never_leaves_its_machine(

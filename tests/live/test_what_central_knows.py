@@ -90,7 +90,7 @@ def test_status_says_that_a_task_was_created_suspended(central: str) -> None:
     with connect("planner", central) as planner:
         rest = planner.goal(REST, suspended=True)
         text = " ".join(ask(commands.status, "--central", central)[1].split())
-        assert "until it is resumed (suspended since its birth by planner" in text, text
+        assert "until it is resumed (suspended since its creation by planner" in text, text
         assert f"'tca resume {rest.id}'" in text
 
 

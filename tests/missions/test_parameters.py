@@ -55,8 +55,8 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
     ("task", "parameters", "says"),
     [
         ("Turn", {"angel": 1}, "field 'angel' is unknown: did you mean 'angle'?"),
-        ("Turn", {"angle": 4}, "field 'angle' must be at most 3, and 4 is not"),
-        ("Turn", {"steps": 0}, "field 'steps' must be at least 1, and 0 is not"),
+        ("Turn", {"angle": 4}, "field 'angle' must be at most 3, not 4"),
+        ("Turn", {"steps": 0}, "field 'steps' must be at least 1, not 0"),
         ("Turn", {"steps": "two"}, "field 'steps' must be a whole number"),
         ("Turn", {"task_period": 0}, "field 'task_period' must be at least 0.001"),
         ("Grasp", {}, "field 'force' is missing"),
@@ -171,7 +171,7 @@ class Unknown(Turn):
         (Given, "task Given: the server sets 'env': choose another name"),
         (
             Unsendable,
-            "task Unsendable: parameter 'lock' can't be sent: Gripper has no format; use a dataclass, ",
+            "task Unsendable: parameter 'lock' can't be sent: Gripper has no format: use a dataclass, ",
         ),
         (
             Unknown,

@@ -156,7 +156,7 @@ def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
     """One from before Hello had its last field says so, without a number: it could not read that,
     either.
     """
-    said = "a header is no message to central: Expected `array` of at most length 8, got 9"
+    said = "a header is not a message to central: Expected `array` of at most length 8, got 9"
     central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, said)])
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     with pytest.raises(Refused) as found:

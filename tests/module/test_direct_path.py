@@ -395,7 +395,7 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((b"garbage!!!!!",), "an item claims"),
         ((b"",), "a packet of 0 bytes"),
         ((b"a", b"b"), "2 frames"),
-        ((pack_item(Reply(1)),), "no message to a slot"),
+        ((pack_item(Reply(1)),), "not a message to a slot"),
         ((pack_item(Greet(PROTOCOL_VERSION, "guess", "s", "m")),), "no licence of central"),
         ((pack_item(Greet(PROTOCOL_VERSION, KEY, "s", "m")),), "no licence of central"),
         (

@@ -174,7 +174,7 @@ def test_data_that_does_not_decode_fails_in_the_receiver(legs: Module, user: Cli
     with (
         legs.running(),
         pytest.raises(
-            QueryFailed, match="bad data: query 'stance' came with data that is no float"
+            QueryFailed, match="bad data: query 'stance' came with data that is not of type float"
         ),
     ):
         user.query(liar, 1.0)

@@ -472,7 +472,8 @@ def test_a_goal_that_is_none_is_rejected_by_the_library(
     assert grasp.result() == "holds pen"
     (rejected,) = (one.text for one in changes if one.transition == "reject")
     assert (
-        rejected == "command 'grasp' came with data that is no Grip: Expected `object`, got `int`"
+        rejected
+        == "command 'grasp' came with data that is not of type Grip: Expected `object`, got `int`"
     )
     assert not arm.heard
     assert "'update' of grasp {1} is rejected" in caplog.text

@@ -18,7 +18,7 @@ from tca_central.events import ConnectionId
 from tca_central.model.deliveries import Delivery
 from tca_module.session.request import Request
 from tca_module.session.session import Session
-from tca_tools.explain.graph import keeping, next_node
+from tca_tools.explain.graph import blocking_waits, next_node
 from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
@@ -266,7 +266,7 @@ def check_charts(town: Town) -> None:
                 RunAt(history, time),
                 {wait.on for wait in waits if wait.start <= time < wait.end},
             )
-            assert {wait.on for wait in keeping(at, next_node(at, message.id))} <= told
+            assert {wait.on for wait in blocking_waits(at, next_node(at, message.id))} <= told
 
 
 def live(seed: int, steps: int) -> Town:

@@ -22,7 +22,7 @@ from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of
 from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
-from tca_tools.explain.graph import Ends, keeping, next_node, steps
+from tca_tools.explain.graph import Ends, blocking_waits, next_node, steps
 from tca_tools.explain.wait_words import reasons
 from tca_tools.explain.waits import Node, waits_of
 from tca_tools.journal.at_time import RunAt
@@ -83,7 +83,7 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     constraints, too.
     """
     true = outside(central, task, moment)
-    kept = keeping(at, Node(task.id, moment))
+    kept = blocking_waits(at, Node(task.id, moment))
     told, recovery = (
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
         for kinds in (OF_TASKS, {WaitKind.RECOVERY})
@@ -146,7 +146,7 @@ def assert_lists(history: History) -> None:
         for number, task in at.tasks.items():
             told = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
             node = next_node(at, number)
-            assert {one.on for one in keeping(at, node)} <= told, (time, str(task))
+            assert {one.on for one in blocking_waits(at, node)} <= told, (time, str(task))
 
 
 @given(operations)

@@ -26,7 +26,7 @@ def checked(entries: Iterable[Entry]) -> list[Violation]:
     """What is wrong with a journal."""
     checker = CheckedRun()
     for entry in entries:
-        checker.take(entry)
+        checker.apply(entry)
     checker.close()
     return checker.violations
 

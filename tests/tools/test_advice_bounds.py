@@ -232,7 +232,7 @@ def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
         1.5,
         1.5,
     )
-    assert "stands 299 times in the queue for cutter, 2.99 s in all" in one.text
+    assert "waits 299 times in the queue for cutter, 2.99 s in all" in one.text
 
 
 # --- whose end would come sooner ------------------------------------------------------------------

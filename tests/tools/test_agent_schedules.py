@@ -176,7 +176,7 @@ def test_what_started_late_is_told_everywhere(
     ((why, times),) = late.items()
     assert (machine, runs, times) == ("fork", 2, 2)
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-    assert logged == [f"{why.told}: {why.remedy}"], "once, though it ran twice"
+    assert logged == [f"{why.reason}: {why.remedy}"], "once, though it ran twice"
     assert "undo=" in why.remedy
     for name, command in (
         ("report.html", "report"),
@@ -185,7 +185,7 @@ def test_what_started_late_is_told_everywhere(
     ):
         assert tca(command, journal, "-o", tmp_path / name).exit_code == 0
         shown = html.unescape(re.sub(r"</text>\s*<[^>]*>", " ", (tmp_path / name).read_text()))
-        assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
+        assert f"{why.reason} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
 
 
 def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> N
         gains(folded(open_log(written(deliver(1.0, policy), tmp_path / name))))[0][3]
         for name, policy in (("never", Discrete(2.0)), ("early", AS_SOON_AS_LIKELY))
     )
-    waits = [why.told.split(" did ")[0] for why in never if not why.remedy]
+    waits = [why.reason.split(" did ")[0] for why in never if not why.remedy]
     assert waits == ["'dropping in B'", "'tucking'", "'going back'"]
     assert not early
 
@@ -216,7 +216,7 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
     )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
     told = tca("tree", log, "--story", restoring).stdout
-    assert "undoes what was wasted ahead of the state 'free'" in told
+    assert "undoes wasted work ahead of the state 'free'" in told
 
 
 def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> None:

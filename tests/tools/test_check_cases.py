@@ -60,7 +60,7 @@ def test_cases_are_counted_and_those_that_are_bad_named(journal: Path, file: Pat
     )
     broken = next(number for number, line in enumerate(lines) if line.startswith("BROKEN"))
     assert lines[broken].endswith(": step is the first, in all cases")
-    assert lines[broken + 1] == "  here it is so in 1 of 2, not with step {5}"
+    assert lines[broken + 1] == "  true in 1 of 2 cases, not for step {5}"
     assert lines[broken + 2] == "  the story of step {5} until then:"
 
 
@@ -69,7 +69,7 @@ def test_of_a_run_that_is_not_known_whole_nothing_is_said(tmp_path: Path, file: 
     torn.write_bytes(encoded(walk())[:-7])
     result = run(torn, file)
     assert result.exit_code == 0
-    assert "no breach in what can be read: step is the first, in all cases\n" in result.stdout
+    assert "no breach in the readable part: step is the first, in all cases\n" in result.stdout
     assert "good:" not in result.stdout
 
 
@@ -82,7 +82,7 @@ def test_a_case_is_a_message_and_a_truth_value(journal: Path, tmp_path: Path, ca
     )
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert "property 'it, in all cases' can't be asked: TypeError: it gave " in result.stderr
+    assert "property 'it, in all cases' can't be asked: TypeError: it yielded " in result.stderr
 
 
 def test_a_run_without_cases_has_none_that_is_bad() -> None:
@@ -92,7 +92,7 @@ def test_a_run_without_cases_has_none_that_is_bad() -> None:
 
 @pytest.mark.parametrize("share", [-0.1, 90, True, "0.9"])
 def test_a_share_is_from_0_to_1(share: object) -> None:
-    with pytest.raises(BadProperty, match="takes a share from 0 to 1"):
+    with pytest.raises(BadProperty, match="needs a share from 0 to 1"):
         in_at_least(share, lambda _run: [])  # type: ignore[arg-type]
 
 
@@ -104,17 +104,17 @@ def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -
     )
     result = run(journal, file)
     assert result.exit_code == 0
-    assert "cases of it: it judges 100 or more" in result.stdout
+    assert "cases of it, and it needs 100" in result.stdout
 
 
 @pytest.mark.parametrize("fewest", [0, True, 2.5])
 def test_the_fewest_cases_are_one(fewest: object) -> None:
-    with pytest.raises(BadProperty, match="give 1 or more"):
+    with pytest.raises(BadProperty, match="fewest must be 1 or more"):
         in_at_least(0.9, lambda _run: [], fewest=fewest)  # type: ignore[arg-type]
 
 
 def test_cases_come_from_a_function() -> None:
-    with pytest.raises(BadProperty, match="give a function of the run"):
+    with pytest.raises(BadProperty, match="cases must be a function of the run"):
         in_all_cases("step begun")  # type: ignore[arg-type]
 
 

@@ -151,9 +151,9 @@ HOLDS = [
 ]
 BROKEN = [
     ("never failed of move", "  move {8}"),
-    ("always handled of move", "  here it is not"),
+    ("always handled of move", "  it is not true here"),
     ("at most 0 queued of anything", "  here 1: "),
-    ("at most 1 step achieved in all", "  here it comes to 2: step {5}"),
+    ("at most 1 step achieved in all", "  it has happened 2 times: step {5}"),
     ("move begun before step begun", "  the second came first: step {4}"),
     ("eventually suspended of walk", "  it never did"),
     ("never recovering of anything", "  move {8}"),
@@ -167,7 +167,7 @@ def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path)
     journal = story.write(tmp_path / "run")
     missing = run(journal, "--property", "eventually flambé achieved").stdout
     assert (
-        "  it never did; what stands when the journal ends: flambé {2}\n  the story of flambé {2}"
+        "  it never did; not ended when the journal ends: flambé {2}\n  the story of flambé {2}"
         in missing
     )
     assert "no module handles it, " in missing
@@ -276,7 +276,7 @@ def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_pat
     [
         ("x = 1", "has no property"),
         ("1 / 0", "line 1: can't be run: ZeroDivisionError"),
-        ("PROPERTIES = ['never']", "property 'never': it has no shape"),
+        ("PROPERTIES = ['never']", "property 'never': unknown form"),
     ],
 )
 def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: str) -> None:
@@ -308,7 +308,7 @@ def test_a_predicate_gives_messages_or_a_truth_value(
     result = run(journal, file)
     assert (result.exit_code, result.stdout) == (2, "")
     assert (
-        f"property 'never f' can't be asked: TypeError: it gave {found}: a predicate gives the"
+        f"property 'never f' can't be asked: TypeError: it returned {found}: a predicate returns the"
         in result.stderr
     )
 
@@ -373,7 +373,7 @@ def test_the_story_is_that_of_a_message_that_is_named(
     run_of_ten = story.write(tmp_path / "run")
     first = run(run_of_ten, "--property", "never stuck").stdout
     assert (
-        "these have not: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n"
+        "not ended when the journal ends: bake {1}, bake {2}, bake {3}, bake {4}, bake {5}, bake {6} and 4 more\n"
         in first
     )
     assert "  the story of bake {1} until then:" in first
@@ -401,9 +401,9 @@ def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_p
     torn.write_bytes(encoded(walk())[:-7])
     result = run(torn)
     assert result.exit_code == 0
-    assert f"no breach in what can be read: {len(RULES)} rules\n" in result.stdout
+    assert f"no breach in the readable part: {len(RULES)} rules\n" in result.stdout
     assert "good:" not in result.stdout
-    assert "are no whole entry" in result.stderr
+    assert "are not a complete entry" in result.stderr
 
 
 def test_a_journal_that_is_damaged(journal: Path) -> None:
@@ -412,7 +412,7 @@ def test_a_journal_that_is_damaged(journal: Path) -> None:
     journal.write_bytes(content)
     result = run(journal)
     assert result.exit_code == 1
-    assert f"no breach in what can be read: {len(RULES)} rules\n" in result.stdout
+    assert f"no breach in the readable part: {len(RULES)} rules\n" in result.stdout
     assert "good:" not in result.stdout
     assert f"{journal}, byte " in result.stderr
 
@@ -428,8 +428,8 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     )
     result = run(written(tmp_path / "00000002.tcaj", [opened, *entries[middle:]]))
     assert result.exit_code == 0, result.output
-    assert "  missing: 1 segment before segment 2; what was sent before" in result.stdout
-    assert "no breach in what can be read: " in result.stdout
+    assert "  missing: 1 segment before segment 2; messages sent before" in result.stdout
+    assert "no breach in the readable part: " in result.stdout
 
 
 def test_wrong_usage(journal: Path, tmp_path: Path) -> None:

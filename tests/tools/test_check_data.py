@@ -217,7 +217,7 @@ def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(
     assert "BROKEN" not in told
     assert "good: never" not in told
     for text in holding:
-        assert f"no breach in what can be read: {text}" in told
+        assert f"no breach in the readable part: {text}" in told
 
 
 def with_unknown(place: int) -> bytes:
@@ -237,8 +237,8 @@ def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
     result = run(path, "--property", "step begun before move begun", "--property", "never stuck")
     assert "BROKEN" not in result.stdout
     assert result.exit_code == 1
-    assert result.stdout.count("something happened that this version does not know") == 1
-    assert "no breach in what can be read: step begun before move begun" in result.stdout
+    assert result.stdout.count("there is a fact that this version does not know") == 1
+    assert "no breach in the readable part: step begun before move begun" in result.stdout
     assert "a fact that this version does not know is left out" in result.stderr
 
 
@@ -256,6 +256,6 @@ def test_many_places_that_cant_be_read_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))
     told = run(path).stdout
-    assert told.count("can't be read: what was under way then is not known") == 5
-    assert "more places like these" in told
+    assert told.count("can't be read: the messages under way then are unknown") == 5
+    assert "more gaps" in told
     assert "BROKEN" not in told

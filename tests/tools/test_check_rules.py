@@ -158,7 +158,7 @@ def test_a_monitor_that_keeps_what_it_watches_over() -> None:
         number for number, fact in enumerate(last.facts) if isinstance(fact, facts.MonitorEnded)
     )
     (broken,) = checked([*before, replace(last, facts=last.facts[:ending])])
-    text = f"watch {{{monitor}}} still watches, and walk {{{walk}}} waits for nothing else"
+    text = f"watch {{{monitor}}} still watches, though walk {{{walk}}} waits for nothing else"
     assert (broken.rule, broken.what) == (rules.KEPT.text, text)
 
 
@@ -168,7 +168,7 @@ def test_a_monitor_that_keeps_what_it_watches_over() -> None:
 def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
     checker = CheckedRun()
     for entry in entries:
-        checker.take(entry)
+        checker.apply(entry)
     checker.close()
     return checker.gaps, [violation.what for violation in checker.violations]
 
@@ -176,7 +176,7 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
 def test_a_journal_that_begins_in_the_middle() -> None:
     for start in range(2, len(WALK), 9):
         assert _gaps(WALK[start:]) == (
-            ["it begins in the middle of a segment: what was sent before is not known"],
+            ["it starts in the middle of a segment: messages sent before are unknown"],
             [],
         )
 
@@ -187,7 +187,7 @@ def test_a_segment_that_is_missing() -> None:
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
     gaps, found = _gaps(entries)
     assert gaps == [
-        f"missing: 1 segment before segment 3; what was sent before {WALK[middle].time:.2f} s is not known"
+        f"missing: 1 segment before segment 3; messages sent before {WALK[middle].time:.2f} s are unknown"
     ]
     assert found == []
 
@@ -195,7 +195,7 @@ def test_a_segment_that_is_missing() -> None:
 def test_two_runs_one_after_the_other() -> None:
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "other", 1, 0.0, "0.1.0")])
     gaps, found = _gaps([*WALK, other, *WALK[1:]])
-    assert gaps == ["at 0.00 s another run begins (other)"]
+    assert gaps == ["at 0.00 s another run starts (other)"]
     assert found == []
 
 
@@ -221,7 +221,7 @@ def test_what_ended_is_forgotten() -> None:
     life = Life(Player(check=False))
     life.go_on(7, 1_500)
     for entry in [OPENED, *life.player.entries]:
-        checker.take(entry)
+        checker.apply(entry)
     checker.close()
     assert len(checker.world.items) < len(checker.world.over) / 3
 
@@ -281,13 +281,13 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
     ("mistake", "transcript", "what"),
     [
         (what_waits_is_left_alone, "taps_that_come_late_hold_what_waits_for_a_slot",
-         "move {3} went on, and wiretap {5} (check before handling) was not fired"),
+         "move {3} continued, but wiretap {5} (check before handling) was not fired"),
         (what_waits_is_left_alone, "taps_that_come_late_on_what_is_locked_out_or_suspended",
-         "move {2} went on, and wiretap {4} (check before handling) was not fired"),
+         "move {2} continued, but wiretap {4} (check before handling) was not fired"),
         (what_was_passed_over_is_forgotten, "taps_whose_listener_is_handled_late",
-         "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it"),
+         "move {2} continued, but wiretap {3} (check before handling) was passed over, though its listener has a handler"),
         (what_is_handled_once_more_is_not_held, "taps_that_come_late_on_what_is_handled_once_more",
-         "move {1} was given to a handler once more before end handling of check {3}"),
+         "move {1} was given to a handler again before end handling of check {3}"),
     ],
 )  # fmt: skip
 def test_what_goes_on_unchecked_is_found(

@@ -157,7 +157,7 @@ def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
         (("--task", 99), "no task '99' in this journal"),
         (
             ("--task", 5),
-            "elevation map {5} is a query, no task: 'tca tree --story 5' tells what became of it",
+            "elevation map {5} is a query, not a task: 'tca tree --story 5' tells its story",
         ),
         (
             ("--story", "take steps"),

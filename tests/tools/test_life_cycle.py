@@ -120,7 +120,7 @@ def test_the_life_cycle_of_a_message_of_a_run(tca: Tca, tmp_path: Path) -> None:
     assert tca("lifecycle", "walk", run).stdout.startswith("life cycle 'pausable'\n")
     assert tca("lifecycle", "rest", run).stdout.startswith("life cycle 'general'\n")
     wrong = {
-        "where": "query 'where' is no task: only tasks have a life cycle",
+        "where": "query 'where' is not a task: only tasks have a life cycle",
         "wolk": "no message 'wolk' in the journal run: did you mean 'walk'?",
     }
     for name, words in wrong.items():
@@ -133,13 +133,13 @@ def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
     empty.write_text("X = 1\n")
     broken.write_text("\nfrom tca_module import LifeCycle\nX = LifeCycle('x', [])\n")
     wrong = {
-        (tmp_path / "none.py",): f"{tmp_path}/none.py: there is no such file",
+        (tmp_path / "none.py",): f"{tmp_path}/none.py: no such file",
         (
             empty,
-        ): f"{empty} has no life cycle: declare a LifeCycle, goal or command at its top level",
+        ): f"{empty} has no life cycle: declare a LifeCycle, goal or command in a global variable",
         (
             broken,
-        ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' can't be: no transition of the server",
+        ): f"{broken}, line 3: can't be run: BadFormat: life cycle 'x' is not valid: no transition of the server",
         ("basic", "-o", tmp_path / "x.gif"): f"{tmp_path}/x.gif: its name must end in .svg",
     }
     for arguments, words in wrong.items():
@@ -147,6 +147,6 @@ def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
         assert result.exit_code == 2
         assert words in result.stderr
     robot.write_text(ROBOT + "OTHER = LifeCycle('other', GENERAL.transitions)\n")
-    assert "robot.py has 2 life cycles (pausable, other): a diagram shows one" in (
+    assert "robot.py has 2 life cycles (pausable, other), but a diagram shows only one" in (
         tca("lifecycle", robot, "-o", tmp_path / "x.svg").stderr
     )

@@ -15,7 +15,7 @@ from tools.story import Story
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.resources import growing, kept_out
+from tca_tools.analysis.resources import growing, locked_out
 from tca_tools.analysis.summary import span_of
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run
@@ -71,7 +71,7 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
         "legs is locked while others wait",
         False,
     )
-    assert "map had it" in told[Topic.LOCK].example
+    assert "map held it" in told[Topic.LOCK].example
     assert told[Topic.LOCK].saving > 30
     assert Topic.OVERLAP not in told, "behind a lock nothing is planned"
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
@@ -85,7 +85,9 @@ def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
         .at(9.0)
         .fold()
     )
-    assert [kept_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")] == [
+    assert [
+        locked_out(run, ("legs", "legs"), 2.0, 5.0, sender=who)[0] for who in ("m", "user")
+    ] == [
         0.0,
         3.0,
     ]
@@ -107,7 +109,7 @@ def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> N
         if queueing.module:
             sender = run.messages[queueing.message_id].sender
             end = run.time if queueing.end is None else queueing.end
-            said, _ = kept_out(
+            said, _ = locked_out(
                 run, (queueing.module, queueing.resource), queueing.start, end, sender=sender
             )
             assert -1e-6 <= said <= end - queueing.start + 1e-6
@@ -223,7 +225,7 @@ def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
     assert queue.length == pytest.approx(75, abs=3)
     (told,) = advice(run, Causes(run), None, [], [], [], 0.5)
     assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
-    assert "2.01 a second come, 1.25 are handled" in told.text
+    assert "2.01 arrive per second, 1.25 are handled" in told.text
     assert "let it handle 2 at a time instead of 1" in told.remedy
     assert contents(run).advice[0].title == told.title
 

@@ -92,7 +92,7 @@ def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UnusableLog, match="there is no such file"):
+    with pytest.raises(UnusableLog, match="no such file"):
         open_log(tmp_path / "nothing")
     with pytest.raises(UnusableLog, match="a directory without segments"):
         open_log(tmp_path / "empty")
@@ -136,9 +136,11 @@ def test_a_torn_tail_is_no_damage_but_it_is_said(
     path.write_bytes(story.encoded()[: len(whole) + 9])
     log = open_log(path)
     assert len(numbers(log)) == len(story.entries) - 1
-    assert log.cut == f"{path}, byte {len(whole)}: cut off, the last 9 bytes are no whole entry"
+    assert (
+        log.cut == f"{path}, byte {len(whole)}: cut off: the last 9 bytes are not a complete entry"
+    )
     log.check()
-    assert capsys.readouterr().err == f"tca: {log.cut}; what comes before it is shown\n"
+    assert capsys.readouterr().err == f"tca: {log.cut}; the entries before it are shown\n"
 
 
 def test_of_a_whole_journal_nothing_is_said(
@@ -168,7 +170,7 @@ def test_an_entry_that_is_just_being_written_is_no_cut(
         daemon.process.wait(timeout=10)
         log.check()
         assert not log.is_being_written
-        assert "cut off, the last" in capsys.readouterr().err
+        assert "cut off: the last" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("behind", [b"\xce and then garbage", b"\xce", bytes(100), None])
@@ -192,7 +194,7 @@ def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(
     )
     for one in (log, followed_log):
         with pytest.raises(
-            DamagedLog, match=r"00000002.tcaj.*; what comes behind it in that file is left out$"
+            DamagedLog, match=r"00000002.tcaj.*; the rest of that file is left out$"
         ):
             one.check()
 
@@ -239,11 +241,11 @@ def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> Non
     [
         (
             [4],
-            "byte {}, after 0.500 s: a damaged entry is left out: what seems to go on since then may have ended",
+            "byte {}, after 0.500 s: a damaged entry is left out: tasks that seem to be running since then may have ended",
         ),
         (
             [4, 5, 7],
-            "byte {}, after 0.500 s: 3 damaged entries are left out, the first of them here: what seems",
+            "byte {}, after 0.500 s: 3 damaged entries are left out, the first one here: tasks that seem",
         ),
     ],
 )
@@ -386,7 +388,7 @@ def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
-        f"tca: {two}: 2 runs lie there: this is the one that began last (00000002.tcaj);"
+        f"tca: {two}: contains 2 runs; this is the one that started last (00000002.tcaj);"
         f" to see another, name it, as in '{two}#1': 'tca log runs {two}' lists them\n"
     )
     assert alone.stderr == ""
@@ -468,8 +470,8 @@ def test_segments_that_are_missing_are_said(
     (folder / "00000003.tcaj").unlink()
     (folder / "00000004.tcaj").unlink()
     assert said(open_log(folder), capsys) == [
-        f"tca: {folder}: segment 1 is missing: what happened then is not known",
-        f"tca: {folder}: segments 3 to 4 are missing: what happened then is not known",
+        f"tca: {folder}: segment 1 is missing: the events of that time are unknown",
+        f"tca: {folder}: segments 3 to 4 are missing: the events of that time are unknown",
     ]
 
 
@@ -491,7 +493,7 @@ def test_a_copy_beside_the_segments_is_left_out_and_said(
     log = open_log(folder)
     assert [path.name for path in log.segments()] == ["00000001.tcaj", "00000002.tcaj"]
     assert said(log, capsys) == [
-        f"tca: {folder}: 00000001 (copy).tcaj is a segment that the run has already, and left out"
+        f"tca: {folder}: 00000001 (copy).tcaj is a copy of a segment of the run: left out"
     ]
 
 
@@ -508,7 +510,7 @@ def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> Non
     cut = tmp_path / "cut.tcaj"
     cut.write_bytes(b"".join(map(record, walk()))[:-5])
     told = tca("report", cut, "-o", tmp_path / "out.html")
-    assert (told.exit_code, told.stderr.count("cut off, the last")) == (0, 1)
+    assert (told.exit_code, told.stderr.count("cut off: the last")) == (0, 1)
 
 
 @pytest.fixture
@@ -529,8 +531,8 @@ def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
-        f"tca: {path}, byte {place}: another run begins here; only what comes before it is shown:"
-        f" to see the rest, take it out of the file ('tail -c +{place + 1}')\n"
+        f"tca: {path}, byte {place}: another run starts here; only the entries before it are"
+        f" shown: to see the rest, extract it with 'tail -c +{place + 1}'\n"
     )
     assert alone.stderr == ""
 
@@ -551,7 +553,7 @@ def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_lon
     assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(
         walking().entries
     )
-    assert "another run begins here" in said(log, capsys)[0]
+    assert "another run starts here" in said(log, capsys)[0]
 
 
 def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
@@ -584,7 +586,7 @@ def test_a_segment_twice_in_one_file_is_read_once(
     log = open_log(path)
     assert [entry.number for entry in log] == [entry.number for entry in walking().entries]
     assert said(log, capsys)[0].startswith(
-        f"tca: {path}, byte {len(whole)}: segment 1 of this run, once more, begins here; only what comes before"
+        f"tca: {path}, byte {len(whole)}: segment 1 of this run, again, starts here; only the entries before"
     )
 
 
@@ -614,7 +616,7 @@ def test_the_segments_of_a_run_after_others_are_numbered_on(
     ]
     (line,) = said(log, capsys)
     assert (
-        "2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+        "contains 2 runs; this is the one that started last (00000004.tcaj, 00000005.tcaj, " in line
     )
     (folder / "00000005.tcaj").unlink()
     assert "segment 2 is missing" in " ".join(open_log(folder).remarks)

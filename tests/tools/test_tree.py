@@ -92,7 +92,7 @@ def test_damage_is_told_below_the_tree(tca: Tca, run: Path) -> None:
         result = tca(command, run)
         assert result.exit_code == 1
         assert result.stdout.startswith("run: ")
-        assert "there is no record here; what comes before it is shown" in result.stderr
+        assert "no record starts here; the entries before it are shown" in result.stderr
 
 
 def a_long_walk(achieved: int, held: int) -> Story:

@@ -49,7 +49,7 @@ def test_damaged_entry_is_reported_with_and_without_a_later_one(look: Look, tmp_
         with (run / "00000001.tcaj").open("ab") as segment:
             segment.write(damaged(third))
         expect(page.locator("#problem")).to_contain_text(
-            f"cut off, the last {len(third)} bytes are no whole entry"
+            f"cut off: the last {len(third)} bytes are not a complete entry"
         )
         expect(page.locator("#status")).to_have_text("live")
         with (run / "00000001.tcaj").open("ab") as segment:
@@ -89,8 +89,8 @@ def write_nonsense(run: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        pytest.param(write_nonsense, "there is no record here", marks=pytest.mark.soak),
-        (cut_short, "has become shorter than what was read of it, by 200 bytes"),
+        pytest.param(write_nonsense, "no record starts here", marks=pytest.mark.soak),
+        (cut_short, "200 bytes that were read have been cut off"),
         pytest.param(remove, "00000001.tcaj: has been removed", marks=pytest.mark.soak),
         (shutil.rmtree, "can't be read"),
     ],
@@ -117,7 +117,9 @@ def test_repaired_or_restored_journal_is_read_again(
     whole, page = segment.read_bytes(), look(address)
     expect(page.locator("#status")).to_have_text("not closed")
     cut_short(run)
-    expect(page.locator("#problem")).to_contain_text("by 200 bytes; what was read before is shown")
+    expect(page.locator("#problem")).to_contain_text(
+        "200 bytes that were read have been cut off; entries read earlier are shown"
+    )
     asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
     request = page.context.request
     page.close()  # it would load itself anew, and the browser complain of the answer for which it does

@@ -165,9 +165,9 @@ def test_failed_query_is_amber_when_its_asker_continued(
     expect(page.locator("#task h2")).to_have_text("look {3}")
     page.keyboard.press("End")  # before that, who asked may still go on
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
-    went = "failed then" if passed_on else "went on"
+    went = "then failed" if passed_on else "continued"
     expect(page.locator("#task .lead").nth(1)).to_have_text(
-        f"told to maps, whose handler of where {{2}} {went}"
+        f"reported to maps, whose handler of where {{2}} {went}"
     )
     assert page.evaluate("tca.store.failures.map((one) => one.handled)") == [not passed_on] * (
         3 if passed_on else 1

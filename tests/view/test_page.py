@@ -97,7 +97,7 @@ def test_page_names_other_runs_in_the_folder(look: Look, tmp_path: Path) -> None
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "earlier", 1, 1.0, "0.1.0")])
     (folder / "00000000.tcaj").write_bytes(record(other))
     page = look(folder)
-    expect(page.locator("#problem")).to_contain_text("2 runs lie there")
+    expect(page.locator("#problem")).to_contain_text("contains 2 runs")
     expect(page.locator("#problem")).to_contain_text("segment 2 is missing")
     expect(page.locator("#status")).to_have_text("ended")
 
@@ -212,7 +212,7 @@ def test_truncated_journal_is_shown_with_a_warning(look: Look, tmp_path: Path) -
     expect(line(page, 6)).to_contain_text("achieved")
     with damaged.open("ab") as log:
         log.write(b"X" * 50)
-    expect(page.locator("#problem")).to_contain_text("there is no record here")
+    expect(page.locator("#problem")).to_contain_text("no record starts here")
     expect(page.locator("#status")).to_have_text("damaged")
 
 

@@ -149,5 +149,5 @@ def test_run_in_a_replaced_folder_is_gone(journals: Path) -> None:
         (after,) = runs.all()
         assert runs.show(after.address) is not None
     assert after.epoch == "another"
-    with pytest.raises(UnusableLog, match="there any more"):
+    with pytest.raises(UnusableLog, match="no longer there"):
         open_log(folder, before.epoch)

@@ -200,7 +200,7 @@ def test_run_list_shows_the_whole_damage_of_a_journal(
     expect(cells).to_have_text(
         [
             re.compile(
-                "^/.*/20231116-empty: empty, .*'tca log show --follow' wait for what comes$"
+                "^/.*/20231116-empty: empty, .*'tca log show --follow' wait for the first entry$"
             ),
             re.compile("^/.*/20231115-garbage/00000001.tcaj: not a journal of tca central$"),
             re.compile("^1 killed8 tasks in allfailure 'terrain collision' of"),

@@ -149,7 +149,7 @@ def test_view_refuses_a_used_port_and_a_missing_journal(address: str, tmp_path: 
     )
     assert (taken.exit_code, "give another --port" in taken.stderr) == (1, True)
     none = CliRunner().invoke(view, [str(tmp_path / "nothing"), "--no-browser"])
-    assert (none.exit_code, "there is no such file or directory" in none.stderr) == (2, True)
+    assert (none.exit_code, "no such file or directory" in none.stderr) == (2, True)
 
 
 def test_view_refuses_what_is_not_a_journal_before_serving(tmp_path: Path) -> None:

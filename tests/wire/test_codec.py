@@ -78,8 +78,8 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(msgspec.msgpack.encode([99, 1])), "Invalid value 99"),
         (item(msgspec.msgpack.encode([5, 1, 2, 3, 4])), "at most length 3"),
         (item(msgspec.msgpack.encode([5, "one"])), "Expected `int`, got `str`"),
-        (item(b"\x92\x05" + b"\x91" * 100_000), "no message to central"),
-        (item(b"\x92\x05\xa2\xff\xfe"), "no message to central"),
+        (item(b"\x92\x05" + b"\x91" * 100_000), "not a message to central"),
+        (item(b"\x92\x05\xa2\xff\xfe"), "not a message to central"),
     ],
 )  # fmt: skip
 def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
@@ -114,15 +114,15 @@ CONSTRAINT = Constraint(
     Point(TaskId(1), Moment.END_ACHIEVING), Point(TaskId(2), Moment.START_ACHIEVING)
 )
 FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
-    "items": ([(headers.GiveUp(0), b"")], Limit.ITEMS, "items of together"),
+    "items": ([(headers.GiveUp(0), b"")], Limit.ITEMS, "items, together"),
     "parts of one header": (
         [(headers.Constrain(0, [CONSTRAINT] * (Limit.LIST + 1)), b"")],
         0,
         "length <= 1000",
     ),
     "parts of several": ([(headers.Constrain(0, [CONSTRAINT] * 667), b"")], 2, "entries"),
-    "bytes of several": ([(headers.Reply(1), bytes(Limit.TOGETHER - 100))], 1, "items of together"),
-    "bytes of a header": ([(headers.Fail(1, "x" * Limit.HEADER), b"")], 0, "with headers of"),
+    "bytes of several": ([(headers.Reply(1), bytes(Limit.TOGETHER - 100))], 1, "items, together"),
+    "bytes of a header": ([(headers.Fail(1, "x" * Limit.HEADER), b"")], 0, "and headers of"),
 }
 
 

@@ -46,12 +46,12 @@ FIT = [
     (Any, IS_GONE, SAY),
 ]  # fmt: skip
 MISFIT = [
-    (None, IS_GONE, None, "the condition 'is it gone' of KIND 'watch' wants data of type str, and gets the monitor's own, N"),
-    (int, IS_GONE, None, "wants data of type str, and gets the monitor's own, int: declare both with the same type, or it w"),
-    (str, IS_GONE, SINK, "the action 'sink' of KIND 'watch' wants data of type float, and gets the monitor's own, str"),
-    (None, IS_DARK, SAY, "the action 'say' of KIND 'watch' wants data of type str, and gets the monitor's own, None"),
-    (None, SEEN, GO, "the action 'go' of KIND 'watch' wants data of type Place, and gets what 'seen' replies, "),
-    (None, LEVEL, SAY, "and gets what 'level' replies, float | bool"),
+    (None, IS_GONE, None, "the condition 'is it gone' of KIND 'watch' wants data of type str, but gets the monitor's own, N"),
+    (int, IS_GONE, None, "wants data of type str, but gets the monitor's own, int: declare both with the same type, or it w"),
+    (str, IS_GONE, SINK, "the action 'sink' of KIND 'watch' wants data of type float, but gets the monitor's own, str"),
+    (None, IS_DARK, SAY, "the action 'say' of KIND 'watch' wants data of type str, but gets the monitor's own, None"),
+    (None, SEEN, GO, "the action 'go' of KIND 'watch' wants data of type Place, but gets the reply of 'seen', "),
+    (None, LEVEL, SAY, "but gets the reply of 'level', float | bool"),
     (None, NONE, None, "the condition of KIND 'watch' must be a Query, not None"),
 ]  # fmt: skip
 
@@ -72,7 +72,7 @@ def test_what_a_demon_monitor_sends_fits_its_data() -> None:
         option: Any = {part: SAY}
         with pytest.raises(
             BadFormat,
-            match=f"the {what} 'say' of demon monitor 'watch' wants data of type str, and gets",
+            match=f"the {what} 'say' of demon monitor 'watch' wants data of type str, but gets",
         ):
             DemonMonitor("watch", Cup, **option)
 
@@ -92,10 +92,8 @@ def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> N
     for has, wants in misfit:
         with pytest.raises(
             BadFormat,
-            match=r"'scrape' has data of type .*, and 'collision', of which it is a kind, .*, wh",
+            match=r"'scrape' has data of type .*, but exception handlers of 'collision' get",
         ):
             Failure("scrape", has, kind_of=Failure("collision", wants))
-    with pytest.raises(
-        BadFormat, match="failure 'slid' can't be a kind of 'slipped': give the declaration"
-    ):
+    with pytest.raises(BadFormat, match="the kind_of of failure 'slid' must be a Failure"):
         Failure("slid", kind_of="slipped")  # type: ignore[call-overload]

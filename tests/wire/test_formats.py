@@ -242,7 +242,7 @@ def test_messages_name_themselves_in_their_errors() -> None:
         Goal("take steps", Pose).encode_data(3)  # type: ignore[arg-type]
     with pytest.raises(BadData, match="the handler of command 'move leg' must return Pose: "):
         Command("move leg", Pose, result=Pose).encode_reply(3)  # type: ignore[arg-type]
-    with pytest.raises(BadData, match="query 'where' came with data that is no Pose"):
+    with pytest.raises(BadData, match="query 'where' came with data that is not of type Pose"):
         Query("where", Pose, reply=Pose).decode_data(b"\x01")
     with pytest.raises(BadData, match="failure 'slipped' wants data of type Pose"):
         Failure("slipped", Pose)(1)  # type: ignore[arg-type]

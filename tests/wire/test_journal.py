@@ -165,7 +165,7 @@ def test_of_a_journal_whose_first_entry_is_damaged_or_missing_the_rest_is_read()
 
 
 def test_damage_with_nothing_sound_behind_it_is_named_by_its_byte() -> None:
-    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: there is no record here"):
+    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: no record starts here"):
         read(BYTES + b"\xce and then garbage")
     with pytest.raises(JournalDamaged, match=f"walk, byte {ENDS[2]}: its checksum is wrong"):
         read(BYTES[: ENDS[2] + 12] + b"x" * 100)

@@ -149,10 +149,10 @@ def test_its_first_state_and_its_ends_are_three() -> None:
         {"initial": "cancelled"},
     ):
         with pytest.raises(
-            BadFormat, match="its first state and its two ends must be three states"
+            BadFormat, match="its initial state and its two final states must differ"
         ):
             LifeCycle("odd", RUN, **same)
-    with pytest.raises(BadFormat, match="no name"):
+    with pytest.raises(BadFormat, match="not a name"):
         LifeCycle("", RUN)
 
 
@@ -199,7 +199,7 @@ def test_a_table_goes_into_the_declaration_and_comes_out_the_same() -> None:
     ],
 )
 def test_text_that_is_no_table_is_refused(text: str) -> None:
-    with pytest.raises(BadFormat, match="no table of a life cycle"):
+    with pytest.raises(BadFormat, match="not the table of a life cycle"):
         read_life_cycle(text)
 
 

@@ -1,1 +1,1 @@
-"""What messages and tasks cost here, beside what else moves messages."""
+"""The costs of messages and tasks here, beside other programs that move messages."""

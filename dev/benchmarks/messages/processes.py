@@ -13,26 +13,29 @@ from typing import Any
 from tca_tools.supervise.programs import Programs
 
 _OF_A_PROCESS = 2
-"""In the number of a clock of Linux, beside that of the process."""
-_PATIENCE = 3.0  # seconds until what does not end is killed
+"""The kind of a Linux clock, beside the number of its process."""
+_PATIENCE = 3.0  # seconds until a process that does not end is killed
 
 
 class Children:
-    """Servers in Python, and other programs; each is named by the number of its process."""
+    """Servers in Python, and other programs; each is identified by its process number."""
 
     def __init__(self) -> None:
-        self._programs: Programs | None = None  #: while there are any
+        self._programs: Programs | None = None  #: None before the first
         self._names = itertools.count()
 
     def serve(self, target: Callable[..., None], *arguments: Any) -> int:
-        """Run a function of ours in a process of its own; the process' number."""
+        """Run a function of ours in a process of its own; return the process number."""
         spec = sys.modules[target.__module__].__spec__
         assert spec is not None
-        code = f"from pathlib import PosixPath; from {spec.name} import {target.__name__} as serve; serve(*{arguments})"
+        code = (
+            f"from pathlib import PosixPath; from {spec.name} import {target.__name__} as serve;"
+            f" serve(*{arguments})"
+        )
         return self.program(sys.executable, "-c", code)
 
     def program(self, *command: object, **options: Any) -> int:
-        """Start a program that says nothing; the process' number."""
+        """Start a program without output; return the process number."""
         if self._programs is None:
             self._programs = Programs(grace=_PATIENCE).__enter__()
         return self._programs.start(f"{next(self._names)}", *map(str, command), **options)
@@ -50,27 +53,27 @@ class Children:
         )
         return self.program(*command, ends_last=True)
 
-    def end(self, process: int) -> None:
-        """End one."""
+    def stop_one(self, process: int) -> None:
+        """Stop one process."""
         assert self._programs is not None
         self._programs.stop(
             *(name for name, number in self._programs.numbers().items() if number == process)
         )
 
     def stop(self) -> None:
-        """End all, central last."""
+        """Stop all processes, central last."""
         if self._programs is not None:
             self._programs.__exit__()
             self._programs = None
 
 
 def address_in(folder: Path) -> str:
-    """Central's address."""
+    """Return central's address."""
     return f"ipc://{folder}/central.sock"
 
 
 def program_path(name: str) -> str | None:
-    """Where a program is: beside this Python, on the path, or where Debian has its daemons."""
+    """Return a program's path: beside this Python, on the PATH, or in /usr/sbin."""
     return shutil.which(
         name,
         path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]),
@@ -78,7 +81,7 @@ def program_path(name: str) -> str | None:
 
 
 def free_port() -> int:
-    """A port of this machine that nobody listens at."""
+    """Return an unused port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -86,10 +89,10 @@ def free_port() -> int:
 
 
 def processor_seconds(process: int) -> float:
-    """How long a process has used a processor."""
+    """Return the processor time of a process."""
     return time.clock_gettime((~process << 3) | _OF_A_PROCESS)
 
 
 def resident_bytes(process: int) -> int:
-    """The memory that a process has."""
+    """Return the memory of a process."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

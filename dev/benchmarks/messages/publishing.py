@@ -1,6 +1,4 @@
-"""A contestant that publishes under names: who hears that counts, and says how much came when it is
-asked.
-"""
+"""A contestant that publishes under names: subscribers count, and report the count on request."""
 
 import queue
 from abc import abstractmethod
@@ -20,27 +18,27 @@ from dev.benchmarks.messages.contestant import (
 
 
 class Publishing(Contestant):
-    """One hears *pose*, ``LISTENERS`` hear *tick*."""
+    """One subscriber receives *pose*, ``LISTENERS`` receive *tick*."""
 
     pose, tick = "pose", "tick"
 
     def __init__(self) -> None:
         super().__init__()
-        self.told = queue.SimpleQueue[bytes]()  #: what came back
+        self.counts = queue.SimpleQueue[bytes]()  #: reports of subscribers
 
     @abstractmethod
     def publisher(self, name: str) -> Callable[[bytes], object]:
-        """What publishes a body under a name."""
+        """Return a function that publishes a body under a name."""
 
     def ready(self) -> None:
-        until(lambda: self._check_heard(self.pose, 1))
-        until(lambda: self._check_heard(self.tick, LISTENERS))
+        until(lambda: self._check_received(self.pose, 1))
+        until(lambda: self._check_received(self.tick, LISTENERS))
 
-    def _check_heard(self, name: str, ears: int) -> None:
+    def _check_received(self, name: str, subscribers: int) -> None:
         self.publisher(name)(MARK)
         try:
-            for _ in range(ears):
-                self.told.get(timeout=0.3)
+            for _ in range(subscribers):
+                self.counts.get(timeout=0.3)
         except queue.Empty as error:
             raise NotThere("not all are connected yet") from error
 
@@ -50,9 +48,9 @@ class Publishing(Contestant):
     def fanout(self, number: int) -> None:
         self._flood(self.tick, number, LISTENERS)
 
-    def _flood(self, name: str, number: int, ears: int) -> None:
+    def _flood(self, name: str, number: int, subscribers: int) -> None:
         body, publish = body_of(100, COUNT), self.publisher(name)
         for _ in range(number):
             publish(body)
         publish(MARK)
-        check_arrived(number, *(int(self.told.get(timeout=SOON)) for _ in range(ears)))
+        check_arrived(number, *(int(self.counts.get(timeout=SOON)) for _ in range(subscribers)))

@@ -1,4 +1,4 @@
-"""From rounds to figures: medians, the slowest, the best, and ratios within each round."""
+"""Figures from rounds: medians, slowest, best, and the ratios within each round."""
 
 import datetime as dt
 import importlib.metadata
@@ -20,12 +20,12 @@ class Standing(msgspec.Struct, frozen=True):
 
     contestant: str
     ratio: float | None
-    """To the reference, the median of those of each round; None: there is no reference."""
+    """The ratio to the reference, the median of all rounds; None without a reference."""
     least_ratio: float | None
     most_ratio: float | None
     median: float
     p99: float | None
-    """Of times: the 99th of a hundred, the median of those of each round."""
+    """For times: the 99th percentile, the median of all rounds."""
     best: float
     worst: float
     rounds: list[float]
@@ -73,7 +73,7 @@ _PACKAGES = (
 
 
 def reported(run: Results, rounds: int, seconds: float) -> Report:
-    """The report of a run."""
+    """Return the report of a run."""
     machine = {
         "processors": os.cpu_count(),
         "system": platform.platform(),

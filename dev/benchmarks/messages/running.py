@@ -1,6 +1,4 @@
-"""Rounds: in each, all contestants take turns in every case, so that what else the machine does
-hits all.
-"""
+"""Rounds: all contestants take turns in every case, so that other load affects all of them."""
 
 import contextlib
 import importlib.util
@@ -13,7 +11,7 @@ from dev.benchmarks.messages.driver import Broken, Driver, Figures
 from dev.benchmarks.messages.processes import program_path
 
 _WARM_UP = 0.2
-"""Of the time of a measurement, before the first round."""
+"""The part of a measurement's time for the warm-up before the first round."""
 
 
 @dataclass
@@ -27,14 +25,14 @@ class Measured:
 
 @dataclass
 class Results:
-    """All that was measured, and who is missing why."""
+    """All measurements, and the missing contestants with the reason."""
 
     measured: list[Measured] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
 
 
 def lacking(needs: Needs) -> str:
-    """What of it is not installed here; "" if all is."""
+    """Return the missing packages and programs; "" if all are installed."""
     packages = [f"package {name}" for name in needs.packages if not _is_importable(name)]
     programs = [f"program {name}" for name in needs.programs if program_path(name) is None]
     return ", ".join(packages + programs)
@@ -43,24 +41,24 @@ def lacking(needs: Needs) -> str:
 def _is_importable(name: str) -> bool:
     try:
         return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:  # not even the package that it would be in
+    except ModuleNotFoundError:  # its parent package is missing, too
         return False
 
 
 def run(
-    stages: Iterable[Stage], rounds: int, seconds: float, say: Callable[[str], None]
+    stages: Iterable[Stage], rounds: int, seconds: float, log: Callable[[str], None]
 ) -> Results:
-    """Measure all, so many seconds each time. What can't take part is named."""
+    """Measure all cases, for *seconds* each time. It names contestants that can't take part."""
     result = Results()
     for stage in stages:
-        entries = [entry for entry in stage.entries if _takes_part(entry, result, say)]
+        entries = [entry for entry in stage.entries if _takes_part(entry, result, log)]
         measured = [Measured(stage, case) for case in stage.cases]
-        say(f"{stage.title}: {', '.join(entry.title for entry in entries)}")
-        groups = [[entry] for entry in entries] if stage.apart else [entries]
+        log(f"{stage.title}: {', '.join(entry.title for entry in entries)}")
+        groups = [[entry] for entry in entries] if stage.is_sequential else [entries]
         for group in groups:
-            with _started(group, result, say) as drivers:
+            with _started(group, result, log) as drivers:
                 for number in range(rounds + 1):
-                    say(
+                    log(
                         f"{stage.title}: round {number} of {rounds}"
                         if number
                         else f"{stage.title}: warming up"
@@ -71,28 +69,28 @@ def run(
                             drivers,
                             seconds * (1 if number else _WARM_UP),
                             result,
-                            say,
-                            keep=number > 0,
+                            log,
+                            is_recorded=number > 0,
                         )
         result.measured += measured
     return result
 
 
-def _takes_part(entry: Entrant, result: Results, say: Callable[[str], None]) -> bool:
+def _takes_part(entry: Entrant, result: Results, log: Callable[[str], None]) -> bool:
     if entry.title not in result.missing and (lack := lacking(entry.needs)):
         result.missing[entry.title] = f"{lack} not installed: {entry.needs.install}"
-        say(f"{entry.title} is left out: {result.missing[entry.title]}")
+        log(f"{entry.title} is left out: {result.missing[entry.title]}")
     return entry.title not in result.missing
 
 
 @contextlib.contextmanager
 def _started(
-    entries: list[Entrant], result: Results, say: Callable[[str], None]
+    entries: list[Entrant], result: Results, log: Callable[[str], None]
 ) -> Iterator[list[Driver]]:
-    drivers = [Driver(entry) for entry in entries]  # all begin at once
+    drivers = [Driver(entry) for entry in entries]  # all processes start at once
     try:
         for driver in drivers:
-            _heeding(driver, driver.start, result, say)
+            _guarded(driver, driver.start, result, log)
         yield drivers
     finally:
         for driver in drivers:
@@ -104,26 +102,26 @@ def _measure(
     drivers: list[Driver],
     seconds: float,
     result: Results,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
     *,
-    keep: bool,
+    is_recorded: bool,
 ) -> None:
     for driver in drivers:
-        figures = _heeding(driver, partial(driver.measure, one.case, seconds), result, say)
-        if figures and keep:
+        figures = _guarded(driver, partial(driver.measure, one.case, seconds), result, log)
+        if figures and is_recorded:
             one.rows.setdefault(driver.entry.title, []).append(figures)
 
 
-def _heeding(
-    driver: Driver, act: Callable[[], Figures | None], result: Results, say: Callable[[str], None]
+def _guarded(
+    driver: Driver, act: Callable[[], Figures | None], result: Results, log: Callable[[str], None]
 ) -> Figures | None:
-    """What *act* returns; None if the contestant broke, now or before."""
+    """Return the result of *act*; None if the contestant broke, now or before."""
     if driver.is_stopped:
         return None
     try:
         return act()
     except Broken as error:
         result.missing[driver.entry.title] = f"it broke: {error}"
-        say(f"{driver.entry.title} is out: {error}")
+        log(f"{driver.entry.title} is out: {error}")
         driver.stop()
         return None

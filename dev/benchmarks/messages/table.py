@@ -6,7 +6,7 @@ from dev.benchmarks.messages.results import Comparison, Report, Standing
 
 
 def lines(report: Report) -> Iterator[str]:
-    """The tables one after the other, ratios first."""
+    """Yield the tables one after the other, ratios first."""
     for table in report.tables:
         if table.rows:
             yield from _lines_of(table)
@@ -19,7 +19,8 @@ def _lines_of(table: Comparison) -> Iterator[str]:
     ratios = f"; ratios to {table.reference}" if table.reference else ""
     yield f"{table.case}, {table.unit} ({better} is better{ratios})"
     width = max(len(row.contestant) for row in table.rows)
-    yield f"  {'':{width}} {'ratio':>8} {'of rounds':>16} {'median':>12} {'p99':>10} {'best':>12} {'worst':>12}"
+    titles = f"{'ratio':>8} {'of rounds':>16} {'median':>12} {'p99':>10} {'best':>12} {'worst':>12}"
+    yield f"  {'':{width}} {titles}"
     for row in table.rows:
         yield f"  {row.contestant:{width}} " + " ".join(_cells(row))
     yield ""
@@ -36,8 +37,10 @@ def _cells(row: Standing) -> Iterator[str]:
 
 
 def number(value: float | None) -> str:
-    """A figure with about three places."""
+    """Return a figure with about three digits."""
     if value is None:
         return "-"
-    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2 if abs(value) >= 0.1 else 4
-    return f"{value:,.{digits}f}"
+    for digits, least in ((0, 100), (1, 10), (2, 0.1)):
+        if abs(value) >= least:
+            return f"{value:,.{digits}f}"
+    return f"{value:,.4f}"

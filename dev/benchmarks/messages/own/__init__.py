@@ -1,1 +1,1 @@
-"""The contestants that need nothing but us: ZeroMQ alone, and central."""
+"""The contestants without other programs: ZeroMQ alone, and central."""

@@ -1,5 +1,5 @@
-"""Central with bare ends: they speak its protocol over plain ZeroMQ, as a client in another
-language might.
+"""Central with bare clients, which speak its protocol over plain ZeroMQ, like one in another
+language.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from tca_wire.points import Moment, Point, TaskId
 
 NIL = b"\xc0"
 AHEAD = 64
-"""Messages that a slot takes before it is free."""
+"""The number of messages that central prefetches to a slot."""
 _PINGS, _COUNTED = {ping.name for ping in PING.values()}, {POSE.name, TICK.name}
 _COUNTS = {one.name for one in (SEEN, *HEARD)}
 _KINDS = (headers.Accepted, headers.Answer)
@@ -30,7 +30,7 @@ _readings: dict[Socket, Receipts] = {}
 
 
 def read(line: Socket) -> bytes:
-    """The next packet, whose receipt central gets."""
+    """Return the next packet, and send central its receipt."""
     reading, packet = _readings.setdefault(line, Receipts()), line.recv()
     if receipt := reading.due(packet):
         line.send(receipt)
@@ -39,7 +39,7 @@ def read(line: Socket) -> bytes:
 
 
 def joined(address: str, module: str, number: int = 0, resource: str = "") -> Socket:
-    """A connection that central has welcomed."""
+    """Return a connection that central has welcomed."""
     line = socket(zmq.DEALER, connect=address)
     hello = headers.Hello(
         1, headers.PROTOCOL_VERSION, module, module, number, resource, prefetch=AHEAD
@@ -50,8 +50,9 @@ def joined(address: str, module: str, number: int = 0, resource: str = "") -> So
 
 
 def registered(address: str, module: str, handlers: dict[Any, str]) -> list[Socket]:
-    """The slots of a module with one connection a resource, or sixteen, that handles these
-    messages.
+    """Return the slots of a module that handles these messages.
+
+    Each resource has one connection, or sixteen.
     """
     own = joined(address, module)
     formats = [message.format for message in handlers]
@@ -67,15 +68,15 @@ def registered(address: str, module: str, handlers: dict[Any, str]) -> list[Sock
 
 
 def serve(folder: Path) -> None:
-    """A module by hand."""
+    """Run a module without the library."""
     handlers = {PING[1]: "one", PING[16]: "sixteen", POSE: "one", SEEN: "one", MOVE: "mover"}
-    attend(registered(address_in(folder), "server", handlers))
+    serve_lines(registered(address_in(folder), "server", handlers))
 
 
 def listen(folder: Path) -> None:
-    """The modules that hear a broadcast."""
+    """Run the modules that receive a broadcast."""
     named = [(f"listener {number}", heard) for number, heard in enumerate(HEARD)]
-    attend(
+    serve_lines(
         [
             line
             for name, heard in named
@@ -84,40 +85,40 @@ def listen(folder: Path) -> None:
     )
 
 
-def attend(lines: list[Socket]) -> None:
-    """Answer all that comes."""
+def serve_lines(lines: list[Socket]) -> None:
+    """Answer all messages."""
     poller = zmq.Poller()
     counts = dict.fromkeys(lines, 0)
     for line in lines:
         poller.register(line, zmq.POLLIN)
     while True:
         for line, _ in poller.poll():
-            if said := answers(line, counts):
-                line.send(codec.pack(said))
+            if items := answers(line, counts):
+                line.send(codec.pack(items))
 
 
 def answers(line: Socket, counts: dict[Socket, int]) -> list[tuple[Any, bytes]]:
-    """What there is to say to the next packet: all that is no task is answered together."""
-    said: list[tuple[Any, bytes]] = []
+    """Return the answers to the next packet: all messages that are not tasks get one together."""
+    items: list[tuple[Any, bytes]] = []
     ended: list[EndedRun] = []
     replies: list[bytes] = []
     for header, body in codec.unpack_to_module(read(line)):
         if isinstance(header, headers.Recall):
-            said.append((headers.Recalled([]), b""))  # it has begun with all
+            items.append((headers.Recalled([]), b""))  # it has started all of them
         elif isinstance(header, headers.Deliver):
             reply = handle(line, header.message, body, counts)
             if header.task:
-                said.append((headers.Reply(header.delivery), reply))
+                items.append((headers.Reply(header.delivery), reply))
             else:
                 ended.append(EndedRun(header.delivery, 0.0, 0.0, len(reply)))
                 replies.append(reply)
     if ended:
-        said.append((headers.Replies(ended), b"".join(replies)))
-    return said
+        items.append((headers.Replies(ended), b"".join(replies)))
+    return items
 
 
 def handle(line: Socket, message: str, body: bytes, counts: dict[Socket, int]) -> bytes:
-    """The reply to a message."""
+    """Return the reply to a message."""
     if message in _PINGS:
         return body
     if message in _COUNTS:
@@ -141,13 +142,13 @@ class BareEnds(Contestant):
         names = [one.name for one in declared]
         self._ask([(headers.WaitUntilHandled(next(self.numbers), names), b"")])
 
-    def _tell(self, items: list[tuple[Any, bytes]]) -> None:
+    def _send(self, items: list[tuple[Any, bytes]]) -> None:
         for header, body in items:
             self.line.send(codec.pack_item(header, body))
 
     def _ask(self, items: list[tuple[Any, bytes]]) -> list[tuple[Any, bytes]]:
         """Send requests, each in a packet of its own, and wait for all answers."""
-        self._tell(items)
+        self._send(items)
         return self._answers(len(items))
 
     def _answers(self, number: int) -> list[tuple[Any, bytes]]:
@@ -171,19 +172,19 @@ class BareEnds(Contestant):
         sent = 0
         while number:
             fresh = min(OPEN - sent, number - sent)
-            self._tell([self._question(PING[slots], body) for _ in range(fresh)])
+            self._send([self._question(PING[slots], body) for _ in range(fresh)])
             sent += fresh
             answered = len(self._answers(1))
             sent, number = sent - answered, number - answered
 
     def oneway(self, number: int) -> None:
         body = POSE.encode_data(body_of(100))
-        self._tell([(headers.Send(0, POSE.name), body)] * number)
+        self._send([(headers.Send(0, POSE.name), body)] * number)
         check_arrived(number, *self._counts(SEEN))
 
     def fanout(self, number: int) -> None:
         body = TICK.encode_data(body_of(100))
-        self._tell([(headers.Send(0, TICK.name), body)] * number)
+        self._send([(headers.Send(0, TICK.name), body)] * number)
         check_arrived(number, *self._counts(*HEARD))
 
     def _counts(self, *questions: Any) -> list[int]:
@@ -198,7 +199,7 @@ class BareEnds(Contestant):
             self._command(min(OPEN, number - begun))
 
     def _command(self, number: int) -> None:
-        """So many at once: their ids first, then their ends."""
+        """Send *number* commands at once: wait for their ids first, then for their ends."""
         body = MOVE.encode_data(body_of(100))
         sends = [
             (headers.Send(next(self.numbers), MOVE.name, flags=Flags.NONE), body)

@@ -1,4 +1,4 @@
-"""What central needs beside time: memory; and how long it takes to start."""
+"""The costs of central beside time: memory, and the time to start."""
 
 import itertools
 import resource
@@ -19,14 +19,12 @@ from tca_wire.constraints import Flags
 from tca_wire.packets import codec, headers
 
 MANY = 10_000
-"""Connections of one process."""
+"""The limit for connections of one process."""
 WALK, NOTE, PING = Goal("walk", bytes), Inform("note", bytes), Query("ping", bytes, reply=bytes)
 
 
 class Memory(Contestant):
-    """Central, one handler that never returns, and a client by hand: the memory that central takes
-    for more.
-    """
+    """Central, a handler that never returns, and a bare client, to measure central's memory."""
 
     def __init__(self, of: str) -> None:
         super().__init__()
@@ -48,7 +46,7 @@ class Memory(Contestant):
         self._ask(headers.Register(next(self.numbers), [WALK.format, NOTE.format]))
 
     def ready(self) -> None:
-        self._goals(1)  # nothing is handled from now on
+        self._goals(1)  # it occupies the handler: nothing else is handled
         self.more(20)
 
     def _ask(self, header: Any, body: bytes = b"") -> None:
@@ -75,12 +73,12 @@ class Memory(Contestant):
             )
 
     def memory(self, number: int) -> float:
-        """The bytes of memory that each of so many more takes."""
+        """Return the bytes of memory that each of *number* more objects takes."""
         self.children.stop()
         for line in (*self.modules, *self.busy, self.line):
             line.close()
         self.modules.clear()
-        self.start()  # a new central, for what another has had and freed it takes again
+        self.start()  # a new central: an old one would reuse freed memory
         self.ready()
         before, more = resident_bytes(self.central), max(int(number * self.part), 1)
         self.more(more)
@@ -109,7 +107,7 @@ class Started(Contestant):
         super().stop()
 
     def start_up(self, number: int) -> list[float]:
-        """The seconds of each start."""
+        """Return the seconds of each start."""
         return [self.act() for _ in range(number)]
 
     def _python(self) -> float:
@@ -125,7 +123,7 @@ class Started(Contestant):
         client = connect("bench", address_in(folder), SOON)
         took = time.perf_counter() - begin
         client.close()
-        self.children.end(central)
+        self.children.stop_one(central)
         return took
 
     def _module(self) -> float:
@@ -136,12 +134,12 @@ class Started(Contestant):
         self.client.wait_until_handled(PING, timeout=SOON)
         self.client.query(PING, body_of(100))
         took = time.perf_counter() - begin
-        self.children.end(module)
+        self.children.stop_one(module)
         return took
 
 
 def serve(folder: str) -> None:
-    """The module that is started."""
+    """Run the module that is started."""
     module = Module("started", address_in(Path(folder)))
 
     @module.handles(PING)

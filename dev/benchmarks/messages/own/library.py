@@ -1,4 +1,4 @@
-"""Central with the module library: what users have."""
+"""Central with the module library, as users have it."""
 
 import contextlib
 import threading
@@ -13,7 +13,7 @@ from dev.benchmarks.messages.contestant import (
     NotThere,
     body_of,
     check_arrived,
-    keep_open,
+    run_open,
     timed,
     until,
 )
@@ -34,13 +34,13 @@ MOVE, THREE_MOVES, MANY_MOVES = (
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
 MOST_DIRECT = 500
-"""Direct messages sent at a time: a thousand may be on their way."""
+"""The number of direct messages sent at a time: a thousand may be on their way."""
 TOGETHER = 50
-"""Modules of a crowd that share a process."""
+"""The modules of a crowd that share a process."""
 
 
 def serve(address: str, direct: bool) -> None:
-    """The module that handles everything but the broadcast."""
+    """Run the module that handles everything but the broadcast."""
     server = Module("server", address)
     for number, name in SLOTS.items():
         server.resource(name, number)
@@ -65,26 +65,26 @@ def serve(address: str, direct: bool) -> None:
 
 
 def add_counter(
-    module: Module, told: Any, asked: Query[None, int], resource: str, *, direct: bool = False
+    module: Module, counted: Any, question: Query[None, int], resource: str, *, direct: bool = False
 ) -> None:
-    """Count messages, and say how many came since that was asked."""
+    """Count messages, and reply with the number since the last query."""
     count = 0
 
-    def come(_: Task, __: bytes) -> None:
+    def count_one(_: Task, __: bytes) -> None:
         nonlocal count
         count += 1
 
-    def since(_: Task) -> int:
+    def report_count(_: Task) -> int:
         nonlocal count
         seen, count = count, 0
         return seen
 
-    module.handles(told, resource=resource, direct=direct)(come)
-    module.handles(asked, resource=resource, direct=direct)(since)
+    module.handles(counted, resource=resource, direct=direct)(count_one)
+    module.handles(question, resource=resource, direct=direct)(report_count)
 
 
 def run_together(*modules: Module) -> None:
-    """Run several modules in this process, until it is ended."""
+    """Run several modules in this process, until it is stopped."""
     with contextlib.ExitStack() as stack:
         for module in modules:
             stack.enter_context(module.running(patience=SOON))
@@ -92,7 +92,7 @@ def run_together(*modules: Module) -> None:
 
 
 def listen(address: str) -> None:
-    """The modules that hear the broadcast."""
+    """Run the modules that receive the broadcast."""
     listeners = [Module(f"listener {number}", address) for number in range(LISTENERS)]
     for listener, heard in zip(listeners, HEARD, strict=True):
         add_counter(listener, TICK, heard, listener.name)
@@ -100,7 +100,7 @@ def listen(address: str) -> None:
 
 
 def idle(address: str, first: int, number: int) -> None:
-    """Modules that have nothing to do."""
+    """Run modules that have nothing to do."""
     modules = [Module(f"idle {first + one}", address) for one in range(number)]
     for module in modules:
         module.handles(Inform(f"to {module.name}", int))(lambda _, __: None)
@@ -108,10 +108,10 @@ def idle(address: str, first: int, number: int) -> None:
 
 
 class Library(Contestant):
-    """Client, central and one module; its listeners are a process of their own."""
+    """Client, central and one module; its listeners have a process of their own."""
 
     direct = False
-    """Whether the module takes queries and informs straight from the client."""
+    """Whether the module accepts queries and informs directly from the client."""
 
     def __init__(self, journal: str = "batch", taps: int = 0, crowd: int = 0) -> None:
         super().__init__()
@@ -120,8 +120,8 @@ class Library(Contestant):
     def start(self) -> None:
         address = address_in(self.folder)
         options = JOURNALS[self.journal]
-        keeps = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
-        self.children.central(self.folder, *options, *keeps)
+        journal = () if self.journal == "off" else ("--journal", str(self.folder / "journal"))
+        self.children.central(self.folder, *options, *journal)
         self.children.serve(serve, address, self.direct)
         if not self.crowd:
             self.children.serve(listen, address)
@@ -145,7 +145,7 @@ class Library(Contestant):
         end = time.monotonic() + SOON
         while len(self.client.modules()) < self.crowd and time.monotonic() < end:
             time.sleep(0.2)
-        self.round_trip(10, 100)  # central tells of the direct way
+        self.round_trip(10, 100)  # central announces the direct route
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body, ping = body_of(size), PING[1]
@@ -153,7 +153,7 @@ class Library(Contestant):
 
     def pipelined(self, number: int, slots: int) -> None:
         ping, body = PING[slots], body_of(100)
-        keep_open(number, lambda: self.client.query_send(ping, body).receive)
+        run_open(number, lambda: self.client.query_send(ping, body).receive)
 
     def oneway(self, number: int) -> None:
         body = body_of(100)
@@ -174,7 +174,7 @@ class Library(Contestant):
 
     def commands_open(self, number: int) -> None:
         body = body_of(100)
-        keep_open(number, lambda: self.client.command(MOVE, body, sequential=False).result)
+        run_open(number, lambda: self.client.command(MOVE, body, sequential=False).result)
 
     def goals(self, number: int) -> list[float]:
         body = body_of(100)
@@ -184,8 +184,9 @@ class Library(Contestant):
         self.client.goal(MANY_MOVES, number, sequential=False).wait()
 
     def idle_load(self, number: int) -> float:
-        """The part of a processor, in per cent, that the idle crowd uses, measured for so many
-        seconds.
+        """Return the share of a processor, in per cent, that the idle crowd uses.
+
+        It is measured for *number* seconds.
         """
         before = sum(map(processor_seconds, self.idle))
         time.sleep(number)
@@ -193,7 +194,7 @@ class Library(Contestant):
 
 
 class Straight(Library):
-    """With direct messages; what can't be one is left out."""
+    """The library with direct messages; other cases are left out."""
 
     direct = True
 
@@ -206,11 +207,14 @@ class Straight(Library):
             super().oneway(min(number - begun, MOST_DIRECT))
 
     def _check_in_order(self) -> None:
-        """The first inform goes through central, which the question after it may not."""
+        """Check that informs are direct, too.
+
+        The first inform goes through central, and the direct query after it may overtake it.
+        """
         try:
             self.oneway(1)
         except Lost as error:
-            raise NotThere("central has not told of the direct way yet") from error
+            raise NotThere("central has not announced the direct route yet") from error
 
     fanout, commands, commands_open = (
         Contestant.fanout,

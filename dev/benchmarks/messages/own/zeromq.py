@@ -1,6 +1,4 @@
-"""ZeroMQ alone: ``zmq.proxy``, which forwards frames and knows nothing (our limit), and no broker
-at all.
-"""
+"""ZeroMQ alone: ``zmq.proxy``, which only forwards frames (our limit), and no broker at all."""
 
 import threading
 from pathlib import Path
@@ -25,7 +23,7 @@ Socket = zmq.Socket[bytes]
 
 
 def socket(kind: int, *, bind: str = "", connect: str = "") -> Socket:
-    """A socket that queues whatever comes."""
+    """Return a socket without limits for its queues."""
     made: Socket = zmq.Context.instance().socket(kind)
     made.setsockopt(zmq.LINGER, 0)
     made.set_hwm(0)
@@ -39,12 +37,12 @@ def socket(kind: int, *, bind: str = "", connect: str = "") -> Socket:
 
 
 def at(folder: Path, name: str) -> str:
-    """The address of a socket."""
+    """Return the address of a socket."""
     return f"ipc://{folder}/{name}"
 
 
 def forward(folder: Path) -> None:
-    """The broker: a proxy for messages to one, in a thread one for those to many."""
+    """Run the broker: a proxy for single messages and, in a thread, one for broadcasts."""
     publishers, subscribers = (
         socket(zmq.XSUB, bind=at(folder, "pub")),
         socket(zmq.XPUB, bind=at(folder, "sub")),
@@ -56,17 +54,17 @@ def forward(folder: Path) -> None:
 
 
 def serve_proxy(folder: Path) -> None:
-    """The server behind the proxy."""
+    """Run the server behind the proxy."""
     answer(socket(zmq.DEALER, connect=at(folder, "back")))
 
 
 def serve_directly(folder: Path) -> None:
-    """The server where there is no proxy."""
+    """Run the server without a proxy."""
     answer(socket(zmq.ROUTER, bind=at(folder, "front")))
 
 
 def answer(line: Socket) -> None:
-    """Send back what is to be sent back, count the others."""
+    """Send back some messages, count the others."""
     count = 0
     while True:
         sender, body = line.recv(), line.recv()
@@ -79,39 +77,37 @@ def answer(line: Socket) -> None:
 
 
 def listen(folder: Path) -> None:
-    """Those who hear what is published, and tell how much that was."""
-    told = socket(zmq.PUSH, connect=at(folder, "told"))
-    ears = {socket(zmq.SUB, connect=at(folder, "sub")): 0 for _ in range(LISTENERS)}
+    """Run the subscribers, which count published messages and report the number."""
+    counts = socket(zmq.PUSH, connect=at(folder, "counts"))
+    subscribers = {socket(zmq.SUB, connect=at(folder, "sub")): 0 for _ in range(LISTENERS)}
     poller = zmq.Poller()
-    for ear in ears:
-        poller.register(ear, zmq.POLLIN)
+    for subscriber in subscribers:
+        poller.register(subscriber, zmq.POLLIN)
     while True:
-        for ear, _ in poller.poll():
-            _hear(ear, ears, told)
+        for subscriber, _ in poller.poll():
+            _read_all(subscriber, subscribers, counts)
 
 
-def _hear(ear: Socket, ears: dict[Socket, int], told: Socket) -> None:
-    """All that is there already."""
+def _read_all(subscriber: Socket, subscribers: dict[Socket, int], counts: Socket) -> None:
+    """Read all messages that have arrived."""
     try:
         while True:
-            if ear.recv(zmq.NOBLOCK)[:1] == MARK:
-                told.send(str(ears[ear]).encode())
-                ears[ear] = 0
+            if subscriber.recv(zmq.NOBLOCK)[:1] == MARK:
+                counts.send(str(subscribers[subscriber]).encode())
+                subscribers[subscriber] = 0
             else:
-                ears[ear] += 1
+                subscribers[subscriber] += 1
     except zmq.Again:
         pass
 
 
 class Proxy(Contestant):
-    """Client, proxy and server; commands are what moves their messages, nobody keeps a record of
-    them.
-    """
+    """Client, proxy and server. Commands are only messages here, without a record."""
 
     def start(self) -> None:
         self._start_others()
         self.children.serve(listen, self.folder)
-        self.told = socket(zmq.PULL, bind=at(self.folder, "told"))
+        self.counts = socket(zmq.PULL, bind=at(self.folder, "counts"))
         self.line = socket(zmq.DEALER, connect=at(self.folder, "front"))
 
     def _start_others(self) -> None:
@@ -121,14 +117,14 @@ class Proxy(Contestant):
 
     def ready(self) -> None:
         super().ready()
-        until(self._check_all_hear)
+        until(self._check_all_subscribed)
 
-    def _check_all_hear(self) -> None:
+    def _check_all_subscribed(self) -> None:
         self.publisher.send(MARK)
         for _ in range(LISTENERS):
-            if not self.told.poll(200):
+            if not self.counts.poll(200):
                 raise NotThere("not all listeners are connected yet")
-            self.told.recv()
+            self.counts.recv()
 
     def round_trip(self, number: int, size: int) -> list[float]:
         body = body_of(size)
@@ -162,7 +158,7 @@ class Proxy(Contestant):
         for _ in range(number):
             self.publisher.send(body)
         self.publisher.send(MARK)
-        check_arrived(number, *(int(self.told.recv()) for _ in range(LISTENERS)))
+        check_arrived(number, *(int(self.counts.recv()) for _ in range(LISTENERS)))
 
     def commands(self, number: int) -> list[float]:
         return self.round_trip(number, 100)

@@ -1,3 +1,1 @@
-"""Other programs' contestants. Each file imports what it needs, so it is loaded only where that is
-installed.
-"""
+"""Contestants of other programs. Each file is loaded only where its packages are installed."""

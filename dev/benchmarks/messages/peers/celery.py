@@ -1,6 +1,4 @@
-"""Celery with Redis, for messages and for results; one worker without a pool. The parts of a goal
-are a chain.
-"""
+"""Celery with Redis for messages and results; one worker without a pool. A goal is a chain."""
 
 import os
 import sys
@@ -9,7 +7,7 @@ from typing import Any
 
 import celery
 
-from dev.benchmarks.messages.contestant import OPEN, SOON, Contestant, body_of, keep_open, timed
+from dev.benchmarks.messages.contestant import OPEN, SOON, Contestant, body_of, run_open, timed
 from dev.benchmarks.messages.peers.redis import start_redis
 
 PLACE = "TCA_BENCH_REDIS"
@@ -46,7 +44,7 @@ class Celery(Contestant):
         return timed(number, lambda: self._begun().get(timeout=SOON))
 
     def commands_open(self, number: int) -> None:
-        keep_open(number, lambda: partial(self._begun().get, timeout=SOON))
+        run_open(number, lambda: partial(self._begun().get, timeout=SOON))
 
     def goals(self, number: int) -> list[float]:
         parts = celery.chain(*[move.si(self.body)] * 3)

@@ -1,12 +1,10 @@
-"""Dask: a scheduler, a worker with one thread, futures; the parts of a goal are futures that need
-each other.
-"""
+"""Dask: a scheduler, a worker with one thread, futures. A goal's parts are dependent futures."""
 
 import sys
 
 import distributed
 
-from dev.benchmarks.messages.contestant import SOON, Contestant, body_of, keep_open, timed
+from dev.benchmarks.messages.contestant import SOON, Contestant, body_of, run_open, timed
 from dev.benchmarks.messages.peers.work import move
 from dev.benchmarks.messages.processes import free_port
 
@@ -38,7 +36,7 @@ class Dask(Contestant):
 
     def commands_open(self, number: int) -> None:
         body = body_of(100)
-        keep_open(number, lambda: self.client.submit(move, body, **PLAIN).result)
+        run_open(number, lambda: self.client.submit(move, body, **PLAIN).result)
 
     def goals(self, number: int) -> list[float]:
         body = body_of(100)

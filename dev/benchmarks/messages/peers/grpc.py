@@ -1,6 +1,4 @@
-"""gRPC: no broker, a server with plain bytes; what is not answered is one stream. It has nothing
-for many at once.
-"""
+"""gRPC without a broker: a server with plain bytes. One-way messages are a stream; no broadcast."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,7 +11,7 @@ from dev.benchmarks.messages.contestant import (
     Contestant,
     body_of,
     check_arrived,
-    keep_open,
+    run_open,
     timed,
 )
 
@@ -21,7 +19,7 @@ LARGE = [("grpc.max_receive_message_length", -1), ("grpc.max_send_message_length
 
 
 def serve(address: str) -> None:
-    """The server, with one thread."""
+    """Run the server, with one thread."""
     server = grpc.server(ThreadPoolExecutor(1), options=LARGE)
     handlers = {
         "ping": grpc.unary_unary_rpc_method_handler(lambda body, _: body),
@@ -55,7 +53,7 @@ class Grpc(Contestant):
     def pipelined(self, number: int, slots: int) -> None:
         del slots
         body = body_of(100)
-        keep_open(number, lambda: self.ping.future(body).result)
+        run_open(number, lambda: self.ping.future(body).result)
 
     def oneway(self, number: int) -> None:
         body = body_of(100, COUNT)

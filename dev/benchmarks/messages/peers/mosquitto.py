@@ -1,6 +1,4 @@
-"""Mosquitto with paho: quality of service 0, which is the fastest; each client has the thread that
-paho gives it.
-"""
+"""Mosquitto with paho: the fastest quality of service, 0; each client has a thread of paho."""
 
 import getpass
 import threading
@@ -34,7 +32,7 @@ user {user}
 
 
 def joined(path: str, topic: str, handle: Any, *, own_thread: bool = True) -> Client:
-    """A client that hears a topic."""
+    """Return a client that subscribes to a topic."""
     client = Client(CallbackAPIVersion.VERSION2, transport="unix")
     client.on_message = handle
     client.on_connect = lambda *_: client.subscribe(topic)
@@ -63,19 +61,19 @@ def _handler(answers: str) -> Any:
 
 
 def serve(path: str) -> None:
-    """The server."""
+    """Run the server."""
     joined(path, "pose", _handler("replies"), own_thread=False).loop_forever()
 
 
 def listen(path: str) -> None:
-    """The clients that hear a broadcast."""
+    """Run the clients that receive a broadcast."""
     ears = [joined(path, "tick", _handler("replies")) for _ in range(LISTENERS)]
     threading.Event().wait()
     del ears
 
 
 class Mosquitto(Publishing):
-    """Client, broker, server, which sends back what it hears under *pose*, or counts it."""
+    """Client, broker, and a server that sends back messages under *pose*, or counts them."""
 
     def start(self) -> None:
         path = f"{self.folder}/mosquitto.sock"
@@ -87,7 +85,7 @@ class Mosquitto(Publishing):
         self.children.serve(listen, path)
 
     def _connect(self, path: str) -> None:
-        self.line = joined(path, "replies", lambda _, __, message: self.told.put(message.payload))
+        self.line = joined(path, "replies", lambda _, __, message: self.counts.put(message.payload))
 
     def publisher(self, name: str) -> Any:
         return partial(self.line.publish, name)
@@ -97,7 +95,7 @@ class Mosquitto(Publishing):
 
         def exchange() -> None:
             self.line.publish("pose", body)
-            self.told.get()
+            self.counts.get()
 
         return timed(number, exchange)
 
@@ -106,7 +104,7 @@ class Mosquitto(Publishing):
         body = body_of(100)
         for one in range(number):
             if one >= OPEN:
-                self.told.get()
+                self.counts.get()
             self.line.publish("pose", body)
         for _ in range(min(number, OPEN)):
-            self.told.get()
+            self.counts.get()

@@ -23,7 +23,7 @@ from dev.benchmarks.messages.processes import free_port, program_path
 
 
 def serve(address: str) -> None:
-    """One subscription that answers, ten that count."""
+    """Run one subscription that answers, ten that count."""
     asyncio.run(_serve(address))
 
 
@@ -35,7 +35,7 @@ async def _serve(address: str) -> None:
 
 
 def listen(address: str) -> None:
-    """The connections that hear a broadcast."""
+    """Run the connections that receive a broadcast."""
     asyncio.run(_listen(address))
 
 
@@ -63,11 +63,11 @@ def _handler() -> Any:
 
 
 async def _ignore(_: Exception) -> None:
-    """It is raised, too."""
+    """Ignore an error that is also raised."""
 
 
 class Nats(Contestant):
-    """Client, server of NATS, our server; over TCP, for there is nothing else."""
+    """Client, NATS server and our server, over TCP, the only transport."""
 
     def start(self) -> None:
         port = free_port()
@@ -101,12 +101,12 @@ class Nats(Contestant):
         return list(self._run(self._round_trips(number, body_of(size))))
 
     async def _round_trips(self, number: int, body: bytes) -> list[float]:
-        taken = []
+        times = []
         for _ in range(number):
             begin = time.perf_counter()
             await self.line.request("work", body, timeout=20)
-            taken.append(time.perf_counter() - begin)
-        return taken
+            times.append(time.perf_counter() - begin)
+        return times
 
     def pipelined(self, number: int, slots: int) -> None:
         del slots
@@ -141,7 +141,7 @@ class Nats(Contestant):
         except (
             nats.errors.TimeoutError,
             ValueError,
-        ) as error:  # nobody answered, or "nobody hears that" came
+        ) as error:  # no answer, or no subscriber
             raise NotThere("not all listeners are connected yet") from error
         finally:
             await answers.unsubscribe()

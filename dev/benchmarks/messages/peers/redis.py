@@ -1,5 +1,5 @@
-"""Redis with redis-py: lists for messages to one, in blocks where many wait; what is published for
-those to many.
+"""Redis with redis-py: lists for single messages, in blocks where many wait; pub/sub for
+broadcasts.
 """
 
 import threading
@@ -28,7 +28,7 @@ FOREVER = 0
 
 
 def start_redis(children: Children, folder: Path) -> str:
-    """Start a server that keeps nothing on the disk, and return its socket."""
+    """Start a server that stores nothing on disk; return its socket."""
     path = f"{folder}/redis.sock"
     options = (
         "--port",
@@ -50,7 +50,7 @@ def start_redis(children: Children, folder: Path) -> str:
 
 
 def connected(path: str) -> Any:
-    """A client, which waits for as long as it must."""
+    """Return a client without a timeout."""
     return redis.Redis(unix_socket_path=path, socket_timeout=None)
 
 
@@ -62,7 +62,7 @@ def _check_there(line: Any) -> None:
 
 
 def serve(path: str) -> None:
-    """Take what waits in the list, all at once, and push the answers together."""
+    """Pop all waiting messages at once, and push the answers together."""
     line = connected(path)
     count = 0
     while True:
@@ -80,19 +80,19 @@ def serve(path: str) -> None:
 
 
 def listen(path: str) -> None:
-    """The connections that hear a broadcast, a thread each."""
+    """Run the connections that receive a broadcast, each in a thread."""
     for _ in range(LISTENERS):
-        threading.Thread(target=_hear, args=(path,), daemon=True).start()
+        threading.Thread(target=_count, args=(path,), daemon=True).start()
     threading.Event().wait()
 
 
-def _hear(path: str) -> None:
-    told, line = connected(path), connected(path).pubsub(ignore_subscribe_messages=True)
+def _count(path: str) -> None:
+    counts, line = connected(path), connected(path).pubsub(ignore_subscribe_messages=True)
     line.subscribe("tick")
     count = 0
     for message in line.listen():
         if message["data"][:1] == MARK:
-            told.rpush("heard", count)
+            counts.rpush("heard", count)
             count = 0
         else:
             count += 1
@@ -109,9 +109,9 @@ class Redis(Contestant):
 
     def ready(self) -> None:
         super().ready()
-        until(self._check_all_hear)
+        until(self._check_all_subscribed)
 
-    def _check_all_hear(self) -> None:
+    def _check_all_subscribed(self) -> None:
         if dict(self.line.pubsub_numsub("tick"))[b"tick"] < LISTENERS:
             raise NotThere("not all listeners are connected yet")
 
@@ -132,8 +132,8 @@ class Redis(Contestant):
                 self.line.rpush("work", *[body] * fresh)
                 waiting += fresh
             self.line.blpop("replies", FOREVER)
-            come = 1 + len(self.line.lpop("replies", OPEN) or ())
-            waiting, left = waiting - come, left - come
+            arrived = 1 + len(self.line.lpop("replies", OPEN) or ())
+            waiting, left = waiting - arrived, left - arrived
 
     def oneway(self, number: int) -> None:
         bodies = iter([body_of(100, COUNT)] * number)

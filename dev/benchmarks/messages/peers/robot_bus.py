@@ -15,7 +15,7 @@ from dev.benchmarks.messages.contestant import (
     SOON,
     NotThere,
     body_of,
-    keep_open,
+    run_open,
     shares,
     timed,
     until,
@@ -25,15 +25,15 @@ from dev.benchmarks.messages.publishing import Publishing
 
 
 def node(name: str, port: int) -> Any:
-    """A node. Raises NotThere as long as there is no broker."""
+    """Return a node. Raises NotThere while there is no broker."""
     try:
         return robot_bus.Node.discover(name, transport="tcp", api_url=f"http://127.0.0.1:{port}")
-    except Exception as error:  # it has no class of its own
+    except Exception as error:  # the library raises a plain Exception
         raise NotThere(f"no broker: {error}") from error
 
 
 def serve(port: int) -> None:
-    """A service, an action, and a topic that is counted."""
+    """Run a service, an action, and a topic that is counted."""
     server = node("server", port)
     server.create_service("/ping", lambda body: body)
     server.create_action_server("/move", lambda _: [("RESULT", b"")])
@@ -43,7 +43,7 @@ def serve(port: int) -> None:
 
 
 def listen(port: int) -> None:
-    """The nodes that hear a broadcast."""
+    """Run the nodes that receive a broadcast."""
     nodes = [node(f"listener {number}", port) for number in range(LISTENERS)]
     for one in nodes:
         _count(one, "/tick")
@@ -53,21 +53,21 @@ def listen(port: int) -> None:
 
 def _count(one: Any, topic: str) -> None:
     count = 0
-    told = one.create_publisher("/told")
+    counts = one.create_publisher("/told")
 
-    def hear(body: bytes) -> None:
+    def receive(body: bytes) -> None:
         nonlocal count
         if body[:1] == COUNT:
             count += 1
         else:
-            told.publish(str(count).encode())
+            counts.publish(str(count).encode())
             count = 0
 
-    one.create_subscription(topic, hear, qos_depth=100_000)
+    one.create_subscription(topic, receive, qos_depth=100_000)
 
 
 class RobotBus(Publishing):
-    """Client, broker, server; over TCP."""
+    """Client, broker and server, over TCP."""
 
     pose, tick = "/pose", "/tick"
 
@@ -83,7 +83,7 @@ class RobotBus(Publishing):
 
     def _join(self, port: int) -> None:
         self.node = node("client", port)
-        self.node.create_subscription("/told", self.told.put, qos_depth=100_000)
+        self.node.create_subscription("/told", self.counts.put, qos_depth=100_000)
         names = self.pose, self.tick
         self.publishers = {
             name: self.node.create_publisher(name, qos_depth=100_000) for name in names
@@ -108,7 +108,7 @@ class RobotBus(Publishing):
         return timed(number, lambda: service.call(body, SOON))
 
     def pipelined(self, number: int, slots: int) -> None:
-        """It has no call that does not wait: so each has a thread and a client of its own."""
+        """Give each open call a thread and a client of its own: every call blocks."""
         del slots
         body = body_of(100)
 
@@ -124,7 +124,7 @@ class RobotBus(Publishing):
 
     def commands_open(self, number: int) -> None:
         body = body_of(100)
-        keep_open(number, lambda: partial(self.action.send_goal(body).result, SOON))
+        run_open(number, lambda: partial(self.action.send_goal(body).result, SOON))
 
     def stop(self) -> None:
         if hasattr(self, "node"):

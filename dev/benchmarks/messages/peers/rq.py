@@ -1,5 +1,5 @@
-"""RQ with Redis: the worker that does not fork for each job; one asks for a job's result and waits
-for it.
+"""RQ with Redis: the worker that does not fork for each job; the client waits for each job's
+result.
 """
 
 import sys

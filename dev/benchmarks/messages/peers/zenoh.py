@@ -1,6 +1,4 @@
-"""Zenoh with its Python API: a router, queryables and subscribers, over TCP; puts that wait rather
-than drop.
-"""
+"""Zenoh with its Python API: a router, queryables and subscribers over TCP. Puts block."""
 
 import json
 import threading
@@ -14,7 +12,7 @@ from dev.benchmarks.messages.contestant import (
     LISTENERS,
     NotThere,
     body_of,
-    keep_open,
+    run_open,
     timed,
     until,
 )
@@ -25,7 +23,7 @@ PATIENT = {"congestion_control": zenoh.CongestionControl.BLOCK}
 
 
 def opened(endpoint: str, mode: str = "client") -> Any:
-    """A session that is one end of the router, or the router itself."""
+    """Return a client session, or the router."""
     settings = zenoh.Config()
     for key, value in {
         "mode": mode,
@@ -37,13 +35,13 @@ def opened(endpoint: str, mode: str = "client") -> Any:
 
 
 def route(endpoint: str) -> None:
-    """The broker."""
+    """Run the broker."""
     with opened(endpoint, "router"):
         threading.Event().wait()
 
 
 def serve(endpoint: str) -> None:
-    """What answers, and what counts."""
+    """Run the queryable and the counting subscriber."""
     session = opened(endpoint)
     session.declare_queryable("ping", lambda query: query.reply("ping", query.payload))
     session.declare_subscriber("pose", _counter(session))
@@ -51,7 +49,7 @@ def serve(endpoint: str) -> None:
 
 
 def listen(endpoint: str) -> None:
-    """The sessions that hear a broadcast."""
+    """Run the sessions that receive a broadcast."""
     sessions = [opened(endpoint) for _ in range(LISTENERS)]
     for session in sessions:
         session.declare_subscriber("tick", _counter(session))
@@ -60,21 +58,21 @@ def listen(endpoint: str) -> None:
 
 def _counter(session: Any) -> Any:
     count = 0
-    told = session.declare_publisher("told", **PATIENT)
+    counts = session.declare_publisher("told", **PATIENT)
 
-    def hear(sample: Any) -> None:
+    def receive(sample: Any) -> None:
         nonlocal count
         if sample.payload.to_bytes()[:1] == COUNT:
             count += 1
         else:
-            told.put(str(count))
+            counts.put(str(count))
             count = 0
 
-    return hear
+    return receive
 
 
 class Zenoh(Publishing):
-    """Client, router, server."""
+    """Client, router and server."""
 
     def start(self) -> None:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -83,7 +81,7 @@ class Zenoh(Publishing):
         self.children.serve(serve, endpoint)
         self.children.serve(listen, endpoint)
         self.session.declare_subscriber(
-            "told", lambda sample: self.told.put(sample.payload.to_bytes())
+            "told", lambda sample: self.counts.put(sample.payload.to_bytes())
         )
         names = self.pose, self.tick
         self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
@@ -112,7 +110,7 @@ class Zenoh(Publishing):
     def pipelined(self, number: int, slots: int) -> None:
         del slots
         body = body_of(100)
-        keep_open(number, lambda: partial(_first, self.session.get("ping", payload=body)))
+        run_open(number, lambda: partial(_first, self.session.get("ping", payload=body)))
 
     def stop(self) -> None:
         if hasattr(self, "session"):

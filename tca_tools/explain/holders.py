@@ -1,8 +1,8 @@
-"""The keepers of a resource: the handlers in it, the lock on it, and the first in line for one.
+"""The holders of a resource: its running handlers, its lock, and the first pending lock.
 
-Asked at a moment it costs what is in the resource then. ``parts_in_queue`` and ``parts_of_claim``
-cut a whole wait at every change of its keeper: that costs what happened in the resource meanwhile,
-so ask it of waits that people look at.
+At a moment, the cost is proportional to the number of running handlers and pending locks.
+``parts_in_queue`` and ``parts_of_claim`` divide a whole wait by its holders. Their cost is
+proportional to the events in the resource, so use them only for waits that are shown.
 """
 
 from bisect import bisect_right
@@ -18,64 +18,69 @@ from tca_wire.text.facts_in_words import called
 
 _Key = tuple[str, str]
 _NO_TIME = 1e-6
-"""Seconds: a keeper that lasts no longer is left out."""
+"""Parts of a wait that are shorter, in seconds, are left out."""
 
 
-class Keepers(NamedTuple):
-    """The keepers of a resource at a moment."""
+class Holders(NamedTuple):
+    """The holders of a resource at a moment."""
 
     runs: tuple[Handling, ...] = ()
-    """The handlers that are in it."""
+    """The running handlers."""
     claim: Claim | None = None
-    """The lock or reservation in force, or the first that waits for one."""
+    """The lock or reservation in force, or the first pending one."""
 
-    def are(self, others: "Keepers") -> bool:
-        """Whether they are the same."""
+    def is_same_as(self, others: "Holders") -> bool:
+        """Whether the holders are the same."""
         runs = [id(one) for one in self.runs]
         return self.claim is others.claim and runs == [id(one) for one in others.runs]
 
 
-WaitPart = tuple[float, float, Keepers]
-"""From when until when (inf: it goes on) the keepers were the same, and these."""
+WaitPart = tuple[float, float, Holders]
+"""The start and end of a part of a wait (inf: it has not ended), and the holders in it."""
 
 
-def kept_out(at: RunAt, module: str, resource: str, message: Message | TaskAt) -> Keepers:
-    """The keepers of a resource from a queued message: the lock in force, or the next in line even
-    if there is room; else the handlers in it.
+def holders_for_message(
+    at: RunAt, module: str, resource: str, message: Message | TaskAt
+) -> Holders:
+    """Return the holders of a resource that keep a message queued.
+
+    It is the lock in force, else a pending lock before the message even if a slot is free, else the
+    running handlers.
     """
     held_by = at.held_by(module, resource)
     if held_by is None:
         line = _line_at(at, module, resource)
-        first, came = next(iter(line.wanted), None), _came(at.run, message.id)
-        if first and (line.has_room or line.inside or first.start < came):
-            return Keepers(claim=first)
+        first, since = next(iter(line.wanted), None), _queued_since(at.run, message.id)
+        if first and (line.has_room or line.inside or first.start < since):
+            return Holders(claim=first)
     elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
-        return Keepers(claim=held_by)
+        return Holders(claim=held_by)
     runs = at.running(module, resource)
-    return Keepers(tuple(run for run in runs if run.message_id != message.id))
+    return Holders(tuple(run for run in runs if run.message_id != message.id))
 
 
-def ahead_of_claim(at: RunAt, claim: Claim) -> Keepers:
-    """The keepers of a resource from a lock: the lock in force; else other handlers in it, and the
-    claim ahead.
+def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
+    """Return the holders of a resource that keep a lock pending.
+
+    It is the lock in force, else the other running handlers and the pending lock before it.
     """
     held_by = at.held_by(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
-        return Keepers(claim=held_by)
+        return Holders(claim=held_by)
     line = _line_at(at, claim.module, claim.resource)
     before = next((place for place, one in enumerate(line.wanted) if one is claim), 0)
     own: set[int] = set()
     run = claim.by
-    while run is not None:  # and what it was called back by waits in the same slot
+    while run is not None:  # a run that called it back waits in the same slot
         own.add(id(run))
         run = line.called_back_by.get(id(run))
     inside = at.inside(claim.module, claim.resource)
     runs = tuple(run for run in inside if id(run) not in own)
-    return Keepers(runs, line.wanted[before - 1] if before else None)
+    return Holders(runs, line.wanted[before - 1] if before else None)
 
 
-def kept_since(at: RunAt, by: Keepers, begun: float) -> float:
-    """Since when these keepers keep a wait up that has *begun* then."""
+def held_since(at: RunAt, by: Holders, begun: float) -> float:
+    """Return since when the holders have caused a wait that started at *begun*."""
     since = [begun, *(run.start for run in by.runs)]
     if by.claim is not None:
         granted = by.claim.granted
@@ -85,18 +90,16 @@ def kept_since(at: RunAt, by: Keepers, begun: float) -> float:
 
 
 class _Line(NamedTuple):
-    """The claims that wait to have a resource for themselves."""
+    """The pending claims on a resource."""
 
     wanted: list[Claim]
-    """Locks and reservations: those of who is in the resource first, then as they came."""
+    """Pending claims: those of running handlers first, then in the order of their requests."""
     inside: int
-    """Those of who is in it: nobody gets in before he is out."""
+    """The number of pending claims of running handlers: no message is handled before them."""
     has_room: bool
     """Whether a slot is free."""
     called_back_by: dict[int, Handling]
-    """For each run that takes no slot, by its identity, the one within whose wait for it it is
-    handled.
-    """
+    """For each run without a slot of its own, by identity, the waiting run in that slot."""
 
 
 @remembered
@@ -116,8 +119,8 @@ def _line_at(at: RunAt, module: str, resource: str) -> _Line:
     return _Line([*inside, *others], len(inside), capacity > taken, called_back_by)
 
 
-def _came(run: Run, number: int) -> float:
-    """Since when a message has its place in line: who is handled again keeps it."""
+def _queued_since(run: Run, number: int) -> float:
+    """Return when a message got its place in the queue; a retried message retains its place."""
     message = run.messages.get(number)
     if message is None:
         return 0.0
@@ -126,7 +129,7 @@ def _came(run: Run, number: int) -> float:
 
 
 def _sent_by(run: Run, number: int) -> str:
-    """The sender of a message, or of the message that central made it for."""
+    """Return the sender of a message, or of the message for which central made it."""
     message = run.messages.get(number)
     while message is not None and message.role and message.about < message.id:
         message = run.messages.get(message.about)
@@ -137,25 +140,25 @@ def _sent_by(run: Run, number: int) -> str:
 
 
 def parts_in_queue(run: Run, queueing: Queueing, message: Message) -> list[WaitPart]:
-    """The keepers of a resource from a queued message, one after the other."""
+    """Return the holders that kept a message queued, one after the other."""
     key = queueing.module, queueing.resource
-    return _parts(run, queueing, [key], lambda at: kept_out(at, *key, message))
+    return _parts(run, queueing, [key], lambda at: holders_for_message(at, *key, message))
 
 
 def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
-    """The keepers of a resource from a claim, one after the other: in all copies of the module."""
+    """Return the holders that kept a claim pending, in all copies of the module."""
     copies = (one for one in run.modules if called(one) == called(claim.module))
     keys = [(one, claim.resource) for one in copies]
-    return _parts(run, wait, keys, lambda at: ahead_of_claim(at, claim))
+    return _parts(run, wait, keys, lambda at: holders_for_claim(at, claim))
 
 
-def _turns(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
-    """When the keepers of a resource may have changed."""
+def _changes(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
+    """Yield the times at which the holders of a resource may have changed."""
     for key in keys:
         runs = run.runs.get(key, [])
         first = bisect_right(runs, start, key=attrgetter("start"))
         last = bisect_right(runs, end, key=attrgetter("start"))
-        beside = runs[first - 1].beside if first else ()
+        beside = runs[first - 1].concurrent if first else ()
         for handling in (*beside, *runs[max(first - 1, 0) : last]):
             yield from (handling.start, handling.until)
         if known := run.modules.get(key[0]):
@@ -169,17 +172,17 @@ def _turns(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[flo
 
 
 def _parts(
-    run: Run, wait: Queueing | HandlerWait, keys: list[_Key], keepers: Callable[[RunAt], Keepers]
+    run: Run, wait: Queueing | HandlerWait, keys: list[_Key], holders: Callable[[RunAt], Holders]
 ) -> list[WaitPart]:
     start, end = wait.start, wait.until
-    turns = _turns(run, keys, start, end)
-    stops = sorted({time for time in turns if start < time < end})
-    found: list[tuple[float, Keepers]] = []
+    changes = _changes(run, keys, start, end)
+    stops = sorted({time for time in changes if start < time < end})
+    found: list[tuple[float, Holders]] = []
     for stop, after in pairwise([start, *stops, end]):
         if after - stop < _NO_TIME and (found or after < end):
             continue
-        by = keepers(RunAt(run, stop))
-        if not found or not by.are(found[-1][1]):
+        by = holders(RunAt(run, stop))
+        if not found or not by.is_same_as(found[-1][1]):
             found.append((stop if found else start, by))
     ends = [*(since for since, _ in found[1:]), end]
     return [(since, until, by) for (since, by), until in zip(found, ends, strict=True)]

@@ -1,6 +1,4 @@
-"""Kept tasks: an exception handler sees what had been done before the failure, and undoes it in
-reverse.
-"""
+"""Keep tasks after their end: an exception handler undoes them in reverse after a failure."""
 
 from tca_module import Command, ExceptionHandler, Failure, Goal, Module, Recovery, Task
 
@@ -13,7 +11,7 @@ planner, arm, expert = Module("planner"), Module("arm"), Module("expert")
 @planner.handles(PACK)
 def pack(task: Task) -> None:
     for thing in ("cup", "plate", "kettle", "table"):
-        task.command(STOW, thing, keep=True)  # remembered after its end, until the packing ends
+        task.command(STOW, thing, keep=True)  # its record is retained until the packing ends
 
 
 @arm.handles(STOW)

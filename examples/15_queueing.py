@@ -1,4 +1,4 @@
-"""Wait for a busy resource: the highest priority goes first, and of poses only the newest waits."""
+"""Queue for a busy resource: the highest priority goes first; only the newest pose is kept."""
 
 import threading
 
@@ -7,14 +7,14 @@ from tca_module import Command, Inform, Module, Task
 SHOW, POSE = Command("show", str), Inform("pose", int)
 
 display, user = Module("display"), Module("user")
-busy, go_on = threading.Event(), threading.Event()
+busy, may_finish = threading.Event(), threading.Event()
 
 
 @display.handles(SHOW)
-def show(_: Task, what: str) -> None:
+def show(_: Task, content: str) -> None:
     busy.set()
-    go_on.wait(10)
-    print(what)
+    may_finish.wait(10)
+    print(content)
 
 
 @display.handles(POSE, pending=1)
@@ -30,6 +30,6 @@ if __name__ == "__main__":
             user.inform(POSE, x)
         last = user.command(SHOW, "the weather", sequential=False)
         user.command(SHOW, "a warning", sequential=False, priority=10)
-        user.modules()  # a question: when it is answered, central has all that was sent before
-        go_on.set()
+        user.modules()  # the answer shows that central has received all messages above
+        may_finish.set()
         last.wait(timeout=10)
