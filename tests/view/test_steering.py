@@ -185,4 +185,4 @@ def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_p
         address = serve(robot.daemon.journal, other)
         read(address, "frame")
         status, why = post(address, wish, X_TCA_Key=other.key.text)
-        assert (status, "runs another run than the one shown" in why) == (400, True)
+        assert (status, "has another run than the one shown" in why) == (400, True)
