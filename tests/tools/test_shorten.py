@@ -328,7 +328,7 @@ def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ((), "say what to keep"),
+        ((), "give the age or size to keep"),
         (("--keep", "30"), "with one of min, h, d, w"),
         (("--keep", "30m"), "with one of min, h, d, w"),
         (("--keep-bytes", "-1G"), "with one of K, M, G, T"),
