@@ -97,7 +97,7 @@ class CommandLine(click.Group):
             # Python flushes standard output at exit: that would fail again
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise click.ClickException(
-                f"the output can't be written: {error.strerror}: free some space"
+                f"the output can't be written: {error.strerror}: make room"
             ) from None
         return result
 
