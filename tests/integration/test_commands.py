@@ -183,7 +183,11 @@ def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
     why = "no module handles it; to wait longer, give --timeout"
     assert error.endswith(f"query 'silent' was not answered within 0.1 s: {why}\n")
     assert tca(query, "nobody")[0] == 1
-    assert tca(query, "walk", "1") == (2, "", "goal 'walk' is not a query: send it with 'tca send'\n")
+    assert tca(query, "walk", "1") == (
+        2,
+        "",
+        "goal 'walk' is not a query: send it with 'tca send'\n",
+    )
     assert tca(query, "where", "x=1", "--maximum", "2")[0] == 2
 
 

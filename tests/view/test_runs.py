@@ -139,9 +139,7 @@ def test_deleted_run_stays_on_the_page(look: Look, serve: Callable[..., str], st
     second.stop()
     shutil.rmtree(second.journal)
     page.locator("#runs").focus()
-    expect(page.locator("#runs option:checked")).to_have_text(
-        "leg/journal (removed)"
-    )
+    expect(page.locator("#runs option:checked")).to_have_text("leg/journal (removed)")
     expect(page.locator("#runs option")).to_have_count(2)
     first.stop()
 

@@ -128,7 +128,9 @@ def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: 
     expect(page.locator("[data-steer]")).to_have_count(0)
     assert other.info() is not None
     epoch = robot.user.status()["epoch"]
-    assert "ends when its running handlers" in steer(robot.daemon.address, epoch, "cancel", other.id, "enough")
+    assert "ends when its running handlers" in steer(
+        robot.daemon.address, epoch, "cancel", other.id, "enough"
+    )
 
 
 def read(address: str, what: str) -> bytes:
