@@ -1,3 +1,1 @@
-"""Tools that read the journals of runs: as a text log, a task tree and a Gantt chart. They never
-open a socket.
-"""
+"""The command ``tca`` and its tools: they read journals of runs, steer a live run, test robots."""

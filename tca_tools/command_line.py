@@ -1,7 +1,7 @@
-"""The command ``tca``: finds its sub-commands among the installed packages.
+"""The command ``tca``, which finds its subcommands among the installed packages.
 
-A sub-command is an entry point of the group "tca.commands"; it is imported when it is used, or
-listed in the help.
+A subcommand is an entry point of the group "tca.commands". It is imported when it is used or listed
+in the help.
 """
 
 import errno
@@ -22,18 +22,19 @@ from tca_wire.text.nearest import did_you_mean
 COMMANDS = "tca.commands"
 _GROUPS = {
     "Run": (
-        "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached", "activities",
+        "central", "run", "keys", "status", "top", "modules", "messages", "variables", "attached",
+        "activities",
     ),
     "Send and steer": (
-        "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume", "retry", "raise",
-        "unlock", "detach", "console", "activities",
+        "send", "query", "get", "set", "update", "cancel", "watch", "kill", "suspend", "resume",
+        "retry", "raise", "unlock", "detach", "console", "activities",
     ),
     "See a run, live or afterwards": (
         "view", "tree", "gantt", "schedule", "report", "replay", "log", "stats", "check", "export",
     ),
     "Try a robot before it moves": ("explore", "lifecycle", "generate"),
 }  # fmt: skip
-"""How the help lists the commands; those of other packages come last."""
+"""The groups of commands in the help. Commands of other packages come last."""
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EIO)
 
 
@@ -41,16 +42,16 @@ class CommandLine(click.Group):
     """A group whose commands come from entry points."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """All names, the built-in ones too."""
+        """Return all names, with the built-in ones."""
         return sorted({*super().list_commands(ctx), *entry_points(group=COMMANDS).names})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, imported now."""
+        """Import and return the command of that name."""
         found = entry_points(group=COMMANDS, name=cmd_name)
         return super().get_command(ctx, cmd_name) or next(map(_load, found), None)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands in groups, each with the first words of its help."""
+        """Write the commands in groups, each with the first words of its help."""
         names = self.list_commands(ctx)
         others = [name for name in names if not any(name in group for group in _GROUPS.values())]
         column = max(map(len, names), default=0)
@@ -69,8 +70,9 @@ class CommandLine(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the arguments name. Raises UsageError, with the nearest name, if there
-        is none.
+        """Return the command that the arguments name.
+
+        Raises UsageError, with the nearest name, if there is none.
         """
         known = self.list_commands(ctx)
         if not (args[0] in known or args[0].startswith("-") or ctx.resilient_parsing):
@@ -79,12 +81,11 @@ class CommandLine(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command. Output that finds no room is an error of one line."""
+        """Run the command. A full disk or a closed output is an error of one line."""
         replace_closed_streams()
         if isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(
-                errors="backslashreplace"
-            )  # names may have characters that a terminal has not
+            # names may contain characters that the terminal's encoding lacks
+            sys.stdout.reconfigure(errors="backslashreplace")
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
@@ -93,9 +94,8 @@ class CommandLine(click.Group):
         except OSError as error:
             if error.filename is not None or error.errno not in _NO_ROOM:
                 raise
-            os.dup2(
-                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-            )  # or it fails again when the program ends
+            # Python flushes standard output at exit: that would fail again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise click.ClickException(
                 f"the output can't be written: {error.strerror}: make room"
             ) from None
@@ -103,7 +103,7 @@ class CommandLine(click.Group):
 
 
 @click.group(
-    cls=CommandLine, epilog="'tca completion --help' tells how the shell completes these commands."
+    cls=CommandLine, epilog="'tca completion --help' shows how to complete commands in the shell."
 )
 @click.version_option(release(), prog_name="tca")
 def main() -> None:
@@ -113,7 +113,7 @@ def main() -> None:
 @main.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print the code that makes a shell complete 'tca'.
+    """Print the shell code that completes 'tca' commands.
 
     \b
     bash:  eval "$(tca completion bash)"      in ~/.bashrc
@@ -121,20 +121,20 @@ def completion(shell: str) -> None:
     fish:  tca completion fish | source       in ~/.config/fish/config.fish
 
     The same as _TCA_COMPLETE=bash_source tca.
-    """  # noqa: D301 - click wants the character itself
+    """  # noqa: D301 - click needs the character itself
     kind = get_completion_class(shell)
     assert kind is not None
     click.echo(kind(main, {}, "tca", "_TCA_COMPLETE").source())
 
 
 def _load(entry_point: EntryPoint) -> click.Command:
-    """The command of an entry point; one that can't be imported says so when it is used."""
+    """Import the command of an entry point, or return one that reports the failed import."""
     try:
         command: click.Command = entry_point.load()
     except (ImportError, AttributeError) as error:
         return _broken(
             entry_point.name,
-            f"command '{entry_point.name}' can't be loaded ({error}): install tca anew",
+            f"command '{entry_point.name}' can't be loaded ({error}): install tca again",
         )
     return command
 

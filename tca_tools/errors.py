@@ -1,4 +1,4 @@
-"""Errors of the tools; each is shown as one line, and its exit code is the program's."""
+"""Errors of the tools. Each is shown as one line and has the exit code of the command."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,24 +10,24 @@ from tca_wire.text.printable import printable
 
 
 class ToolError(click.ClickException):
-    """The answer is no."""
+    """The command can't do what it was asked for (exit code 1)."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
 
 
 class BadUserFile(ToolError):
-    """A file that a user has written can't be used: which key or line, and what to do."""
+    """A file of the user is wrong. The text names the key or line, and the remedy."""
 
     exit_code = 2
 
 
 class DamagedLog(ToolError):
-    """A journal can't be read to its end; what comes before the damage was shown."""
+    """A journal is damaged. Everything before the damage was shown."""
 
 
 class NoPicture(ToolError):
-    """A picture can't be drawn here."""
+    """A picture can't be drawn on this machine, or is too large."""
 
 
 class NotInLog(ToolError):
@@ -35,15 +35,23 @@ class NotInLog(ToolError):
 
 
 class UnusableLog(ToolError):
-    """LOG is no journal that can be read at all: wrong usage."""
+    """LOG is not a readable journal: wrong usage."""
 
     exit_code = 2
 
 
 @contextmanager
 def extra(name: str, what: str, otherwise: str = "", package: str = "") -> Iterator[None]:
-    """A context for imports that need an extra. Raises ToolError, which says what is missing and
-    what would do.
+    """A context for imports that need an extra.
+
+    Args:
+        name: the name of the extra.
+        what: the command that needs it.
+        otherwise: an alternative for the user; "": none.
+        package: the missing package; "": the one that the import names.
+
+    Raises:
+        ToolError: an import failed; the text says what to install.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The options that several tools have: which log, which part of it, which file."""
+"""The options that several tools share: the log, the part of it, the output file."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from tca_wire.text.printable import printable
 
 
 class _Moment(click.ParamType):  # type: ignore[type-arg]
-    """A time in seconds: any number but those that are none."""
+    """A finite time in seconds."""
 
     name = "seconds"
 
@@ -27,8 +27,8 @@ class _Moment(click.ParamType):  # type: ignore[type-arg]
             seconds = float(value)
         except ValueError:
             seconds = math.nan
-        if not abs(seconds) <= LONGEST_TIME:  # nor is nan
-            self.fail(f"{value!r} is no time: give seconds, such as 12.5", param, ctx)
+        if not abs(seconds) <= LONGEST_TIME:  # this form also rejects nan
+            self.fail(f"{value!r} is not a time: give seconds, such as 12.5", param, ctx)
         return seconds
 
 
@@ -58,14 +58,14 @@ log_argument = click.argument(
     "log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)
 )
 force_option = click.option(
-    "--force", is_flag=True, help="Write over a file that no command of tca has made, too."
+    "--force", is_flag=True, help="Also overwrite a file that no tca command has made."
 )
 
 
 def output_option(
     kinds: str, *, required: bool = False
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The file of a command's result; *kinds*: the help."""
+    """Return the option for a command's output file; *kinds* is its help."""
     path = click.Path(path_type=Path, dir_okay=False)
     return click.option("-o", "--output", type=path, required=required, help=kinds)
 
@@ -73,13 +73,17 @@ def output_option(
 _SHARED = (
     log_argument,
     click.option(
-        "--from", "start", metavar="SECONDS", type=MOMENT, help="Only what went on from then on."
+        "--from",
+        "start",
+        metavar="SECONDS",
+        type=MOMENT,
+        help="Only the part from this time on.",
     ),
     click.option(
-        "--to", "end", metavar="SECONDS", type=MOMENT, help="Only what went on until then."
+        "--to", "end", metavar="SECONDS", type=MOMENT, help="Only the part up to this time."
     ),
     click.option(
-        "--at", metavar="SECONDS", type=MOMENT, help="As it was then, when nothing later was known."
+        "--at", metavar="SECONDS", type=MOMENT, help="The state at this time, as known then."
     ),
     click.option(
         "--module",
@@ -91,7 +95,7 @@ _SHARED = (
     click.option(
         "--task",
         metavar="TASK",
-        help="Only this task and what is under it: its number, or a message's name.",
+        help="Only this task and its descendants: its number, or a message's name.",
     ),
     force_option,
 )
@@ -111,7 +115,7 @@ class Asked:
 
 
 def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command these options; it is called with an Asked, then with its own."""
+    """Add these options to a command. It is called with an `Asked`, then with its own options."""
 
     @wraps(command)
     def asked(**given: Any) -> Any:
@@ -124,8 +128,10 @@ def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) -> None:
-    """Raise BadParameter if a file's name says nothing of its kind, or of one that there is not;
-    ToolError if there is a file of that name that is none of ours.
+    """Check the name of an output file before the work.
+
+    Raises BadParameter if its suffix is not one of *kinds*. Raises ToolError if the file exists and
+    was not made by tca, unless *force* is set.
     """
     if output and output.suffix not in kinds:
         known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
@@ -137,6 +143,6 @@ def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) ->
 
 
 def check_span(start: float | None, end: float) -> None:
-    """Raise BadParameter if a span ends before it begins."""
+    """Raise BadParameter if a span ends before it starts."""
     if start is not None and start >= end:
         raise click.BadParameter(f"{start:g} is not before the end, {end:g}", param_hint="'--from'")

@@ -1,9 +1,8 @@
-"""Where a tool's result goes when it has a file name: the file, or one line that says why not.
+"""Write a tool's result to a file.
 
-A report, chart or tree is made over and over, so what a command of ours has written may be written
-over, without a word. All else that is there may not, unless that is asked for, and a segment of a
-journal never. What is ours is known by a mark at its end, which readers of these formats skip; an
-export by what it begins with.
+A report, chart or tree is often made again, so a file that tca has made is overwritten silently.
+Any other file is overwritten only on request, and a segment of a journal never. A file of tca has a
+mark at its end, which readers of its format skip. An export is recognised by its first bytes.
 """
 
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from tca_wire.journal.records import SEGMENT_SUFFIX
 
 _MARK = b"made by tca"
 _TAIL = 100
-"""The mark is among the last bytes."""
+"""The number of last bytes that contain the mark."""
 _MARKS = {
     **dict.fromkeys((".html", ".htm", ".svg"), b"<!-- " + _MARK + b" -->\n"),
     ".dot": b"// " + _MARK + b"\n",
@@ -29,13 +28,19 @@ _MARKS = {
 
 
 def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
-    """See, before long work, that nothing would be destroyed. Raises ToolError if there is a file
-    that no command of ours has written (an export is known by what it *begins* with; *force*:
-    whatever it is), or a segment of a journal.
+    """Check, before long work, that no foreign file would be overwritten.
+
+    Args:
+        path: the file to write.
+        begins: the first bytes of an export; b"": the file has tca's mark instead.
+        force: whether to allow any file except a segment of a journal.
+
+    Raises:
+        ToolError: the file must not be overwritten.
     """
     if path.suffix == SEGMENT_SUFFIX:
-        raise ToolError(f"{path}: a journal's name: give another one")
-    with made_for(path):  # of a name that is too long it can't even be asked
+        raise ToolError(f"{path} is the name of a journal's segment: give another name")
+    with made_for(path):  # `exists` fails for a name that is too long
         is_free, is_file = path.is_dir() or not path.exists(), path.is_file()
     if is_free:
         return
@@ -43,7 +48,8 @@ def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
         raise ToolError(f"{path}: neither a file nor a folder: give another name")
     if not force and not _is_ours(path, begins):
         raise ToolError(
-            f"{path}: exists already, and was not made by this command: give another name, or --force to write over it"
+            f"{path}: exists already, and was not made by this command:"
+            " give another name, or --force to overwrite it"
         )
 
 
@@ -57,25 +63,20 @@ def _is_ours(path: Path, begins: bytes) -> bool:
 
 
 def write_output(path: Path, content: str | bytes) -> None:
-    """Write a whole file, with our mark, or leave what was there. Raises ToolError if it can't be
-    written.
-    """
+    """Write a file with tca's mark, atomically. Raises ToolError if it can't be written."""
     with new_file(path) as stream:
         stream.write(content if isinstance(content, bytes) else content.encode())
         stream.write(_MARKS.get(path.suffix, b""))
 
 
 def show_text(text: str, path: Path | None) -> None:
-    """Print a text, or write it without its colours to a file. Raises ToolError if it can't be
-    written.
-    """
+    """Print a text, or write it without colours to a file. Raises ToolError."""
     click.echo(text) if path is None else write_output(path, f"{click.unstyle(text)}\n")
 
 
 @contextmanager
 def new_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to be written bit by bit. It has its name only when all is written: no half of one
-    looks like a whole.
+    """A context that yields a file to write. It gets its name only when it is complete.
 
     Raises ToolError if it can't be written.
     """
@@ -86,13 +87,13 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
         with made_for(path):
             unfinished.replace(path)
     finally:
-        with suppress(OSError):  # there is none where it could not be made
+        with suppress(OSError):  # it may not exist
             unfinished.unlink(missing_ok=True)
 
 
 @contextmanager
 def made_for(path: Path) -> Iterator[None]:
-    """A context for making that file, such as drawing it: ToolError says which can't be written."""
+    """A context for writing a file: it turns OSError into ToolError with the file's name."""
     try:
         yield
     except OSError as error:

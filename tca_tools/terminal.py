@@ -1,6 +1,4 @@
-"""Text that fits a terminal: width, cutting, padding, and no control characters from foreign
-text.
-"""
+"""Text that fits a terminal: widths, cutting, padding and tables."""
 
 import os
 import select
@@ -10,41 +8,40 @@ import unicodedata
 from collections.abc import Sequence
 
 _LEAST_NAME = 6
-"""Columns that are left of a name before its number."""
+"""Columns of a name before its number, at least."""
 
 
 def line_width() -> int | None:
-    """The columns a line may take; None if nobody looks (a pipe or file), so nothing need be
-    cut.
-    """
+    """Return the columns of a line; None if standard output is a pipe or file without a limit."""
     if os.environ.get("COLUMNS", "").isdecimal() or sys.stdout.isatty():
         return shutil.get_terminal_size().columns
     return None
 
 
 def columns_of(text: str) -> int:
-    """How many columns *text* takes: wide characters take two, combining ones none."""
+    """Return the columns of a text: wide characters take two, combining characters none."""
     if text.isascii():
         return len(text)
     return sum(map(_columns, text))
 
 
 def cut(text: str, width: int | None) -> str:
-    """*text* in at most *width* columns; what is missing shows as "…"."""
+    """Cut a text to at most *width* columns; it then ends with "…"."""
     if width is None or columns_of(text) <= width:
         return text
-    kept, room = [], width - 1
+    start, room = [], width - 1
     for character in text:
         room -= _columns(character)
         if room < 0:
             break
-        kept.append(character)
-    return "".join(kept) + "…" * (width > 0)
+        start.append(character)
+    return "".join(start) + "…" * (width > 0)
 
 
 def cut_name(text: str, number: int, width: int) -> str:
-    """Cut a task's name but keep its number, and the text behind that if it has room: ``pour a …
-    {24}``.
+    """Cut a task's name but retain its number, and the text after it if there is room.
+
+    For example ``pour a … {24}``.
     """
     name, marker, after = text.rpartition(f" {{{number}}}")
     if not name or columns_of(text) <= width:
@@ -56,13 +53,13 @@ def cut_name(text: str, number: int, width: int) -> str:
 
 
 def padded(text: str, width: int) -> str:
-    """*text* in exactly *width* columns, cut if need be."""
+    """Return a text in exactly *width* columns, cut if necessary."""
     text = cut(text, width)
     return text + " " * (width - columns_of(text))
 
 
 def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines, with columns as wide as their widest cell."""
+    """Return rows of cells as lines, with columns as wide as their widest cell."""
     widths = [max(map(columns_of, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(map(padded, row, widths)).rstrip() for row in rows]
 
@@ -77,10 +74,10 @@ def can_show(characters: str) -> bool:
 
 
 def is_hung_up(terminal: int) -> bool:
-    """Whether a terminal has gone, as told by its descriptor."""
-    asked = select.poll()
-    asked.register(terminal, 0)
-    return bool(asked.poll(0))
+    """Whether the terminal of a file descriptor was closed."""
+    poll = select.poll()
+    poll.register(terminal, 0)
+    return bool(poll.poll(0))
 
 
 def _columns(character: str) -> int:

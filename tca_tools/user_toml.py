@@ -1,4 +1,4 @@
-"""TOML files that users write: each key is checked, and an error says which one, and what to do."""
+"""TOML files of the user: each key is checked, and an error names the key and the remedy."""
 
 import json
 import tomllib
@@ -15,7 +15,7 @@ _LONGEST_SHOWN = 60
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a file. Raises BadUserFile."""
+    """Return the tables of a file. Raises BadUserFile."""
     try:
         return tomllib.loads(path.read_text())
     except OSError as error:
@@ -30,8 +30,16 @@ _T = TypeVar("_T", bound=msgspec.Struct)
 def read_table(
     kind: type[_T], place: str, given: Any, defaults: dict[str, Any] | None = None
 ) -> _T:
-    """The table that stands at a place of the file, with the tables inside it; the type of each
-    field of *kind* has a description. Raises BadUserFile.
+    """Check a table of the file, with the tables inside it, and convert it.
+
+    Args:
+        kind: the struct to convert it to; the type of each field has a description for errors.
+        place: the path of the table in the file, as in "modules.legs".
+        given: the content of the table.
+        defaults: values for missing keys.
+
+    Raises:
+        BadUserFile: the table is wrong.
     """
     check_table(place, given)
     given = {**(defaults or {}), **given}
@@ -48,13 +56,13 @@ def _check_table(kind: type[msgspec.Struct], place: str, given: Any) -> None:
 
 
 def check_table(place: str, given: Any) -> None:
-    """That a table stands at a place. Raises BadUserFile."""
+    """Check that a value is a table. Raises BadUserFile."""
     if not isinstance(given, dict):
         raise BadUserFile(f"{place} must be a table: write [{place}]")
 
 
 def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) -> None:
-    """That each key is known and its value is what the key wants. Raises BadUserFile."""
+    """Check that each key is known and has a valid value. Raises BadUserFile."""
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
     for key, value in given.items():
         if key not in fields:
@@ -71,7 +79,7 @@ def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) ->
 
 
 def _kind_inside(field: msgspec.structs.FieldInfo) -> type[msgspec.Struct] | None:
-    """The kind of the tables that a field holds, by name or in a list; None if it holds none."""
+    """Return the struct of a field's tables, by name or in a list; None if it has no tables."""
     inner = get_args(get_args(field.type)[0])[-1:]
     return next(
         (kind for kind in inner if isinstance(kind, type) and issubclass(kind, msgspec.Struct)),
@@ -80,7 +88,7 @@ def _kind_inside(field: msgspec.structs.FieldInfo) -> type[msgspec.Struct] | Non
 
 
 def _tables_in(value: Any) -> Iterable[tuple[Any, Any]]:
-    """Tables by name; a row of a list by its own name, or its number."""
+    """Return tables by name; a table in a list has its own name, or its number."""
     if isinstance(value, list):
         return [
             (row.get("name", number), row)
@@ -91,7 +99,7 @@ def _tables_in(value: Any) -> Iterable[tuple[Any, Any]]:
 
 
 def shown(value: Any) -> str:
-    """A value of the file, for an error."""
+    """Return a value of the file as text, for an error."""
     return json.dumps(value, ensure_ascii=False, default=str)[:_LONGEST_SHOWN]
 
 
@@ -101,6 +109,6 @@ def _wanted(field: msgspec.structs.FieldInfo) -> str:
 
 
 def check_known(place: str, what: str, name: str, known: Iterable[str]) -> None:
-    """That a name is one of those that there are. Raises BadUserFile."""
+    """Check that a name is known. Raises BadUserFile."""
     if name not in known:
         raise BadUserFile(f"{place}: {what} '{name}' is unknown: {nearest_or_all(name, known)}")

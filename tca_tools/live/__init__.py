@@ -1,1 +1,1 @@
-"""The commands that talk to a running central: ask, send, steer, watch."""
+"""The commands for a running central: show its state, send messages, steer and watch tasks."""

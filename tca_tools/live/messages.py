@@ -1,6 +1,6 @@
 """Messages and variables from the command line: ``tca send``, ``query``, ``get`` and ``set``.
 
-What is typed is checked against the format that central knows before anything is sent.
+Data are checked against the declared format before they are sent.
 """
 
 import json
@@ -32,8 +32,9 @@ from tca_wire.text.plain_data import Bare
 from tca_wire.text.printable import printable
 
 _FIELD = re.compile(r"([^\s=\"'{}\[\],]+)=(.*)", re.DOTALL)
-HOW = """DATA are fields, 'key=value', with dots for the fields of a part ('pose.x=1.5'); or one value as a whole; or
-'-' for JSON from the standard input. A value is JSON where that fits, else text. After '--' it may begin with a minus.
+HOW = """DATA are fields, 'key=value', with dots for nested fields ('pose.x=1.5'); or one
+whole value; or '-' for JSON from the standard input. A value is read as JSON if possible,
+else as text. After '--' it may begin with a minus.
 """
 
 data_argument = click.argument("data", nargs=-1)
@@ -75,7 +76,7 @@ def send(
         raise click.UsageError(f"{message.title} is not sent: {how}")
     if (wait or timeout is not None) and not isinstance(message, Goal | Command):
         raise click.UsageError(
-            f"{message.title} has no end to wait for: leave --wait and --timeout out"
+            f"{message.title} has no end to wait for: leave out --wait and --timeout"
         )
     value = _checked_data(client, message, data)
     if isinstance(message, Inform):
@@ -95,7 +96,7 @@ def send(
     "--maximum",
     metavar="N",
     type=click.IntRange(min=1),
-    help="Stop after so many replies to a multi-query.",
+    help="Stop after N replies to a multi-query.",
 )
 @json_option
 def query(
@@ -107,14 +108,14 @@ def query(
     *,
     in_json: bool,
 ) -> None:
-    """Ask a query and print the reply.
+    """Send a query and print the reply.
 
-    It prints each reply to a multi-query as it comes.
+    It prints each reply to a multi-query when it arrives.
     """
     message = client.declared(name)
     if not isinstance(message, Query | MultiQuery):
         how = "'tca get' reads it" if isinstance(message, Variable) else "send it with 'tca send'"
-        raise click.UsageError(f"{message.title} is no query: {how}")
+        raise click.UsageError(f"{message.title} is not a query: {how}")
     if maximum is not None and isinstance(message, Query):
         raise click.UsageError(f"{message.title} has one reply: leave --maximum out")
     _ask(client, message, data, timeout, maximum, in_json=in_json)
@@ -132,7 +133,8 @@ def get_variable(client: Client, variable: str, *, in_json: bool) -> None:
         value = client.get_variable(_variable(client, variable))
     except VariableNotSet:
         raise ToolError(
-            f"variable '{variable}' was never set: set it with 'tca set', or start the module that sets it"
+            f"variable '{variable}' was never set:"
+            " set it with 'tca set', or start the module that sets it"
         ) from None
     click.echo(as_json(value) if in_json else as_text(value))
 
@@ -149,7 +151,7 @@ def set_variable(client: Client, variable: str, data: tuple[str, ...]) -> None:
 def _variable(client: Client, name: str) -> Variable[Any]:
     message = client.declared(name)
     if not isinstance(message, Variable):
-        raise click.UsageError(f"{message.title} is no variable: 'tca variables' lists them")
+        raise click.UsageError(f"{message.title} is not a variable: 'tca variables' lists them")
     return message
 
 
@@ -157,13 +159,14 @@ def _variable(client: Client, name: str) -> Variable[Any]:
 
 
 def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
-    """The data that the words of a command line mean. Raises UsageError, or BadData when they are
-    encoded.
+    """Read a message's data from the words of a command line.
+
+    Raises UsageError. A value that does not fit the format raises BadData when it is encoded.
     """
     takes_fields = getattr(message.data, "takes_fields", True)
     if message.data.kind is type(None) and words:
         raise click.UsageError(
-            f"{message.title} takes no data, and '{printable(words[0])}' was given"
+            f"{message.title} takes no data, but '{printable(words[0])}' was given"
         )
     if words == ("-",):
         return _from_standard_input()
@@ -176,10 +179,12 @@ def read_data(message: Message[Any, Any], words: tuple[str, ...]) -> Any:
         return Bare(words[0])
     if not takes_fields:
         raise click.UsageError(
-            f"{message.title} takes one value ({message.data}), and {len(words)} were given"
+            f"{message.title} takes one value ({message.data}), but {len(words)} were given"
         )
     wrong = next(word for word, pair in zip(words, pairs, strict=True) if pair is None)
-    raise click.UsageError(f"'{printable(wrong)}' is no field of {message.title}: write key=value")
+    raise click.UsageError(
+        f"'{printable(wrong)}' is not a field of {message.title}: write key=value"
+    )
 
 
 def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
@@ -188,7 +193,7 @@ def _without_words(message: Message[Any, Any], *, takes_fields: bool) -> Any:
     except BadData:
         if not takes_fields:
             raise click.UsageError(
-                f"{message.title} wants data ({message.data}), and none were given"
+                f"{message.title} wants data ({message.data}), but none were given"
             ) from None
         return {}
     return None
@@ -198,11 +203,11 @@ def _from_standard_input() -> Any:
     try:
         return json.loads(sys.stdin.read())
     except (ValueError, RecursionError) as error:
-        raise click.UsageError(f"the standard input holds no JSON: {error}") from None
+        raise click.UsageError(f"the standard input is not JSON: {error}") from None
 
 
 def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
-    """Fields by name; "pose.x" is field x of the part pose."""
+    """Return the fields by name; "pose.x" is field x of the field pose."""
     fields: dict[str, Any] = {}
     for name, text in pairs:
         *path, last = name.split(".")
@@ -211,7 +216,7 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
             part = part.setdefault(step, {})
             if not isinstance(part, dict):
                 raise click.UsageError(
-                    f"field '{name}' is given, and so is '{step}' as a whole: give one of them"
+                    f"fields '{name}' and '{step}' exclude each other: give one of them"
                 )
         if last in part:
             raise click.UsageError(f"field '{name}' is given twice: give it once")
@@ -223,59 +228,60 @@ def _nested(pairs: list[tuple[str, str]]) -> dict[str, Any]:
 
 
 def _checked_data(client: Client, message: Message[Any, Any], words: tuple[str, ...]) -> Any:
-    """The data of a message to be sent now. Warns if nobody handles it. Raises what ``read_data``
-    does, or BadData.
+    """Return the data of a message, checked before it is sent; warn if it has no handler.
+
+    Raises UsageError or BadData.
     """
     value = read_data(message, words)
     message.encode_data(value)
     if not any(handler.capacity for handler in client.handlers(message)):
         fate = (
-            "it reaches nobody"
+            "it reaches no module"
             if isinstance(message, Broadcast | MultiQuery)
-            else "it waits until a module does"
+            else "it waits for one"
         )
-        click.echo(f"nobody handles {printable(message.title)} now: {fate}", err=True)
+        click.echo(f"{printable(message.title)} has no handler now: {fate}", err=True)
     return value
 
 
 def _follow(ref: SentTask[Any], timeout: float | None, *, wait: bool, in_json: bool) -> None:
-    """Print a task's number, and what becomes of it."""
+    """Print a task's number and, with *wait*, its outcome."""
     if not in_json:
         click.echo(printable(str(ref)))
     elif not wait:
         click.echo(as_json({"task": ref.id}))
     if not wait:
         return
-    goes_on = f"goes on: 'tca kill {ref.id}' ends it"
+    continues = f"continues: 'tca kill {ref.id}' ends it"
     try:
         ref.wait(timeout)
     except Timeout:
         if in_json:
             click.echo(as_json({"task": ref.id, "outcome": None}))
-        raise ToolError(f"{ref} has not ended within {timeout:g} s, and {goes_on}") from None
+        raise ToolError(f"{ref} has not ended within {timeout:g} s, and {continues}") from None
     except KeyboardInterrupt:
-        click.echo(f"{printable(str(ref))} {goes_on}", err=True)
+        click.echo(f"{printable(str(ref))} {continues}", err=True)
         raise
-    _print_end(ref, in_json=in_json)
+    _print_outcome(ref, in_json=in_json)
 
 
-def _print_end(ref: SentTask[Any], *, in_json: bool) -> None:
-    told: dict[str, Any] = {"task": ref.id, "outcome": str(ref.wait(0))}
+def _print_outcome(ref: SentTask[Any], *, in_json: bool) -> None:
+    shown: dict[str, Any] = {"task": ref.id, "outcome": str(ref.wait(0))}
     problem: TaskFailed | TaskKilled | None = None
     try:
-        told["result"] = ref.result()
+        shown["result"] = ref.result()
     except TaskFailed as error:
-        told.update(failure=error.failure, text=error.text, data=error.data)
+        shown.update(failure=error.failure, text=error.text, data=error.data)
         problem = error
     except TaskKilled as error:
-        told["text"] = error.why
+        shown["text"] = error.why
         problem = error
     if in_json:
-        click.echo(as_json(told))
+        click.echo(as_json(shown))
         click.get_current_context().exit(1 if problem else 0)
     if problem:
         raise problem
-    click.echo(f"done: {as_text(told['result'])}" if told["result"] is not None else "done")
+    click.echo(f"done: {as_text(shown['result'])}" if shown["result"] is not None else "done")
 
 
 def _ask(
@@ -294,7 +300,7 @@ def _ask(
         try:
             reply = client.query(message, value, timeout=within)
         except Timeout as error:
-            advice = "; to wait longer give --timeout" if error.can_wait else ""
+            advice = "; to wait longer, give --timeout" if error.can_wait else ""
             raise ToolError(error.what + advice) from None
         click.echo(show(reply))
         return
@@ -306,4 +312,4 @@ def _ask(
     if in_json:
         click.echo(show(replies))
     if not replies:
-        raise ToolError(f"nobody replied to {message.title}: see 'tca messages'")
+        raise ToolError(f"no module replied to {message.title}: see 'tca messages'")

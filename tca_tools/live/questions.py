@@ -1,5 +1,6 @@
-"""The command line's questions to a running central: ``tca status``, ``modules``, ``messages``,
-``variables`` and ``attached``.
+"""Commands that show the state of a running central.
+
+They are ``tca status``, ``modules``, ``messages``, ``variables`` and ``attached``.
 """
 
 import json
@@ -23,18 +24,21 @@ from tca_wire.text.printable import printable
 from tca_wire.text.waits_in_words import in_words, several_in_words, waiter_in_words
 from tca_wire.waits import CommonEnd, Waiter, WaitKind
 
-_SHOWN = 20  # lines about what waits
-_LONGEST_VALUE = 60  # characters of a variable's value in a table
+_SHOWN = 20
+"""Waiters that are shown."""
+_LONGEST_VALUE = 60
+"""Characters of a variable's value in a table."""
 _STATES = ("waits", "suspended", "killed", "held")
-"""The lists of waiters that central tells: messages, handlers and modules; suspended, killed and
-held tasks.
+"""The lists of waiters in central's answer.
+
+They are: messages, handlers and modules that wait; suspended, killed and held tasks.
 """
 
 Rows = list[list[str]]
 
 
 def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
-    """Make a command of a function that returns what to show, as data and as text."""
+    """Make a command of a function that returns an answer as data and as text."""
 
     def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
         @live_command(name)
@@ -51,13 +55,13 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 
 @_question("status")
 def status(client: Client) -> tuple[Any, str]:
-    """Show how central is doing, and what waits for what."""
+    """Show the state of central, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
     overview |= {
         what: overview[what] - 1 for what in ("modules", "connections")
     }  # this command is not counted
     waiting = _waiting(load)
-    awaited, is_to_be_told = overview.get("awaited"), overview.get("to be told")
+    awaited, needs_resume = overview.get("awaited"), overview.get("to be told")
     shown = [
         counted(number, what.removesuffix("s")) if what.endswith("s") else f"{number:,} {what}"
         for what, number in overview.items()
@@ -71,10 +75,12 @@ def status(client: Client) -> tuple[Any, str]:
     ]
     if awaited is not None:
         waits = (
-            f"waits for {printable(listed(awaited))} to come back" if awaited else "is to be told"
+            f"waits for {printable(listed(awaited))} to come back"
+            if awaited
+            else "waits for a resume"
         )
-        more = "; 'tca resume' starts them" if is_to_be_told or awaited else ""
-        parts.append(f"no task starts since central was restarted: it {waits}{more}")
+        more = "; 'tca resume' starts them" if needs_resume or awaited else ""
+        parts.append(f"central was restarted, and starts no tasks yet: it {waits}{more}")
     lost = sorted(
         (one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"])
     )
@@ -84,12 +90,11 @@ def status(client: Client) -> tuple[Any, str]:
     if waiting:
         parts += [
             "",
-            _table(
-                ["who waits", "for what"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]]
-            ),
+            _table(["waiting", "for"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]]),
         ]
-        told = Counter(one["state"] for one in waiting)
-        left = sum(max(load["totals"].get(state, 0), told[state]) for state in _STATES) - _SHOWN
+        listed_of = Counter(one["state"] for one in waiting)
+        totals = (max(load["totals"].get(state, 0), listed_of[state]) for state in _STATES)
+        left = sum(totals) - _SHOWN
         parts += [f"... and {'at least ' * _is_cut(load)}{left:,} more"] * (left > 0)
     if ends := _ends(load):
         parts += ["", *ends]
@@ -100,46 +105,42 @@ def status(client: Client) -> tuple[Any, str]:
 
 
 def _waiting(load: dict[str, Any]) -> list[dict[str, Any]]:
-    """The waiters and their causes, as data and in words."""
+    """Return the waiters and their causes, as data and in words."""
     found = []
     for state in _STATES:
         for data in load[state]:
-            one = msgspec.convert(data, Waiter)
-            why = _why(one, load["time"], has_end=len(load["ends"]) > 1)
-            found.append({"what": waiter_in_words(one), "for": why, "state": state, **data})
+            waiter = msgspec.convert(data, Waiter)
+            why = _why(waiter, load["time"], shows_end=len(load["ends"]) > 1)
+            found.append({"what": waiter_in_words(waiter), "for": why, "state": state, **data})
     return found
 
 
 def _is_cut(load: dict[str, Any]) -> bool:
-    """Whether there are newer tasks than those among which central looked for held ones."""
+    """Whether central searched only the older tasks for held ones."""
     return bool(load["looked_at"] < load["tasks"])
 
 
 def _ends(load: dict[str, Any]) -> list[str]:
-    """The final waits of held tasks, with how many wait for each, and how far central has
-    looked.
-    """
+    """Count the held tasks by their final wait, and say how many tasks central searched."""
     ends = msgspec.convert(load["ends"], list[CommonEnd])
     at_least = "at least " * (
         _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
     )
     lines = []
     for end in ends:
-        who = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
-        lines.append(f"{who} in the end {in_words(end.wait, load['time'])}")
+        waiters = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
+        lines.append(f"{waiters} in the end {in_words(end.wait, load['time'])}")
     return lines + [
-        f"held tasks were looked for among the {load['looked_at']:,} oldest tasks only"
+        f"only the {load['looked_at']:,} oldest tasks were searched for held ones"
     ] * _is_cut(load)
 
 
-def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
-    """For what; if not all wait for the same in the end, for what that is; and the task to
-    resume.
-    """
+def _why(waiter: Waiter, now: float, *, shows_end: bool) -> str:
+    """Return a waiter's causes in words, with its final wait on request and the task to resume."""
     why = several_in_words(waiter.waits, now)
     if waiter.killed:
         return f"{why} (killed: {waiter.killed})"
-    if has_end and waiter.end is not None:
+    if shows_end and waiter.end is not None:
         why += f"; in the end {in_words(waiter.end, now)}"
     suspended = next(
         (one.number or waiter.number for one in waiter.waits if one.kind is WaitKind.RESUME), 0
@@ -149,7 +150,7 @@ def _why(waiter: Waiter, now: float, *, has_end: bool) -> str:
 
 @_question("modules")
 def modules(client: Client) -> tuple[Any, str]:
-    """List the connected modules, and what their resources do."""
+    """List the connected modules with their resources and messages."""
     known = [module for module in client.status("modules") if module["module"] != client.name]
     rows: Rows = []
     for module in known:
@@ -162,9 +163,7 @@ def modules(client: Client) -> tuple[Any, str]:
 
 
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
-    """Its name and capacity, the ids of what it handles and who has it to itself, and how many
-    wait.
-    """
+    """Return the cells of a resource: name, capacity, message ids with its holder, queue length."""
     if resource is None:
         return ["-", "", "", ""]
     parts = [", ".join(map(str, resource["handling"]))]
@@ -184,7 +183,7 @@ def _about_resource(resource: dict[str, Any] | None) -> list[str]:
 
 @_question("messages")
 def messages(client: Client) -> tuple[Any, str]:
-    """List the declared messages, and who handles them."""
+    """List the declared messages and their handlers."""
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
     rows = []
     for message in known:
@@ -203,7 +202,7 @@ def messages(client: Client) -> tuple[Any, str]:
 def variables(client: Client) -> tuple[Any, str]:
     """List the shared variables with their values.
 
-    Each line says who set it last, and who watches it.
+    Each line names the module that set the variable last, and the modules that watch it.
     """
     known = sorted(client.status("variables"), key=lambda variable: str(variable["variable"]))
     rows = []
@@ -222,9 +221,9 @@ def variables(client: Client) -> tuple[Any, str]:
 def attached(client: Client) -> tuple[Any, str]:
     """List the exception handlers, wiretaps and monitors in force.
 
-    Each line says where it is attached, and by which modules. It stays when they leave: 'tca detach
-    NUMBER' takes it away. "An earlier run" of a module that has come back attached it, and the
-    present one has not: 'tca detach --stale' takes away all that nobody else has attached.
+    Each line names its place and the modules that attached it. An attachment stays when its module
+    leaves: 'tca detach NUMBER' removes it. "An earlier run" marks a module that attached it before
+    its restart, but not since. 'tca detach --stale' removes attachments that no other module has.
     """
     known = client.status("attached")
     handlers = [
@@ -270,15 +269,13 @@ def attached(client: Client) -> tuple[Any, str]:
         ),
         _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
         _table(["number", "monitor", "under", "sent by"], monitors),
-        cut and f"these are only the first: there are {cut}",
+        cut and f"only the first are listed: there are {cut}",
     ]
     return known, "\n\n".join(filter(None, texts)) or "no exception handlers, wiretaps or monitors"
 
 
 def attached_in_all(known: dict[str, Any]) -> str:
-    """Of what so much is attached that central does not tell all, how many there are: "12,000
-    monitors"; "" if none.
-    """
+    """Return the totals of lists that central cut short: "12,000 monitors"; "" if it cut none."""
     totals: dict[str, int] = known["totals"]
     cut = [
         f"{number:,} {kind.replace('_', ' ')}"
@@ -289,7 +286,7 @@ def attached_in_all(known: dict[str, Any]) -> str:
 
 
 def attached_to(one: dict[str, Any]) -> str:
-    """Where something is attached: "walk {7}", "all walk", "the root"."""
+    """Return the place of an attachment: "walk {7}", "all walk", "the root"."""
     if one["task"]:
         return numbered(one["message"], one["task"])
     return f"all {one['message']}" if one["message"] else "the root"
@@ -303,11 +300,11 @@ def _owners(one: dict[str, Any]) -> str:
 
 
 def _names(modules: Sequence[str]) -> str:
-    return ", ".join(modules) or "nobody"
+    return ", ".join(modules) or "-"
 
 
 def _plain(body: bytes) -> Any:
-    """A value as JSON can show it; None where there is none to show."""
+    """Return a value in the types of JSON; None if it was never set or can't be decoded."""
     try:
         return plain(decode_untyped(body))
     except BadData:
@@ -326,7 +323,7 @@ def _shown_value(variable: dict[str, Any]) -> str:
 
 
 def _table(heads: list[str], rows: Rows) -> str:
-    """The rows below their heads; "" without rows."""
+    """Return the rows as text below their heads; "" without rows."""
     return (
         "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""
     )

@@ -1,6 +1,4 @@
-"""The common parts of the commands that talk to a running central: options, errors as one line, how
-values look.
-"""
+"""The common parts of the commands for a running central: options, errors, values as text."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -20,7 +18,8 @@ from tca_wire.messages.notices import COMMANDS
 from tca_wire.text.bodies import json_text
 from tca_wire.text.printable import printable
 
-_PATIENCE = 2.0  # seconds that a person waits for central
+_PATIENCE = 2.0
+"""Seconds that a command waits for central."""
 
 central_option = click.option(
     "--central", metavar="ADDRESS", help=f"Where central listens [default: ${VARIABLE}]."
@@ -36,8 +35,9 @@ task_argument = click.argument("task", metavar="TASK")
 def live_command(
     name: str, *, epilog: str | None = None
 ) -> Callable[[Callable[..., None]], click.Command]:
-    """Make a command of a function: it gets a client of a running central, and what its own options
-    say.
+    """Make a command of a function.
+
+    The function is called with a client of a running central, and the values of its own options.
     """
 
     def command_of(function: Callable[..., None]) -> click.Command:
@@ -55,9 +55,7 @@ def live_command(
 
 @contextmanager
 def as_usage() -> Iterator[None]:
-    """A block in which an error of the library is wrong usage (exit code 2), or says that the
-    answer is no (1).
-    """
+    """A context that turns errors of the library into wrong usage (exit code 2) or ToolError."""
     try:
         yield
     except (MisuseError, BadData, BadFormat) as error:
@@ -68,18 +66,18 @@ def as_usage() -> Iterator[None]:
 
 @contextmanager
 def talking(command: str, central: str | None) -> Iterator[Client]:
-    """A client of central for one command, with the errors of ``as_usage``."""
+    """A context with a client of central for one command, with the errors of ``as_usage``."""
     with as_usage(), connect(f"{COMMANDS}{command}", central, patience=_PATIENCE) as client:
         yield client
 
 
 def in_one_line(error: Exception) -> str:
-    """What an error of the library says."""
+    """Return the text of an error in one line."""
     return printable(" ".join(str(error).split()))
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: bytes in base64, times as text, arrays as lists."""
+    """Return a value in the types of JSON: bytes in base64, times as text, arrays as lists."""
     try:
         return msgspec.to_builtins(value, str_keys=True, enc_hook=_plain_part)
     except (TypeError, ValueError, RecursionError):
@@ -87,18 +85,16 @@ def plain(value: Any) -> Any:
 
 
 def _plain_part(part: Any) -> Any:
-    """A value that msgspec does not know: a number of a special type, an array, or anything else as
-    text.
-    """
+    """Convert a value that msgspec does not know: a special number, an array; others as text."""
     return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
 
 
 def as_json(value: Any) -> str:
-    """A value as JSON for programs."""
+    """Return a value as indented JSON, for programs."""
     return json_text(plain(value), indent=1)
 
 
 def as_text(value: Any) -> str:
-    """A value for people: a text as it is, else JSON in one line."""
+    """Return a value for the user: a text unchanged, others as JSON in one line."""
     value = plain(value)
     return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))

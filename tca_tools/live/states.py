@@ -1,6 +1,4 @@
-"""What people ask of a running task, and hear of its state: ``tca update``, ``cancel`` and
-``watch``.
-"""
+"""Requests to a running task and reports of its state: ``tca update``, ``cancel``, ``watch``."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -34,14 +32,14 @@ from tca_wire.text.printable import printable
 @live_command("cancel")
 @task_argument
 @click.option(
-    "--why", metavar="TEXT", default="", help="The reason, for its handler and those who watch."
+    "--why", metavar="TEXT", default="", help="The reason, for its handler and its observers."
 )
 def cancel(client: Client, task: str, why: str) -> None:
-    """Ask for the end of a task.
+    """Request the end of a task.
 
     TASK is a task's number, or its message's name if only one such task lives. Its handler decides:
-    it may first leave things as they should be, or go on. If it knows of no cancels, the task is
-    killed.
+    it may clean up before it ends, or refuse and continue. If the handler does not accept cancels,
+    the task is killed.
     """
     click.echo(steering.cancel(client, find_task(client, task), why))
 
@@ -50,18 +48,19 @@ def cancel(client: Client, task: str, why: str) -> None:
 @task_argument
 @data_argument
 @timeout_option
-@click.option("--no-wait", is_flag=True, help="Do not wait for the word of its handler.")
+@click.option("--no-wait", is_flag=True, help="Do not wait for its handler's answer.")
 def update(
     client: Client, task: str, data: tuple[str, ...], timeout: float | None, *, no_wait: bool
 ) -> None:
     """Give a running task a new goal.
 
     TASK is a task's number, or its message's name if only one such task lives. The command waits
-    until its handler has taken the goal over; the exit code is 1 if it rejects it. If it knows of
-    no updates, the task begins anew. A task of a mission keeps the parameters that are not given.
+    until its handler has accepted the goal; the exit code is 1 if it rejects it. If the handler
+    does not accept updates, the task starts again. A task of a mission keeps the parameters that
+    are not given.
     """
     if no_wait and timeout is not None:
-        raise click.UsageError("--no-wait and --timeout are given: leave one of them out")
+        raise click.UsageError("--no-wait and --timeout exclude each other: leave one of them out")
     found = find_task(client, task)
     message = client.declared(found.message)
     if not isinstance(message, TaskMessage):
@@ -81,7 +80,7 @@ def update(
 
 
 def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
-    """The new goal; that of a mission's task with the parameters that it was given before."""
+    """Return the new goal. A task of a mission also keeps its present parameters."""
     info = task.info()
     if MISSION_TASK not in message.data.schema or info is None or not isinstance(goal, dict):
         return goal
@@ -97,15 +96,16 @@ def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> A
     multiple=True,
     help="Only changes to this state; may be repeated.",
 )
-@click.option("--under", metavar="TASK", help="Only of what is under this task.")
+@click.option("--under", metavar="TASK", help="Only tasks under this task.")
 @json_option
 def watch(
     client: Client, what: str | None, states: tuple[str, ...], under: str | None, *, in_json: bool
 ) -> None:
-    """Print each change of a task's state as it comes.
+    """Print each change of a task's state when it happens.
 
-    MESSAGE or TASK, a number, says of which tasks; without it, of all. First it prints how those
-    stand that live. It ends with Ctrl-C, or with the task. With --json there is an object a line.
+    MESSAGE selects all tasks of that message, and a number TASK that one task; without either, all
+    tasks are watched. First it prints the present state of each living task. It ends with Ctrl-C,
+    or with the task. With --json it prints one object a line.
     """
     with suppress(KeyboardInterrupt):
         for change in _changes(client, what, states, under):

@@ -1,5 +1,6 @@
-"""What is done to a living task from outside: it is found, killed, suspended, resumed or handled
-again. Each of these says in a sentence what became of it, and raises ToolError if it came too late.
+"""Find, kill, cancel, suspend, resume or retry a living task from outside.
+
+Each function returns the result in one sentence, and raises ToolError if the task has ended.
 """
 
 from collections.abc import Callable
@@ -17,29 +18,30 @@ from tca_wire.text.measures import listed
 from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
 
-_TOLD_TO_END = "told to end; it does when the handlers that run have returned"
-_SHOWN = 10  # tasks that one name may mean
+_IS_ENDING = "ends when its running handlers have returned"
+_SHOWN = 10
+"""Tasks that an error lists."""
 
 
 def kill(task: TaskRef, why: str = "", delay: float = 0.0, scope: Scope = Scope.TASK) -> str:
-    """End a task and everything under it, or only a part of that."""
+    """Kill a task with everything under it, or only the part that `scope` names."""
     if not task.kill(why, delay=delay, scope=scope):
         raise too_late(task, "killed")
-    whom = {Scope.DESCENDANTS: f"all under {task}", Scope.SIBLINGS: f"the siblings of {task}"}
-    is_over = scope is not Scope.TASK or delay or task.info() is None
-    how = f"to be killed in {delay:g} s" if delay else "killed"
-    how = how if is_over else _TOLD_TO_END
-    return f"{whom.get(scope, task)}: {how}"
+    killed = {Scope.DESCENDANTS: f"all under {task}", Scope.SIBLINGS: f"the siblings of {task}"}
+    is_final = scope is not Scope.TASK or delay or task.info() is None
+    result = f"to be killed in {delay:g} s" if delay else "killed"
+    return f"{killed.get(scope, task)}: {result if is_final else _IS_ENDING}"
 
 
 def cancel(client: Client, task: TaskRef, why: str = "") -> str:
-    """Ask for the end of a task, which its handler may refuse."""
+    """Request the cancellation of a task, which its handler may refuse."""
     known = {one.name: one for one in client.messages()}.get(task.message)
     cycle, state = read_life_cycle(known.life_cycle if known else ""), task.state
     row = cycle.cancel(state)
     if row is None:
         raise ToolError(
-            f"{task} is '{state}', and {cycle} has no cancel from there: 'tca kill {task.id}' ends it"
+            f"{task} is '{state}', and {cycle} has no cancel from there:"
+            f" 'tca kill {task.id}' ends it"
         )
     changes = task.changes()
     if not task.take(row.name, why=why):
@@ -49,9 +51,9 @@ def cancel(client: Client, task: TaskRef, why: str = "") -> str:
     if info is None:
         return f"{task}: cancelled"
     if info.killed:
-        return f"{task}: {_TOLD_TO_END}"
+        return f"{task}: {_IS_ENDING}"
     if last.state != row.target:
-        raise ToolError(f"{task} goes on: {last.text or last.transition}")
+        raise ToolError(f"{task} continues: {last.text or last.transition}")
     return f"{task}: {last.state}; its handler decides"
 
 
@@ -64,7 +66,7 @@ def suspend(task: TaskRef) -> str:
 
 
 def resume(task: TaskRef) -> str:
-    """Let a suspended task go on."""
+    """Resume a suspended task."""
     info = task.info()
     if not task.resume():
         raise too_late(task, "resumed")
@@ -72,7 +74,7 @@ def resume(task: TaskRef) -> str:
 
 
 def retry(task: TaskRef) -> str:
-    """Handle a task again, when all under it has been killed."""
+    """Handle a task again after everything under it has been killed."""
     info = task.info()
     if not task.retry():
         raise too_late(task, "handled again")
@@ -92,41 +94,50 @@ _STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
 
 
 def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") -> str:
-    """For a program that shows the run of that epoch: do something to one of its tasks; what became
-    of it.
+    """Do something to a task of the run that a program shows.
 
-    Raises ToolError if it can't be done.
+    Args:
+        central: the address of central; None: the default.
+        epoch: the epoch of the run that is shown.
+        what: cancel, kill, suspend, resume or retry.
+        task: the number of the task.
+        why: the reason.
+
+    Returns:
+        The result in one sentence.
+
+    Raises:
+        ToolError: it can't be done, or central runs another epoch.
     """
     if (steers := _STEERS.get(what)) is None:
-        raise ToolError(
-            f"'{what}' can't be done to a task: {listed(list(_STEERS), named=len(_STEERS))} can"
-        )
+        known = listed(list(_STEERS), named=len(_STEERS))
+        raise ToolError(f"'{what}' can't be done to a task: choose one of {known}")
     with talking("view", central) as client:
         if client.status()["epoch"] != epoch:
             raise ToolError(
-                f"central at {client.address} runs another run than the one shown: give its address as --central"
+                f"central at {client.address} has another run than the one shown:"
+                " give its address as --central"
             )
         return steers(client, find_task(client, str(task)), why)
 
 
 def too_late(task: TaskRef, what: str) -> ToolError:
-    """Central has done nothing: between the question and the request the task has ended."""
-    is_over = task.info() is None
-    state = (
-        "has ended meanwhile" if is_over else "was killed, and ends when its handler has returned"
-    )
+    """Return the error for a request to a task that has ended or was killed before it arrived."""
+    has_ended = task.info() is None
+    state = "has just ended" if has_ended else "was killed, and ends when its handler has returned"
     return ToolError(f"{task} {state}: it can't be {what} any more")
 
 
 def find_task(client: Client, named: str) -> TaskRef:
-    """The living task that a number, or a message's name, means. Raises ToolError if it means none,
-    or many.
+    """Return the living task of that number or message name.
+
+    Raises ToolError if no task or several tasks match.
     """
     if named.isdecimal() and named.isascii():
-        return _numbered(client, int(named))
+        return _task_of_number(client, int(named))
     if not named or not named.isprintable():
         raise click.UsageError(
-            f"'{printable(named)}' is no task: give the number of a task, or its message's name"
+            f"'{printable(named)}' is not a task: give the number of a task, or its message's name"
         )
     found = client.tasks(named)
     if not found:
@@ -140,16 +151,14 @@ def find_task(client: Client, named: str) -> TaskRef:
 
 
 def _living(client: Client) -> str:
-    """Which tasks there are now, in the central that was asked: the newest journal may be another
-    one's.
-    """
+    """List the living tasks. Name central: the newest journal may belong to another one."""
     tasks = client.tasks()
     if not tasks:
-        return f"no task lives in central at {client.address}"
+        return f"central at {client.address} has no living tasks"
     return f"living tasks are {listed([printable(str(task)) for task in tasks], named=_SHOWN)}"
 
 
-def _numbered(client: Client, number: int) -> TaskRef:
+def _task_of_number(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         raise ToolError(
             f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
@@ -161,6 +170,7 @@ def _numbered(client: Client, number: int) -> TaskRef:
     info = handle.info() if handle is not None else None
     if handle is None or info is None or info.outcome:
         raise ToolError(
-            f"task {number} has ended: 'tca tree' shows how, given the journal of {client.address} as LOG"
+            f"task {number} has ended: 'tca tree' shows how,"
+            f" given the journal of {client.address} as LOG"
         )
     return handle

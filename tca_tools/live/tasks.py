@@ -1,5 +1,6 @@
-"""The command line's hand on a running central: ``tca kill``, ``suspend``, ``resume``, ``retry``,
-``raise``, ``unlock`` and ``detach``.
+"""Commands that change tasks, locks and attachments of a running central.
+
+They are ``tca kill``, ``suspend``, ``resume``, ``retry``, ``raise``, ``unlock`` and ``detach``.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +20,8 @@ from tca_wire.text.printable import printable
 from tca_wire.vocabulary import Scope
 
 _ANYTHING: Any = PlainFormat("{}")
-_SHOWN = 10  # tasks that one name may mean
+_SHOWN = 10
+"""Attachments that an error lists."""
 
 
 @live_command("kill")
@@ -32,22 +34,24 @@ _SHOWN = 10  # tasks that one name may mean
     metavar="SECONDS",
     type=seconds,
     default=0.0,
-    help="Do it so many seconds from now.",
+    help="Kill it after this time.",
 )
-@click.option("--why", metavar="TEXT", default="", help="The reason, for those who wait for it.")
+@click.option("--why", metavar="TEXT", default="", help="The reason, for the waiting modules.")
 def kill(
     client: Client, task: str, delay: float, why: str, *, descendants: bool, siblings: bool
 ) -> None:
     """End a task and everything under it.
 
     TASK is a task's number, or its message's name if only one such task lives. Running handlers are
-    told, not interrupted: the task ends when they have returned.
+    notified, not interrupted: the task ends when they have returned.
     """
     if descendants and siblings:
         raise click.UsageError(
-            "--descendants and --siblings are given: kill them one after the other"
+            "--descendants and --siblings exclude each other: kill them one after the other"
         )
-    scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS if siblings else Scope.TASK
+    scope = Scope.TASK
+    if descendants or siblings:
+        scope = Scope.DESCENDANTS if descendants else Scope.SIBLINGS
     click.echo(steering.kill(find_task(client, task), why, delay, scope))
 
 
@@ -57,7 +61,7 @@ def suspend(client: Client, task: str) -> None:
     """Start nothing more of a task until it is resumed.
 
     TASK is a task's number, or its message's name if only one such task lives. Nothing under it is
-    started either. Running handlers are told; they may hold or finish.
+    started either. Running handlers are notified; they may pause or finish.
     """
     click.echo(steering.suspend(find_task(client, task)))
 
@@ -65,16 +69,16 @@ def suspend(client: Client, task: str) -> None:
 @live_command("resume")
 @click.argument("task", required=False)
 def resume(client: Client, task: str | None) -> None:
-    """Let a suspended task go on, with everything under it.
+    """Resume a suspended task with everything under it.
 
-    TASK is a task's number, or its message's name if only one such task lives. Without TASK: let
-    tasks start again after a restart of central, whoever has not come back yet.
+    TASK is a task's number, or its message's name if only one such task lives. Without TASK, a
+    restarted central starts tasks again, even if some modules have not come back yet.
     """
     if task is not None:
         click.echo(steering.resume(find_task(client, task)))
     else:
         click.echo(
-            "tasks start again" if client.go_on() else "no tasks are held back: nothing to be done"
+            "tasks start again" if client.go_on() else "central already starts tasks: nothing to do"
         )
 
 
@@ -84,8 +88,8 @@ def retry(client: Client, task: str) -> None:
     """Handle a task again, from the beginning.
 
     TASK is a task's number, or its message's name if only one such task lives. All under it is
-    killed first, except monitors of others. A running handler is told; the task begins anew when it
-    has returned.
+    killed first, except monitors of other modules. A running handler is notified; the task starts
+    again when it has returned.
     """
     click.echo(steering.retry(find_task(client, task)))
 
@@ -96,11 +100,11 @@ def retry(client: Client, task: str) -> None:
 @click.argument("text", default="")
 @click.option("--data", metavar="JSON", help="The failure's data.")
 def raise_failure(client: Client, task: str, failure: str, text: str, data: str | None) -> None:
-    """Raise a failure on a task, as if its handler had.
+    """Raise a failure on a task, as if its handler had raised it.
 
     TASK is a task's number, or its message's name if only one such task lives. The nearest
-    exception handler is called; without one the top-level task ends. FAILURE is any name; TEXT says
-    for people what happened.
+    exception handler is called; without one the top-level task ends. FAILURE is any name; TEXT
+    describes the failure to users.
     """
     handle = find_task(client, task)
     if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
@@ -111,31 +115,31 @@ def raise_failure(client: Client, task: str, failure: str, text: str, data: str 
 @live_command("unlock")
 @click.argument("resource")
 @click.option(
-    "--module", metavar="NAME", help="The module that has it, if several have one of that name."
+    "--module", metavar="NAME", help="Its module, if several modules have such a resource."
 )
 def unlock(client: Client, resource: str, module: str | None) -> None:
-    """Take away a lock or reservation of RESOURCE.
+    """Revoke the lock or reservation of RESOURCE.
 
-    Its holder may still count on it: look at 'tca modules' first.
+    Its holder may still rely on it: check 'tca modules' first.
     """
     was_held = client.unlock(resource, module)
     click.echo(
-        f"resource '{printable(resource)}': " + ("free again" if was_held else "nobody had it")
+        f"resource '{printable(resource)}': " + ("free again" if was_held else "it had no holder")
     )
 
 
 @live_command("detach")
 @click.argument("what", required=False)
-@click.option("--stale", is_flag=True, help="All that earlier runs of modules have left behind.")
+@click.option("--stale", is_flag=True, help="All attachments left from earlier runs of modules.")
 def detach(client: Client, what: str | None, *, stale: bool) -> None:
-    """Take away an exception handler, wiretap or monitor.
+    """Remove an exception handler, wiretap or monitor.
 
     WHAT is its number in 'tca attached', or the name of the exception handler, listener or monitor
-    if only one has it. What it has sent goes on. The module that attached it is not told, and may
-    still count on it.
+    if only one has it. Messages that it has sent continue. The module that attached it is not
+    notified, and may still rely on it.
 
-    With --stale, all goes that a module which has come back had attached in an earlier run, and has
-    not in this one.
+    --stale removes everything that a restarted module attached in an earlier run, but not in this
+    one.
     """
     if stale == (what is not None):
         raise click.UsageError("give a number or name, or --stale")
@@ -154,14 +158,14 @@ def _detach_stale(client: Client) -> None:
             client, one._replace(text=f"{one.text}, which {whose} had attached in an earlier run")
         )
     if cut := attached_in_all(known):
-        click.echo(f"of {cut} only the first were looked at: do it again")
+        click.echo(f"of {cut} only the first were checked: run the command again")
     elif not found:
-        click.echo("nothing is left of earlier runs")
+        click.echo("nothing is left from earlier runs")
 
 
 def _detach(client: Client, one: "_Attached") -> None:
     was_there = client.detach(one.number)
-    click.echo(f"{printable(one.text)}: " + ("detached" if was_there else "was gone already"))
+    click.echo(f"{printable(one.text)}: " + ("detached" if was_there else "already removed"))
 
 
 class _Attached(NamedTuple):
@@ -173,7 +177,7 @@ class _Attached(NamedTuple):
 
 
 def _find_attached(client: Client, what: str) -> _Attached:
-    """The attachment of that number or name. Raises ToolError if that means nothing, or many."""
+    """Return the attachment of that number or name. Raises ToolError if none or several match."""
     known = client.status("attached")
     there, cut = _all_attached(known), attached_in_all(known)
     number = int(what) if what.isdecimal() and what.isascii() else None
@@ -184,7 +188,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
     found = [one for one in there if (one.name == what if number is None else one.number == number)]
     if len(found) == 1:
         return found[0]
-    if cut and number is not None:  # it may be one of those that are not told
+    if cut and number is not None:  # central may not have listed it
         return _Attached(number, "", f"number {number}")
     if found:
         msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
@@ -195,7 +199,7 @@ def _find_attached(client: Client, what: str) -> _Attached:
             else _not_attached(client, number)
         )
         msg = f"{why}; " + (
-            f"attached are {_listed(there)}" if there else "nothing at all is attached"
+            f"attached are {_listed(there)}" if there else "there are no attachments"
         )
     raise ToolError(msg)
 
@@ -206,7 +210,8 @@ def _all_attached(known: dict[str, Any]) -> list[_Attached]:
         _Attached(
             one["id"],
             one[message],
-            f"{kind.rstrip('s').replace('_', ' ')} {numbered(one[message], one['id'])} of {attached_to(one)}",
+            f"{kind.rstrip('s').replace('_', ' ')} {numbered(one[message], one['id'])}"
+            f" of {attached_to(one)}",
             tuple(one["earlier"]) if one["is_stale"] else (),
         )
         for kind, message in kinds
@@ -216,12 +221,12 @@ def _all_attached(known: dict[str, Any]) -> list[_Attached]:
 
 def _not_attached(client: Client, number: int) -> str:
     if number > client.status()["newest id"]:
-        return f"nothing has had the number {number} yet"
+        return f"there is no number {number} yet"
     task = client.task(number) if number else None
     info = task.info() if task is not None else None
     if info is not None and not info.outcome:
         return f"{task} is not attached: 'tca kill {number}' ends it"
-    return f"{number} is not attached, or not any more"
+    return f"{number} is not attached, or was removed"
 
 
 def _listed(found: list[_Attached]) -> str:

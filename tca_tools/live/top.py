@@ -1,4 +1,4 @@
-"""``tca top``: what a running central and its modules do, again and again."""
+"""``tca top``: the load of a running central and its modules, refreshed every second."""
 
 import os
 import select
@@ -23,7 +23,7 @@ from tca_wire.endpoint import default_endpoint
 
 _NAME = "tca top"
 _PATIENCE = 1.0
-"""Seconds until central counts as away: keys are not heard meanwhile."""
+"""Seconds until central counts as away; keys are not read during this wait."""
 _QUICKEST = 0.1
 _TERMINATED = 128 + signal.SIGTERM
 
@@ -37,20 +37,21 @@ _TERMINATED = 128 + signal.SIGTERM
     type=click.FloatRange(min=_QUICKEST),
     default=1.0,
     show_default=True,
-    help="How often it is refreshed.",
+    help="The time between two refreshes.",
 )
 @click.option(
     "--once", is_flag=True, help="Print it once, with the rates of the whole run, and end."
 )
 def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None:
-    """Watch what is busy and what waits, in a running central.
+    """Watch the busy resources and the waits of a running central.
 
-    Shown are modules, resources, queues, rates, the longest waits, held and suspended tasks.
+    It shows modules, resources, queues, rates, the longest waits, held and suspended tasks.
 
-    Press q or Ctrl-C to end it. It says when central is away, and goes on when central is back.
+    Press q or Ctrl-C to end it. It reports when central is away, and continues when central is
+    back.
     """
     if in_json and not once:
-        raise click.UsageError("--json prints one answer: ask for --once, too")
+        raise click.UsageError("--json prints one answer: add --once")
     if once:
         with talking("top", central) as client:
             shown, address = frame(client.status("load"), hidden=client.name), client.address
@@ -61,7 +62,7 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
         return
     _screen()
     with _typed_keys() as keys:
-        signal.signal(signal.SIGTERM, _end)  # so that the terminal is left as it was
+        signal.signal(signal.SIGTERM, _exit)  # SystemExit restores the terminal
         try:
             _watch(_Central(central), every, keys)
         except KeyboardInterrupt:
@@ -69,20 +70,21 @@ def top(central: str | None, every: float, *, in_json: bool, once: bool) -> None
 
 
 def _screen() -> Any:
-    """How it looks; rich is an extra."""
+    """Import the screen, which needs the extra package rich."""
     with extra("top", "tca top", "ask for --once --json"):
         from tca_tools.live import top_screen  # noqa: PLC0415
     return top_screen
 
 
-def _end(_number: int, _frame: FrameType | None) -> None:
+def _exit(_number: int, _frame: FrameType | None) -> None:
     sys.exit(_TERMINATED)
 
 
 @contextmanager
 def _typed_keys() -> Iterator[int | None]:
-    """The file from which keys can be read as they are typed; None without a terminal, which is
-    restored afterwards.
+    """A context that yields the file to read single keys from, or None without a terminal.
+
+    It restores the terminal's mode at its end.
     """
     if not sys.stdin.isatty():
         yield None
@@ -97,44 +99,46 @@ def _typed_keys() -> Iterator[int | None]:
 
 
 def _watch(central: "_Central", every: float, keys: int | None) -> None:
-    """Show frame after frame until somebody presses q."""
-    looks = _screen()
-    terminal = looks.console()
+    """Show a new frame every `every` seconds until the user presses q."""
+    screen = _screen()
+    terminal = screen.console()
     if not terminal.is_terminal:
-        raise click.UsageError("tca top needs a terminal: ask for --once, or --once --json")
+        raise click.UsageError("tca top needs a terminal: use --once, or --once --json")
     shown: Frame | None = None
-    with looks.live(terminal) as live:
+    with screen.live(terminal) as live:
         while True:
             shown = central.ask() or shown
             live.update(
-                looks.screen(shown, central.address, central.trouble, terminal.height), refresh=True
+                screen.screen(shown, central.address, central.trouble, terminal.height),
+                refresh=True,
             )
             if select.select([] if keys is None else [keys], [], [], every)[0] and keys is not None:
                 typed = os.read(keys, 64)
                 if typed in (b"q", b"Q", b"\x1b"):
                     return
-                keys = keys if typed else None  # nobody can type any more
+                keys = keys if typed else None  # end of file: no more keys can arrive
 
 
 class _Central:
-    """A central that may go away and come back."""
+    """A central that may become unreachable and return."""
 
     def __init__(self, address: str | None) -> None:
         self.trouble = ""
         """The current problem."""
         self.address = address or default_endpoint()
-        self._asked = address
+        self._given_address = address
         self._client: Client | None = None
         self._before: Answer | None = None
-        self._heard = time.monotonic()
+        self._answered_at = time.monotonic()
 
     def ask(self) -> Frame | None:
-        """How it is now; None if central does not say. Raises UsageError if there can be no such
-        central.
+        """Return the present frame, or None if central does not answer.
+
+        Raises UsageError for an impossible address.
         """
         try:
             if self._client is None:
-                self._client = connect(_NAME, self._asked, patience=_PATIENCE)
+                self._client = connect(_NAME, self._given_address, patience=_PATIENCE)
             self.address = self._client.address
             now = self._client.status("load", timeout=_PATIENCE)
             name = self._client.name
@@ -144,9 +148,10 @@ class _Central:
             if self._client is not None:
                 self._client.close()
                 self._client = None
-            self.trouble = f"no answer for {time.monotonic() - self._heard:.0f} s, trying again"
+            waited = time.monotonic() - self._answered_at
+            self.trouble = f"no answer for {waited:.0f} s, trying again"
             return None
-        self.trouble, self._heard = "", time.monotonic()
+        self.trouble, self._answered_at = "", time.monotonic()
         shown = frame(now, self._before, hidden=name)
         self._before = now
         return shown

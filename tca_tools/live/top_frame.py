@@ -1,5 +1,6 @@
-"""The contents of ``tca top`` at a moment: rates from two answers of central. Pure; knows no
-screen.
+"""The contents of ``tca top`` at one moment, with rates from two answers of central.
+
+Pure: it does not depend on a screen.
 """
 
 from typing import Any
@@ -11,27 +12,27 @@ from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.waits import Waiter
 
 Answer = dict[str, Any]
-"""Central's answer on its load."""
+"""Central's answer about its load."""
 
 
 class ResourceLine(Struct, frozen=True):
-    """A resource; rates are of the time between two answers."""
+    """A resource; its rates cover the time between two answers."""
 
     module: str
     resource: str
     capacity: int
     busy: float
-    """Which part of its time it handled messages: 1 is all of it, in all slots."""
+    """The share of time in which its slots handled messages: 1 means all slots, all the time."""
     rate: float
     """Messages a second."""
     handling: str
     seconds: float
-    """How long the oldest of those has been handled."""
+    """Seconds since the handling of the oldest one started."""
     blocked: int
-    """How many of its slots wait for somebody else."""
+    """The number of its slots whose handlers wait."""
     waiting: int
     oldest: float
-    """Seconds that the oldest of those has waited."""
+    """Seconds that the oldest queued message has waited."""
     held: str
     """The holder of its lock."""
 
@@ -46,11 +47,11 @@ class MessageLine(Struct, frozen=True):
     failed: int
     dropped: int
     waiting: int
-    """How many wait because nobody handles it."""
+    """The number that wait because the message has no handler."""
 
 
 class WaitLine(Struct, frozen=True):
-    """Somebody waits."""
+    """A task, message, handler or module that waits."""
 
     seconds: float
     what: str
@@ -60,42 +61,48 @@ class WaitLine(Struct, frozen=True):
 
 
 class Frame(Struct, frozen=True):
-    """All that is shown at once."""
+    """Everything that is shown at once."""
 
     epoch: str
     time: float
-    """Central's clock, in seconds since it began."""
+    """Central's clock, in seconds since the start of the run."""
     span: float
-    """Seconds over which rates were taken."""
+    """Seconds that the rates cover."""
     events: float
-    """Of central, a second."""
+    """Central's events per second."""
     tasks: int
     modules: int
     resources: list[ResourceLine]
-    """Those that somebody waits for or has for himself, and the busiest, come first."""
+    """First the resources with a queue or a lock holder, then the busiest."""
     messages: list[MessageLine]
-    """Those that were sent most often lately come first."""
+    """Sorted by their rate, the highest first."""
     waits: list[WaitLine]
-    """The longest come first."""
+    """The longest first."""
     held: list[WaitLine]
-    """Tasks that constraints, or a suspended parent, keep from beginning or ending; monitors that
-    their parent waits for, the longest first.
+    """Held tasks, the longest first.
+
+    Constraints or a suspended parent keep them from starting or ending. Monitors that their parent
+    waits for are among them.
     """
     suspended: list[WaitLine]
-    """Tasks that somebody has to resume, the longest first; not those under them."""
+    """Tasks that must be resumed, the longest first; not their descendants."""
     totals: dict[str, int]
-    """How many waits, held and suspended tasks there are; central does not tell all."""
+    """The numbers of waits, held and suspended tasks; central does not list all."""
     not_looked_at: int
-    """How many living tasks, the newest, may be held and were not counted."""
+    """The number of living tasks, the newest, that were not searched for held ones."""
     memory: str
-    """What fills central's memory."""
+    """The use of central's memory, in words."""
     is_cut: bool
-    """Whether there is more than is told."""
+    """Whether central lists only a part."""
 
 
 def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
-    """The contents for an answer. Rates are those since the answer *before*, or of the whole run;
-    *hidden* is a module to leave out.
+    """Return the contents for an answer of central.
+
+    Args:
+        now: the answer.
+        before: an earlier answer; the rates cover the time since. None: the whole run.
+        hidden: a module to leave out.
     """
     if before is None or before["epoch"] != now["epoch"] or before["time"] >= now["time"]:
         before = {"time": 0.0, "events": 0, "modules": [], "messages": []}
@@ -154,16 +161,14 @@ def frame(now: Answer, before: Answer | None = None, hidden: str = "") -> Frame:
 
 
 def memory_in_words(now: Answer) -> str:
-    """What central's memory holds, its fullest part, and how much was refused because a part was
-    full.
-    """
+    """Return the size of central's memory, its fullest part, and the number of refusals for it."""
     parts: dict[str, tuple[int, int]] = now["memory"]
     fullest = max(parts, key=lambda part: parts[part][0] / max(parts[part][1], 1))
     held, most = parts[fullest]
     text = f"memory {size(sum(held for held, _ in parts.values()))}"
     text += f", {fullest} {size(held)} of {size(most)}" if held >= most / 10 else ""
     return text + (
-        f", {now['overloads']:,} refused or dropped for want of it" if now["overloads"] else ""
+        f", {now['overloads']:,} refused or dropped when it was full" if now["overloads"] else ""
     )
 
 
@@ -171,7 +176,7 @@ def _resource(
     module: str, now: dict[str, Any], before: dict[str, Any], span: float
 ) -> ResourceLine:
     if before.get("delivered", 0) > now["delivered"]:
-        before = {}  # a module that was started anew counts from 0 again
+        before = {}  # a restarted module counts from 0 again
     handling = now["handling"]
     what = listed([_called(one) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))

@@ -1,5 +1,6 @@
-"""How ``tca top`` looks: tables that fit the terminal. The only file of this package that imports
-rich.
+"""The screen of ``tca top``: tables that fit the terminal.
+
+Only this file of the package imports rich.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ from tca_wire.text.printable import printable
 
 _BAR = 8
 _HEAD, _TABLE = 2, 3
-"""Lines of the heading, and of a table beside its rows."""
+"""Lines of the heading, and of a table without its rows."""
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
 _SPARED = ("messages",), ("messages", "held"), ("messages", "held", "resources")
@@ -25,31 +26,37 @@ _TRIES: Sequence[tuple[int, tuple[str, ...]]] = (
     (4, ()),
     *((rows, out) for out in _SPARED for rows in (4, 3, 2)),
 )
-"""Rows that each table gets at least, and tables that are left out where there is no room for them:
-what somebody waits for is shown as long as anything is.
+"""The layouts to try, from the largest: rows that each table gets at least, tables to leave out.
+
+The tables of waits and suspended tasks are never left out.
 """
 _GROW = ("waits", "resources", "suspended", "held", "messages")
-"""These get the rows that are left, one by one in turn."""
+"""The tables that share the remaining rows, in turn."""
 _ONE_LINE: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}
 _NARROW = 110
-"""Columns below which there is no room for bars."""
+"""Columns; a narrower terminal shows no bars."""
 
 
 def console() -> Console:
-    """The terminal."""
+    """Return the terminal."""
     return Console(highlight=False, markup=False, emoji=False)
 
 
 def live(terminal: Console) -> Live:
-    """A screen of its own that frames are shown on, until it is left."""
+    """Return a full screen for the frames; at its end the terminal is restored."""
     return Live(console=terminal, screen=True, auto_refresh=False, vertical_overflow="crop")
 
 
 def screen(
     shown: Frame | None, address: str, trouble: str, height: int | None = None
 ) -> RenderableType:
-    """A frame, with what is wrong (*trouble*) above it, in so many lines (None: as many as it
-    needs).
+    """Return a frame as tables.
+
+    Args:
+        shown: the frame; None before the first one.
+        address: the address of central.
+        trouble: the current problem, shown above the frame; "" if there is none.
+        height: the lines to fill; None: as many as the tables need.
     """
     if shown is None:
         return Text(f"central at {address} is away: {trouble}", style="bold red")
@@ -57,7 +64,7 @@ def screen(
     rooms = _rooms(tables, None if height is None else height - _HEAD - bool(trouble))
     parts = [tables[name]._replace(room=room) for name, room in rooms.items()]
     warning = [
-        Text(f"central is away: {trouble}. This is how it was:", style="bold red", **_ONE_LINE)
+        Text(f"central is away: {trouble}. Its last answer:", style="bold red", **_ONE_LINE)
     ] * bool(trouble)
     absent = ", ".join(name for name in tables if name not in rooms)
     no_room = [Text(f"no room for: {absent}", style="dim", **_ONE_LINE)] * bool(absent)
@@ -65,18 +72,16 @@ def screen(
 
 
 def _tables(shown: Frame) -> dict[str, "_Lines"]:
-    """The tables, from the top to the bottom."""
+    """Return the tables, from top to bottom."""
     tables = {
-        "resources": _Lines(
-            _RESOURCES, shown.resources, _resource_cells, "no module offers to handle anything"
-        ),
+        "resources": _Lines(_RESOURCES, shown.resources, _resource_cells, "no module has handlers"),
         "messages": _Lines(
             _MESSAGES, shown.messages, _message_cells, "no messages have been declared"
         ),
     }
     if shown.waits or not (shown.held or shown.suspended):
         tables["waits"] = _Lines(
-            _WAITS, shown.waits, _wait_cells, "nobody waits", shown.totals["waits"]
+            _WAITS, shown.waits, _wait_cells, "nothing waits", shown.totals["waits"]
         )
     if shown.suspended:
         tables["suspended"] = _Lines(
@@ -102,9 +107,7 @@ def _heading(shown: Frame, address: str) -> Text:
 
 
 def _rooms(tables: dict[str, "_Lines"], height: int | None) -> dict[str, int]:
-    """How many rows each table gets: what one does not need is for the others. Some may be left
-    out.
-    """
+    """Return the number of rows of each table. Tables without room are left out."""
     needed = {name: max(len(table.lines), 1) + table.is_cut for name, table in tables.items()}
     if height is None:
         return needed
@@ -157,22 +160,23 @@ _HELD: Sequence[Column] = (("held", _NUMBER), *_WAITS[1:2], ("", {**_ONE_LINE, "
 
 
 class _Lines(NamedTuple):
-    """A table of so many rows."""
+    """A table with room for a number of rows."""
 
     columns: Sequence[Column]
     lines: Sequence[Any]
     cells: Callable[[Any, bool], list[Text | str]]
-    """Makes the cells of a line; the flag says whether there is much room."""
+    """Makes the cells of a line; the flag says whether the terminal is wide."""
     nothing: str
+    """The text without lines."""
     total: int = 0
-    """How many there are, where not all are told."""
+    """The full number, if `lines` is only a part."""
     among: str = ""
-    """Among what these were counted."""
+    """The set in which they were counted, in words."""
     room: int = 0
 
     @property
     def is_cut(self) -> bool:
-        """Whether there are more than are told."""
+        """Whether `lines` is only a part."""
         return self.total > len(self.lines) or bool(self.among)
 
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
@@ -199,8 +203,9 @@ class _Lines(NamedTuple):
 
 
 def _resource_cells(line: ResourceLine, is_wide: bool) -> list[Text | str]:
-    """Several slots stand at the name; who has it to itself, and blocked slots, at what is
-    handled.
+    """Return the cells of a resource.
+
+    The name shows the number of slots. The handling shows the lock's holder and blocked slots.
     """
     name = line.module if line.resource in ("", line.module) else f"{line.module} / {line.resource}"
     full = round(line.busy * _BAR)

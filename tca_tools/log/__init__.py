@@ -1,1 +1,1 @@
-"""A journal as text, and facts as plain values."""
+"""A journal as text, its facts as plain values, and the removal of old runs."""

@@ -1,6 +1,4 @@
-"""``tca log``: a journal as text, one line a fact; which runs there are, and the removal of old
-ones.
-"""
+"""``tca log``: show a journal as text, list the stored runs, remove old ones."""
 
 from collections.abc import Callable, Iterable, Iterator
 from datetime import datetime
@@ -43,8 +41,8 @@ def log() -> None:
 @log.command()
 @log_argument
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@click.option("--classic", is_flag=True, help="In the words of TCA's own message log.")
-@click.option("--follow", is_flag=True, help="Show what comes, too, until interrupted.")
+@click.option("--classic", is_flag=True, help="In the format of TCA's own message log.")
+@click.option("--follow", is_flag=True, help="Show new facts, too, until interrupted.")
 @click.option(
     "--task",
     metavar="TASK",
@@ -72,7 +70,7 @@ def show(
     """
     if classic and (as_json or kinds or task is not None):
         raise click.UsageError(
-            "--classic shows whole messages, not facts: leave out --json, --kind and --task"
+            "--classic shows messages, not facts: leave out --json, --kind and --task"
         )
     journal = open_log(log_path)
     if follow:
@@ -86,7 +84,7 @@ def show(
         lines = render(
             entries,
             lambda fact: (
-                (about is None or about.is_told_by(fact)) and (not kinds or kind_of(fact) in kinds)
+                (about is None or about.matches(fact)) and (not kinds or kind_of(fact) in kinds)
             ),
         )
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
@@ -99,10 +97,10 @@ def show(
 @log.command()
 @_folder_argument
 def runs(folder: Path | None) -> None:
-    """List the runs that lie in a folder, oldest first, as they are named as LOG.
+    """List the runs in a folder, oldest first, by the names that LOG accepts.
 
-    Without FOLDER those in central's folder of journals. Where several runs lie in one folder, all
-    commands take one of them as FOLDER#NUMBER, and without a number the last.
+    Without FOLDER, central's folder of journals is listed. If a folder has several runs, every
+    command accepts FOLDER#NUMBER for one of them, and FOLDER for the last.
     """
     folders = [open_log(folder).path] if folder else [*run_folders()][::-1]
     if not folders:
@@ -110,9 +108,12 @@ def runs(folder: Path | None) -> None:
     found = [run for one in folders if one.is_dir() for run in runs_in(one)]
     width = max((columns_of(name) for name, _, _ in found), default=0)
     for name, opened, log in found:
-        segments, live = counted(len(log.segments()), "segment"), ", goes on" * log.is_being_written
+        segments, live = (
+            counted(len(log.segments()), "segment"),
+            ", continues" * log.is_being_written,
+        )
         click.echo(
-            f"{padded(printable(name), width)}  began {_date(opened.began)}, {segments}{live}"
+            f"{padded(printable(name), width)}  started {_date(opened.began)}, {segments}{live}"
         )
 
 
@@ -122,7 +123,7 @@ def runs(folder: Path | None) -> None:
     "--keep",
     metavar="AGE",
     type=AGE,
-    help="Remove runs that ended longer ago: 30d, 12h, 90min, 2w.",
+    help="Remove runs that ended more than AGE ago: 30d, 12h, 90min, 2w.",
 )
 @click.option(
     "--keep-bytes",
@@ -130,41 +131,44 @@ def runs(folder: Path | None) -> None:
     type=SIZE,
     help="Remove the oldest, down to this size: 500M, 10G.",
 )
-@click.option("--dry-run", is_flag=True, help="Only say what would be removed.")
+@click.option("--dry-run", is_flag=True, help="Only list the runs that would be removed.")
 def prune(
     folder: Path | None, keep: float | None, keep_bytes: float | None, *, dry_run: bool
 ) -> None:
     """Remove old runs, with the inputs and images that recovery needs.
 
-    FOLDER is a journal folder, in which one or several runs lie, or a folder of such folders;
-    without it, central's folder of journals. A run that a central writes stays, and the newest that
-    ended without a goodbye: it may go on. Of these the tasks and messages go that ended longer ago,
-    or the oldest of them. The rest stays readable.
+    FOLDER is a journal folder, with one or several runs, or a folder of such folders; without it,
+    central's folder of journals. Two runs stay: the one that a central writes, and the newest
+    unfinished run, which may continue. From these two, old tasks and messages that have ended are
+    removed. The rest stays readable.
     """
     if keep is None and keep_bytes is None:
-        raise click.UsageError("say what to keep: --keep 30d, --keep-bytes 10G, or both")
+        raise click.UsageError(
+            "give the age or size to keep: --keep 30d, --keep-bytes 10G, or both"
+        )
     folder = folder or default_journals()
     stored = stored_runs(folder)
     found = superfluous(stored, keep, keep_bytes)
     width = max((columns_of(printable(run.name)) for run in found), default=0)
     for run in found:
-        told = f"{padded(printable(run.name), width)}  ended {_date(run.ended)}, {size(run.size)}"
-        click.echo(f"{told}: stays, {run.kept}" if run.kept else told)
-        if not run.kept and not dry_run:
+        line = f"{padded(printable(run.name), width)}  ended {_date(run.ended)}, {size(run.size)}"
+        click.echo(f"{line}: stays, {run.why_retained}" if run.why_retained else line)
+        if not run.why_retained and not dry_run:
             remove(run, with_folder=run.folder != folder)
-    gone = [run for run in found if not run.kept]
-    left = sum(run.size for run in stored) - sum(run.size for run in gone)
+    removed = [run for run in found if not run.why_retained]
+    left = sum(run.size for run in stored) - sum(run.size for run in removed)
     verb = "would be removed" if dry_run else "removed"
-    for run in [run for run in stored if run.kept]:
+    for run in [run for run in stored if run.why_retained]:
         ended = EndedTasks(run.files)
         until = ended.until(keep, None if keep_bytes is None else keep_bytes - (left - run.size))
-        if (bytes_gone := ended.remove(until, dry_run=dry_run)) > 0:
+        if (bytes_removed := ended.remove(until, dry_run=dry_run)) > 0:
             click.echo(
-                f"{printable(run.name)}: {size(bytes_gone)} of what had ended by {until:.0f} s {verb}"
+                f"{printable(run.name)}: {size(bytes_removed)} of tasks and messages"
+                f" that had ended by {until:.0f} s {verb}"
             )
-            left -= bytes_gone
-    removed = f"{counted(len(gone), 'run')} {verb} ({size(sum(run.size for run in gone))})"
-    click.echo(f"{removed}, {counted(len(stored) - len(gone), 'run')} left ({size(left)})")
+            left -= bytes_removed
+    total = f"{counted(len(removed), 'run')} {verb} ({size(sum(run.size for run in removed))})"
+    click.echo(f"{total}, {counted(len(stored) - len(removed), 'run')} left ({size(left)})")
 
 
 def _date(time: float) -> str:
@@ -172,21 +176,22 @@ def _date(time: float) -> str:
 
 
 def _json_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
-    """Each wanted fact as a JSON object."""
+    """Yield each wanted fact as a JSON object."""
     for entry in entries:
         for fact in filter(is_wanted, entry.facts):
             yield json_text(fact_row(entry, fact))
 
 
 def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> Iterator[str]:
-    """Each wanted fact as an aligned line: time, kind, words, data; the first of an entry says what
-    that came from.
+    """Yield each wanted fact as an aligned line: time, kind, words, data.
+
+    The first line of an entry also has the cause of the entry.
     """
     wording, width = Wording(), line_width()
     for entry in entries:
         cause = f"  ({wording.cause(entry.cause)})" if entry.cause else ""
         for fact in entry.facts:
-            words = wording.words(fact)  # also of what is not shown: it may name what is
+            words = wording.words(fact)  # hidden facts, too: they declare names for later ones
             if is_wanted(fact):
                 yield _text_line(entry.time, fact, words, cause, width)
                 cause = ""
@@ -207,8 +212,9 @@ def _text_line(time: float, fact: Fact, words: str, cause: str, width: int | Non
 
 
 class _About:
-    """The task or message of a number, or all of a name, as their facts come. Give it all facts,
-    then ``check`` it.
+    """Selects the facts about the message of a number, or about all messages of a name.
+
+    Call ``matches`` with every fact in order, then ``check``.
     """
 
     def __init__(self, text: str) -> None:
@@ -218,28 +224,27 @@ class _About:
         self._is_found = False
         self._names: set[str] = set()
 
-    def is_told_by(self, fact: Fact) -> bool:
-        """Whether a fact is about one of them, or about what its handler sent."""
+    def matches(self, fact: Fact) -> bool:
+        """Whether a fact is about one of these messages, or about one that its handler sent."""
         if isinstance(fact, Received):
             self._names.add(fact.message)
             if fact.message == self._text:
                 self._numbers.add(fact.id)
         elif isinstance(fact, Queued | Delivered) and fact.message_id in self._numbers:
-            self._numbers.add(
-                fact.id
-            )  # what comes of a copy, or of another try, is told by its own number
-        is_told = not self._numbers.isdisjoint(_told_of(fact))
-        self._is_found |= is_told
-        return is_told
+            # later facts about a copy, or about another try, have only its own number
+            self._numbers.add(fact.id)
+        is_match = not self._numbers.isdisjoint(_subjects(fact))
+        self._is_found |= is_match
+        return is_match
 
     def check(self) -> None:
-        """Raise NotInLog if there was none."""
+        """Raise NotInLog if no fact matched."""
         if not self._is_found:
             raise no_task(self._text, self._names)
 
 
-def _told_of(fact: Fact) -> Iterator[int | None]:
-    """The messages that a fact is about, or whose handlers did what it tells."""
+def _subjects(fact: Fact) -> Iterator[int | None]:
+    """Yield the messages that a fact is about, or whose handlers caused it."""
     yield from (
         getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin")
     )

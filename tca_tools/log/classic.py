@@ -1,14 +1,12 @@
-"""A journal in the words of TCA's own message log (TCA 8.5, ``central -lmstdrp``), for old eyes and
-old tools.
+"""A journal in the format of TCA's own message log (TCA 8.5, ``central -lmstdrp``), for old tools.
 
     Goal           take steps {3}:    gait planner {1} --> Resource gait   (Pending)  8:20:22.65
     Goal           take steps {3}:   Resource gait     --> gait planner    (Sent)     8:20:22.66
       Success      take steps {3}:                                                    8:20:22.90
 
-What that log had no words for is left out: constraints, moments, times below a hundredth. Three
-lines have no counterpart in TCA, and say what was silent there: ``Dropped``, ``Retry`` and
-``Recovered``. FireDemon is missing, since only what a demon monitor then sends is recorded. Times
-are UTC.
+That log has no words for constraints and moments, so they are left out. Times are UTC, in
+hundredths of a second. Three lines are new: TCA did not log drops, retries and recoveries.
+FireDemon is missing, since only the messages of a fired demon monitor are recorded.
 """
 
 import textwrap
@@ -37,7 +35,7 @@ _CLASSES = {
 
 
 def classic_lines(entries: Iterable[facts.Entry]) -> Iterator[str]:
-    """The lines of a journal."""
+    """Yield the lines of a journal."""
     log = _Log()
     for entry in entries:
         log.run.apply(entry)
@@ -55,20 +53,20 @@ def classic_lines(entries: Iterable[facts.Entry]) -> Iterator[str]:
 
 
 class _Log:
-    """The run as read so far, and the place of each message."""
+    """The run up to the present entry, and the place of each message."""
 
     def __init__(self) -> None:
         self.run = History()
         self.time = 0.0
         self.moved: set[int] = set()
-        """Messages that are sent or queued with the event at hand."""
+        """Messages that are delivered or queued in the present entry."""
         self.dropped: set[int] = set()
-        """Messages and copies that are dropped with it."""
-        self._where: dict[int, str] = {}
-        """Where each of them went last: on hold, to a resource, or (empty) to a module."""
+        """Messages and copies that are dropped in the present entry."""
+        self._places: dict[int, str] = {}
+        """The last place of each message: on hold, a resource, or (empty) a module."""
 
     def moves(self, fact: facts.Fact) -> Iterator[str]:
-        """The lines of a message that goes somewhere."""
+        """Yield the lines of a message that moves to another place."""
         match fact:
             case facts.Received() if fact.message_class.is_task and fact.id not in self.moved:
                 yield from self._move(fact.id, "ON HOLD", "(Inactive)")
@@ -82,17 +80,15 @@ class _Log:
             case facts.Reached() if fact.moments & START_HANDLING and not self._is_killed(
                 fact.task
             ):
-                if self.run.tasks[
-                    fact.task
-                ].message_class.is_monitor:  # which central carries out itself
+                # central carries out monitors itself
+                if self.run.tasks[fact.task].message_class.is_monitor:
                     yield from self._move(fact.task, "TCA Server", "(Sent)", stays=False)
 
     def endings(self, fact: facts.Fact) -> Iterator[str]:
-        """The lines of what became of a message."""
+        """Yield the lines of a message's outcome."""
         match fact:
-            case facts.Returned() if (
-                fact.outcome is Outcome.DONE
-            ):  # a failure comes with a fact of its own
+            # a failure has a fact of its own
+            case facts.Returned() if fact.outcome is Outcome.DONE:
                 yield from self._returned(fact)
             case facts.Failed():
                 yield self._line(
@@ -118,7 +114,7 @@ class _Log:
                 )
 
     def remarks(self, fact: facts.Fact) -> Iterator[str]:
-        """The lines without a time."""
+        """Yield the lines without a time."""
         describe = self.run.describe
         match fact:
             case facts.Opened():
@@ -133,24 +129,29 @@ class _Log:
                 yield f"Failure  *Top Level*: {describe(fact.task)} was not handled"
             case facts.Killed():
                 why = kill_reason(fact.why, fact.by)
-                yield f"Will Terminate {describe(fact.task)} when all references to it are released: {why}"
+                yield (
+                    f"Will Terminate {describe(fact.task)}"
+                    f" when all references to it are released: {why}"
+                )
             case facts.Reached() if fact.moments & END_ACHIEVING and self._is_killed(fact.task):
                 yield f"Terminated {describe(fact.task)}"
             case facts.TapFired() if not fact.listener:
                 yield f"Tap Message of {describe(fact.tapped)} Ignored: No Handler"
 
     def _move(self, delivery: int, target: str, state: str, *, stays: bool = True) -> Iterator[str]:
-        """A message goes somewhere; its data are told the first time. Copies have numbers of their
-        own, a task keeps its number. What was sent before the journal began is not told of.
+        """Yield the line of a move, with the message's data the first time.
+
+        A copy has its own number, a task keeps its number. A message that was sent before the
+        journal started has no line.
         """
         message = self.run.delivered(delivery)
         if message is not None:
             number = message.id if isinstance(message, Task) else delivery
-            source = self._where.get(number) or _sender(message)
+            source = self._places.get(number) or _sender(message)
             route = f"{source:>{_ROUTE_WIDTH}} --> {target:<{_ROUTE_WIDTH}} {state}"
             yield self._line(_class(message), number, route, message.name)
-            yield from () if number in self._where else _data(message.body)
-            self._where[number] = target if stays else ""
+            yield from () if number in self._places else _data(message.body)
+            self._places[number] = target if stays else ""
 
     def _returned(self, fact: facts.Returned) -> Iterator[str]:
         message = self.run.delivered(fact.id)
@@ -176,7 +177,7 @@ class _Log:
         return isinstance(message, Task) and message.killed is not None
 
     def _line(self, kind: str, number: int, more: str = "", name: str = "") -> str:
-        """With the time in its column, or behind what is too long."""
+        """Return a line with the time in its column, or at the end of a longer line."""
         name = name or self.run.name(number)
         line = printable(f"{kind:<{_CLASS_WIDTH}} {name:>{_NAME_WIDTH}} {{{number}}}:{more}")
         width = _CLASS_WIDTH + _NAME_WIDTH + 2 * _ROUTE_WIDTH + _STATE_WIDTH + 12
@@ -198,7 +199,7 @@ def _sender(message: Message) -> str:
 
 
 def _data(body: bytes) -> Iterator[str]:
-    """The data of a message on lines below it, cut after some."""
+    """Yield the data of a message, cut after a few lines."""
     lines = textwrap.wrap(data_text(body), _COLUMNS - 4, break_on_hyphens=False)
     yield from (f"    {line}" for line in lines[:_DATA_LINES])
     yield from ["    ..."] * (len(lines) > _DATA_LINES)

@@ -1,4 +1,4 @@
-"""Facts as rows of plain values, for JSON: the one form of them that other programs read."""
+"""Facts as rows of plain values: the JSON that other programs read."""
 
 from typing import Any
 
@@ -11,12 +11,14 @@ from tca_wire.text.bodies import plain_data
 from tca_wire.text.facts_in_words import fields_of
 
 BAD_NEWS = {"failed", "killed", "dropped", "refused", "module left"}
-"""The kinds of facts that stand out."""
+"""The kinds of facts that are shown in red."""
 
 
 def fact_row(entry: Entry, fact: Fact) -> dict[str, Any]:
-    """A fact's fields, its body decoded as *data*. *t* is its time (s), *entry* the number of its
-    entry, and *cause* what that came from, if it is known.
+    """Return a fact's fields, with its body decoded as *data*.
+
+    *t* is its time in seconds, *entry* the number of its entry, and *cause* the entry's cause, if
+    it is known.
     """
     fields = {name: _plain(value) for name, value in fields_of(fact).items()}
     if hasattr(fact, "body"):
@@ -28,7 +30,7 @@ def fact_row(entry: Entry, fact: Fact) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The value of a field, where constraints and points are dictionaries."""
+    """Return the value of a field, with constraints and points as dictionaries."""
     match value:
         case list():
             return [_plain(one) for one in value]

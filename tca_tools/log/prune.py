@@ -1,8 +1,7 @@
-"""Which runs of a folder are old or too much, and their removal. Knows files; knows nothing of what
-facts mean.
+"""Find and remove old runs in a folder. This file handles files, and does not read facts.
 
-A run goes as a whole, with the inputs and images of central's state that lie beside its segments.
-What none of tca has written stays, and so do links: what lies elsewhere is pruned where it is.
+A run is removed as a whole, with the inputs and images of central's state beside its segments.
+Links stay, and so do files that tca has not written.
 """
 
 import time
@@ -19,23 +18,25 @@ from tca_wire.endpoint import by_number, run_number
 
 
 class StoredRun(NamedTuple):
-    """A run as it lies on the disk."""
+    """A run on the disk."""
 
     name: str
-    """As it is named as LOG."""
+    """The name that LOG accepts."""
     folder: Path
     files: list[Path]
     """The last are its segments, oldest first."""
     size: int
+    """In bytes."""
     ended: float
-    """When something was written last, in seconds since 1970."""
-    kept: str
-    """Why it stays whatever its age and size; "" if it need not."""
+    """The time of the last write, in seconds since 1970."""
+    why_retained: str
+    """The reason why it stays whatever its age and size; "" if it may be removed."""
 
 
 def stored_runs(folder: Path) -> list[StoredRun]:
-    """The runs in a folder, or in the folders right in it, by their ends. Raises UnusableLog if
-    there are none.
+    """Return the runs in a folder, or in its direct subfolders, ordered by their ends.
+
+    Raises UnusableLog if there are none.
     """
     journals = (
         [folder]
@@ -48,20 +49,20 @@ def stored_runs(folder: Path) -> list[StoredRun]:
         runs += _in_order(list(_runs_in(journal)))
     runs.sort(key=lambda run: run.ended)
     if not runs:
-        raise UnusableLog(f"{folder}: no runs lie there")
-    crashed = next(
-        (run for run in reversed(runs) if not run.kept and not is_closed(run.files[-1])), None
-    )
+        raise UnusableLog(f"{folder}: no runs are stored there")
+    open_runs = (run for run in reversed(runs) if not run.why_retained)
+    unfinished = next((run for run in open_runs if not is_closed(run.files[-1])), None)
     return [
-        run if run is not crashed else run._replace(kept="ended without a goodbye: it may go on")
+        run._replace(why_retained="unfinished: it may continue") if run is unfinished else run
         for run in runs
     ]
 
 
 def _in_order(runs: list[StoredRun]) -> list[StoredRun]:
-    """Runs that follow each other, with ends in that order. A run whose clock showed an earlier
-    time than one before it had no clock that knew the day: it may have ended as late as the next
-    one, or now.
+    """Return successive runs with their ends corrected to the same order.
+
+    If a run seems to end before an earlier one, its clock was not set. It may have ended as late as
+    the next run, or now.
     """
     found, after = list[StoredRun](), time.time()
     for run, latest in reversed(
@@ -73,41 +74,42 @@ def _in_order(runs: list[StoredRun]) -> list[StoredRun]:
 
 
 def _is_journal(path: Path) -> bool:
-    with suppress(UnusableLog):  # not ours to read
+    with suppress(UnusableLog):  # without the permission to read it
         return path.is_dir() and not path.is_symlink() and bool(segments_in(path))
     return False
 
 
 def _runs_in(journal: Path) -> Iterator[StoredRun]:
     runs = list(runs_in(journal))
-    files = Folder(journal).files()  # listed last: a run that begins meanwhile has some
+    files = Folder(journal).files()  # listed last, so a run that has just started has files
     for name, opened, log in runs:
         stats = [path.stat() for path in files[opened.epoch] if path.exists()]
         ended = max(one.st_mtime for one in stats)
-        kept = "a central writes it" if log.is_being_written else ""
-        yield StoredRun(
-            name, journal, files[opened.epoch], sum(one.st_size for one in stats), ended, kept
-        )
+        why_retained = "a central writes it" if log.is_being_written else ""
+        size = sum(one.st_size for one in stats)
+        yield StoredRun(name, journal, files[opened.epoch], size, ended, why_retained)
 
 
 def superfluous(
     runs: list[StoredRun], keep: float | None, keep_bytes: float | None
 ) -> list[StoredRun]:
-    """Those that ended more than *keep* seconds ago, and the oldest ones until the others have so
-    many bytes; whether or not they must stay.
+    """Return the runs to remove, among them those that are retained for another reason.
+
+    They ended more than *keep* seconds ago, or are the oldest above *keep_bytes* bytes.
     """
     found, total = [], sum(run.size for run in runs)
     for run in runs:
         is_old = keep is not None and run.ended < time.time() - keep
         if is_old or (keep_bytes is not None and total > keep_bytes):
             found.append(run)
-            total -= 0 if run.kept else run.size
+            total -= 0 if run.why_retained else run.size
     return found
 
 
 def remove(run: StoredRun, *, with_folder: bool) -> None:
-    """Remove the files of a run; its goodbye is the last to go, so that half of it is never taken
-    for a run that may go on. *with_folder*: the folder, too, if nothing else is in it.
+    """Remove the files of a run, and the folder *with_folder* if it is empty then.
+
+    The last segment goes last: it marks the run as closed, so the rest is never continued.
     """
     try:
         for path in run.files:

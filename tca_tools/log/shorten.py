@@ -1,10 +1,9 @@
-"""Removes ended tasks and messages from the journal of a run that continues. Knows facts; writes
-whole segments anew.
+"""Remove ended tasks and messages from the journal of a run that continues.
 
-A fact goes when all tasks and messages that it is about ended before a moment of the run's clock. A
-task that stays keeps its ancestors, so every tree still has its root. The newest segment, which
-central writes, is not touched, nor are those that a recovery compares with the inputs: they are
-newer than the oldest inputs that lie there.
+A fact is removed when all tasks and messages that it is about ended before a given time of the
+run's clock. A task that stays keeps its ancestors, so every tree still has its root. Whole segments
+are rewritten, except the newest one, which central writes, and those newer than the oldest stored
+input, which a recovery compares with the inputs.
 """
 
 import os
@@ -30,16 +29,16 @@ from tca_wire.points import END_ACHIEVING
 
 INPUT_SUFFIX = ".tcai"
 _CLOCK = 7
-"""The place of central's clock in the first record of a segment of inputs."""
+"""The index of central's clock in the first record of a segment of inputs."""
 
-_OF_A_MOMENT = (
+_INSTANTANEOUS = (
     facts.HandledDirectly,
     facts.LostDirectly,
     facts.RequestRefused,
     facts.Ignored,
     facts.MonitorTested,
 )
-"""Facts that are over with their entry."""
+"""Facts about something that ends with their entry."""
 
 _ENDINGS = (
     facts.Returned,
@@ -49,64 +48,63 @@ _ENDINGS = (
     facts.Failed,
     facts.ClaimEnded,
 )
-"""Facts that end a message, one receiver's part of it, or a claim. A task ends when END_ACHIEVING
-is reached.
+"""Facts that end a message, its delivery to one receiver, or a claim.
+
+A task ends when END_ACHIEVING is reached.
 """
 
 
 class Lives:
-    """The end of each task, message and claim of a run, by its number, and the one to which it
-    belongs.
-    """
+    """The end and the parent of each task, message and claim of a run, by its number."""
 
     def __init__(self) -> None:
-        self.ended = array("d")  #: infinite for one that has not ended
+        self.ended = array("d")  #: infinite while it lives
         self.parent = array("q")
         self.time = 0.0  #: of the last entry
-        #: By key the ends of the waits for no certain task; behind them that of one that has not
-        #: ended.
+        #: The ends of the waits that are for no known task, by key; the last stands for the open
+        #: wait.
         self.waits = defaultdict[Any, Any](lambda: array("d", [inf]))
         self._is_task = bytearray()
-        self._kept: set[int] = set()  #: tasks whose records modules keep
+        self._retained: set[int] = set()
 
     def apply(self, entry: Entry) -> None:
-        """Take in an entry's facts."""
+        """Process an entry's facts."""
         self.time = entry.time
         for fact in entry.facts:
             match fact:
                 case facts.Received() | facts.Queued() | facts.Delivered() | facts.Claimed():
-                    self._take_beginning(fact)
+                    self._apply_start(fact)
                 case facts.Reached() if fact.moments & END_ACHIEVING:
-                    self._end(fact.task)
+                    self._record_end(fact.task)
                 case facts.WaitEnded() if not fact.task:
                     self.waits[fact.key].insert(-1, self.time)
                 case facts.Kept():
-                    self._kept.add(fact.task)
+                    self._retained.add(fact.task)
                 case facts.Released() if not fact.module:
-                    self._kept.discard(fact.task)
+                    self._retained.discard(fact.task)
                 case _ if isinstance(fact, _ENDINGS) and not getattr(fact, "is_beside", False):
-                    self._take_ending(fact.id)
+                    self._apply_end(fact.id)
 
-    def _take_beginning(
+    def _apply_start(
         self, fact: facts.Received | facts.Queued | facts.Delivered | facts.Claimed
     ) -> None:
         if isinstance(fact, facts.Claimed):
-            self._begin(fact.id, fact.origin)
+            self._record_start(fact.id, fact.origin)
         elif not isinstance(fact, facts.Received):
-            self._begin(fact.id, 0 if fact.id == fact.message_id else fact.message_id)
+            self._record_start(fact.id, 0 if fact.id == fact.message_id else fact.message_id)
         else:
-            self._begin(fact.id, fact.parent, is_task=fact.message_class.is_task)
+            self._record_start(fact.id, fact.parent, is_task=fact.message_class.is_task)
             if fact.message_class.fans_out and not fact.message_class.has_reply:
-                self._end(fact.id)  # its copies live on, each by itself
+                self._record_end(fact.id)  # each copy has its own end
 
-    def _take_ending(self, number: int) -> None:
+    def _apply_end(self, number: int) -> None:
         if not self._has(number) or not self._is_task[number]:
-            self._end(number)
+            self._record_end(number)
 
     def _has(self, number: int) -> bool:
         return 0 < number < len(self.ended)
 
-    def _begin(self, number: int, parent: int, *, is_task: bool = False) -> None:
+    def _record_start(self, number: int, parent: int, *, is_task: bool = False) -> None:
         if not 0 < number < 1 << 40:
             return
         missing = number + 1 - len(self.ended)
@@ -114,24 +112,22 @@ class Lives:
             self.ended.extend([inf] * missing)
             self.parent.extend([0] * missing)
             self._is_task.extend(bytes(missing))
-        if not self._is_task[number]:  # each handling of a task is told by the task's end
+        if not self._is_task[number]:  # a handling of a task ends with the task
             self.ended[number] = inf
         self.parent[number] = parent or self.parent[number]
         self._is_task[number] |= is_task
 
-    def _end(self, number: int) -> None:
-        self._begin(number, 0)
+    def _record_end(self, number: int) -> None:
+        self._record_start(number, 0)
         self.ended[number] = self.time
 
     def last(self) -> array:  # type: ignore[type-arg]  # array[float] is no class at run time
-        """By number, when the last of a task and of all that belongs to it ended; infinite while
-        one has not.
-        """
+        """Return, by number, when a task and its descendants had ended; infinite if one lives."""
         last = self.ended[:]
-        for number in self._kept:
-            self._begin(number, 0)
+        for number in self._retained:
+            self._record_start(number, 0)
             last[number] = inf
-        for number in range(len(last) - 1, 0, -1):  # what belongs to another is newer than that
+        for number in range(len(last) - 1, 0, -1):  # descendants have higher numbers
             parent = self.parent[number]
             if self._has(parent):
                 last[parent] = max(last[parent], last[number])
@@ -139,19 +135,16 @@ class Lives:
 
 
 class EndedTasks:
-    """The facts that can be removed of one run that continues."""
+    """The removable facts of one run that continues."""
 
     def __init__(self, files: list[Path]) -> None:
-        """*files*: all of the run, its segments last. Raises ToolError for one that can't be
-        read.
-        """
+        """*files*: all of the run, its segments last. Raises ToolError if one is unreadable."""
         paths = [path for path in files if path.suffix == SEGMENT_SUFFIX]
         lives = Lives()
         safe = min((clock for path in files if (clock := _clock_of(path)) is not None), default=inf)
-        self._segments: dict[
-            Path, float
-        ] = {}  #: those that may be written anew -> the time of their last entries
-        with _reported():
+        #: The segments that may be rewritten, with the times of their last entries.
+        self._segments: dict[Path, float] = {}
+        with _as_tool_errors():
             self._size = sum(path.stat().st_size for path in files if path.exists())
             for path in paths:
                 is_whole = _read(path, lives)
@@ -161,15 +154,17 @@ class EndedTasks:
         self._now = lives.time
 
     def until(self, keep: float | None, keep_bytes: float | None) -> float:
-        """The moment of the run's clock such that all goes that ended by then: *keep* seconds
-        before its last entry, or the earliest at which *keep_bytes* are left. Raises ToolError.
+        """Return the time of the run's clock up to which ended tasks are to be removed.
+
+        It is *keep* seconds before the last entry, or later if that leaves more than *keep_bytes*.
+        Raises ToolError.
         """
         moment: float = self._now - keep if keep is not None else 0.0
         if keep_bytes is None:
             return moment
         moments = sorted(self._segments.values())
         sizes = [0.0] * (len(moments) + 1)
-        with _reported():
+        with _as_tool_errors():
             for path in self._segments:
                 for entry, size in _entries(path):
                     for fact in entry.facts:
@@ -185,36 +180,38 @@ class EndedTasks:
         return moment
 
     def remove(self, until: float, *, dry_run: bool = False) -> int:
-        """Write the segments without what ended *until* then; the number of bytes gone. Raises
-        ToolError.
+        """Rewrite the segments without what ended by *until*.
+
+        Returns the number of bytes removed. Raises ToolError.
         """
-        gone, drafts = 0, dict[Path, bytes]()
-        with _reported():
+        removed, drafts = 0, dict[Path, bytes]()
+        with _as_tool_errors():
             for number, path in enumerate(self._segments):
                 entries = self._shorter(path, until, is_first=not number)
                 data, before = b"".join(map(record, entries)), path.stat().st_size
                 if not number or len(data) < before:
-                    drafts[path] = data  # the first one says so, before another one lacks anything
+                    # the first segment, with the fact Shortened, is written before any shorter one
+                    drafts[path] = data
                 if len(data) < before:
-                    gone += before - len(data)
+                    removed += before - len(data)
                     for draft in () if dry_run else drafts.items():
                         _replace(*draft)
                     drafts.clear()
-        return gone
+        return removed
 
     def _shorter(self, path: Path, until: float, *, is_first: bool) -> Iterator[Entry]:
         for place, (entry, _) in enumerate(_entries(path)):
             left = [fact for fact in entry.facts if self._end_of(fact, entry.time) > until]
             if is_first and not place:
-                said = [fact.until for fact in left if isinstance(fact, Shortened)]
+                earlier = [fact.until for fact in left if isinstance(fact, Shortened)]
                 left = [fact for fact in left if not isinstance(fact, Shortened)]
-                left.insert(1, Shortened(max([until, *said])))
+                left.insert(1, Shortened(max([until, *earlier])))
             if left:
                 yield Entry(entry.number, entry.time, left, entry.cause)
 
     def _end_of(self, fact: Fact, time: float) -> float:
-        """When all ended that a fact is about; infinite for one that stays."""
-        if isinstance(fact, _OF_A_MOMENT):
+        """Return when everything that a fact is about had ended; infinite if the fact stays."""
+        if isinstance(fact, _INSTANTANEOUS):
             return time
         if isinstance(fact, facts.Constrained | facts.TimedOut):
             constraints = (
@@ -243,8 +240,8 @@ class EndedTasks:
 
 
 @contextmanager
-def _reported() -> Iterator[None]:
-    """Files may vanish, or not be ours."""
+def _as_tool_errors() -> Iterator[None]:
+    """A context that turns errors of files into ToolError."""
     try:
         yield
     except OSError as error:
@@ -252,7 +249,7 @@ def _reported() -> Iterator[None]:
 
 
 def _entries(path: Path) -> Iterator[tuple[Entry, int]]:
-    """The entries of a whole segment, each with its bytes."""
+    """Yield the entries of an undamaged segment, each with its size in bytes."""
     with path.open("rb") as stream:
         reader, before = JournalReader(stream, str(path)), 0
         for entry in reader:
@@ -261,7 +258,7 @@ def _entries(path: Path) -> Iterator[tuple[Entry, int]]:
 
 
 def _read(path: Path, lives: Lives) -> bool:
-    """Take in a segment; whether all of it could be read: what is damaged is left as it is."""
+    """Process a segment. Return whether it is undamaged: only such a segment is rewritten."""
     with path.open("rb") as stream, suppress(JournalDamaged):
         reader = JournalReader(stream, str(path))
         for entry in reader:
@@ -271,7 +268,7 @@ def _read(path: Path, lives: Lives) -> bool:
 
 
 def _clock_of(path: Path) -> float | None:
-    """The time of central's clock at which a segment of inputs begins; None for any other file."""
+    """Return the time of central's clock at which a file of inputs starts; None for other files."""
     if path.suffix != INPUT_SUFFIX:
         return None
     with (
@@ -280,13 +277,14 @@ def _clock_of(path: Path) -> float | None:
     ):
         for _, head in payloads(stream):
             return float(msgspec.msgpack.decode(head)[_CLOCK])
-    # One that says nothing: nothing is known to be older. Central may just have removed it.
+    # an unreadable file may hold the oldest inputs, unless central has just removed it
     return 0.0 if path.exists() else None
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Write a segment anew, all or nothing. It stays its owner's: root may prune for a central of
-    another user. Raises OSError, and leaves nothing on a full disk.
+    """Replace a segment atomically, with the same owner: root may prune for another user.
+
+    Raises OSError, and leaves no draft on a full disk.
     """
     there = path.stat()
     with TemporaryDirectory(dir=path.parent) as place:

@@ -1,1 +1,1 @@
-"""``tca run``: a robot's programs, kept running."""
+"""``tca run``: start a robot's programs, and restart them when they crash."""

@@ -12,8 +12,10 @@ from tca_tools.supervise.robot_file import RUN, RobotFile, load
 from tca_tools.supervise.supervised import GaveUp
 from tca_wire.text.printable import printable
 
-_PATIENCE = 2.0  # seconds for a screen that is slow, at the end
-_NOBODY_READS = 141
+_PATIENCE = 2.0
+"""Seconds to print the remaining output at the end."""
+_BROKEN_PIPE = 141
+"""The exit code when the reader of the output has ended, as after SIGPIPE."""
 
 
 @click.command()
@@ -30,11 +32,12 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
 
     FILE names the programs [default: robot.toml].
 
-    What crashes is started again, later and later; what crashes too often ends all. Ctrl-C or
-    SIGTERM ends the modules, then central; a second one kills what is slow.
+    A program that crashes is started again, after a growing delay. A program that crashes too often
+    ends all. Ctrl-C or SIGTERM ends the modules, then central; a second one kills slow programs.
 
-    The exit code is 0 after Ctrl-C or SIGTERM, or when all modules have ended well; 1 when one of
-    them, ended for good, did not, or when a program crashed too often; 2 when the file is wrong.
+    The exit code is 0 after Ctrl-C or SIGTERM, or when all modules have ended with exit code 0. It
+    is 1 when a module ended otherwise for good, or a program crashed too often. It is 2 when the
+    file is wrong.
     """
     robot = load(file)
     if only is not None:
@@ -49,12 +52,12 @@ def run(context: click.Context, file: Path, only: str | None, *, check: bool) ->
     try:
         went_well = Running(robot, output).run()
     except GaveUp as error:
-        for line in [b"its last lines:", *error.last] if error.last else [b"it said nothing"]:
-            output.put(error.name, line)
+        for line in [b"its last lines:", *error.last] if error.last else [b"it printed nothing"]:
+            output.show(error.name, line)
         output.close(_PATIENCE)
         raise click.ClickException(f"gave up: {error}") from None
     output.close(_PATIENCE)
-    context.exit(_NOBODY_READS if output.is_closed else int(not went_well))
+    context.exit(_BROKEN_PIPE if output.is_closed else int(not went_well))
 
 
 def _show(robot: RobotFile) -> None:
@@ -63,5 +66,6 @@ def _show(robot: RobotFile) -> None:
     for program in robot.programs:
         words = " ".join(program.command)
         click.echo(
-            f"{program.name:{width}}  {printable(words)}  (in {program.cwd}, restart {program.restart})"
+            f"{program.name:{width}}  {printable(words)}"
+            f"  (in {program.cwd}, restart {program.restart})"
         )

@@ -1,10 +1,9 @@
-"""The guard: ends programs when the process that has started them is killed.
+"""The guard: a process that ends programs when their starter is killed.
 
-A process of its own, started as ``python guard.py GRACE STARTER``; it imports only the standard
-library, so it is small. Its standard input is a pipe whose other end the starter holds: the kernel
-closes it, however the starter dies. Each program writes its own process group there before it
-begins (``+12 0``; one that ends last, as central, ``+7 1``); the starter takes it back (``-12``)
-when the group is gone.
+It is started as ``python guard.py GRACE STARTER``, and imports only the standard library to stay
+small. Its standard input is a pipe from the starter: the kernel closes it, however the starter
+dies. Each program writes its process group into the pipe before it starts: ``+12 0``, or ``+7 1``
+if it ends last, as central does. The starter writes ``-12`` when the group has ended.
 """
 
 import os
@@ -14,49 +13,47 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-LOOK = 0.05
-"""Seconds between two looks at a group that is to end."""
+POLL_SECONDS = 0.05
+"""Seconds between two checks of a group that must end."""
 LAST_GRACE = 1.0
 """Seconds between SIGTERM and SIGKILL."""
 
 
-def started(group: int, *, ends_last: bool) -> bytes:
-    """The line of a program that begins."""
+def start_line(group: int, *, ends_last: bool) -> bytes:
+    """Return the line for the guard when a program starts."""
     return b"+%d %d\n" % (group, ends_last)
 
 
-def gone(group: int) -> bytes:
-    """The line of a process group that is gone."""
+def end_line(group: int) -> bytes:
+    """Return the line for the guard when a process group has ended."""
     return b"-%d\n" % group
 
 
 def send(group: int, number: int) -> bool:
-    """Send a signal to a process group; whether there is one."""
+    """Send a signal to a process group. Return whether the group exists."""
     try:
         os.killpg(group, number)
     except ProcessLookupError:
         return False
-    except PermissionError:  # only zombies are left (macOS), or it has become another user's
+    except PermissionError:  # only zombies are left (macOS), or another user has the number now
         return False
     return True
 
 
 def is_alive(group: int) -> bool:
-    """Whether a process of a group lives. The dead that nobody reaps, as in many containers, do not
-    count.
-    """
+    """Whether a process of a group lives. Zombies, common in containers, do not count."""
     return bool(_living([group]))
 
 
 def _living(groups: Iterable[int]) -> set[int]:
-    """Those of these groups of which a process lives."""
+    """Return the groups that have a living process."""
     groups = {group for group in groups if send(group, 0)}
     stats = list(Path("/proc").glob("[0-9]*/stat")) if groups else []
     return groups.intersection(filter(None, map(_group_of_living, stats))) if stats else groups
 
 
 def _group_of_living(stat: Path) -> int:
-    """The group of a process, by its file in /proc; 0 if it is dead."""
+    """Return the group of a process, from its file in /proc; 0 if it is dead."""
     try:
         state, _, group, *_ = stat.read_bytes().rpartition(b")")[2].split()
     except OSError:
@@ -65,28 +62,29 @@ def _group_of_living(stat: Path) -> int:
 
 
 def ask_to_end(group: int, number: int) -> None:
-    """Send a signal that ends a process group, also where it is stopped."""
+    """Send a signal that ends a process group, even if SIGSTOP has stopped it."""
     send(group, number)
     send(group, signal.SIGCONT)
 
 
-def end_all(
+def stop_all(
     graces: Mapping[int, float],
     is_hurried: Callable[[], bool] = lambda: False,
     on_kill: Callable[[int], object] = lambda _: None,
 ) -> None:
-    """End process groups, politely first: SIGINT lets a Python program clean up.
+    """End process groups: with SIGINT, so that Python programs clean up; then SIGTERM, SIGKILL.
 
     Args:
-        graces: for each group the seconds between SIGINT and SIGTERM.
-        is_hurried: whether to wait no longer.
-        on_kill: is told a group that did not end in time.
+        graces: for each group, the seconds between SIGINT and SIGTERM.
+        is_hurried: whether to kill at once.
+        on_kill: is called with each group that did not end in time.
     """
-    began, left, terminated, pause = time.monotonic(), _living(graces), set[int](), LOOK / 64
+    start, left, terminated = time.monotonic(), _living(graces), set[int]()
+    pause = POLL_SECONDS / 64
     for group in left:
         ask_to_end(group, signal.SIGINT)
     while left:
-        waited = time.monotonic() - began
+        waited = time.monotonic() - start
         for group in sorted(left):
             if is_hurried() or waited > graces[group] + LAST_GRACE:
                 on_kill(group)
@@ -95,15 +93,15 @@ def end_all(
             elif waited > graces[group] and group not in terminated:
                 ask_to_end(group, signal.SIGTERM)
                 terminated.add(group)
-        time.sleep(pause := min(2 * pause, LOOK))  # most end at once
+        time.sleep(pause := min(2 * pause, POLL_SECONDS))  # most end at once
         left = _living(left)
 
 
 def main() -> None:
-    """Wait for the end of the starter, and end what it has left: central last."""
+    """Wait for the end of the starter, then end its remaining programs, central last."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    groups: dict[int, bytes] = {}  #: and whether each ends last
+    groups: dict[int, bytes] = {}  #: b"1" for a group that ends last
     for line in sys.stdin.buffer:
         group, *ends_last = line[1:].split()
         groups.pop(int(group), None)
@@ -116,8 +114,8 @@ def main() -> None:
             file=sys.stderr,
             flush=True,
         )
-    for now in (b"0", b"1"):
-        end_all({group: float(sys.argv[1]) for group in left if groups[group] == now})
+    for is_last in (b"0", b"1"):
+        stop_all({group: float(sys.argv[1]) for group in left if groups[group] == is_last})
 
 
 if __name__ == "__main__":

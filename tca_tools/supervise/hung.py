@@ -1,6 +1,4 @@
-"""Programs that stand still: central tells of those that it hears nothing from though they have not
-said goodbye.
-"""
+"""Find hung programs: central reports modules that it has lost although they did not leave."""
 
 import os
 import socket
@@ -11,66 +9,65 @@ from tca_module import MODULE_JOINED, MODULE_LEFT, Arrival, Departure, Module, T
 from tca_tools.supervise.supervised import Supervised
 
 _NAME = "tca run"
-_COMES_BACK = 2.0
-"""Seconds within which a module whose line was cut is there again; one that stands still is not."""
+_RECONNECT_TIME = 2.0
+"""Seconds in which a module reconnects if only its connection was cut. A hung module does not."""
 _PATIENCE = 60.0
-_AGAIN = 10.0
+"""Seconds to wait for central."""
+_RETRY_SECONDS = 10.0
 
 
-class Silences:
-    """Listens to central's notices, and has those programs killed that it has lost and that live
-    on.
-    """
+class HangWatch:
+    """Subscribes to central's notices, and kills living programs whose module is lost."""
 
     def __init__(
-        self, address: str, programs: list[Supervised], tell: Callable[[str], None]
+        self, address: str, programs: list[Supervised], report: Callable[[str], None]
     ) -> None:
         self._programs = programs
-        self._tell = tell
-        self._lost: dict[
-            str, threading.Timer
-        ] = {}  #: by process, what is to be done if it stays away
-        self._over = threading.Event()
+        self._report = report
+        #: By the process of a lost module: kills it unless the module joins again in time.
+        self._timers: dict[str, threading.Timer] = {}
+        self._is_over = threading.Event()
         self._module = Module(_NAME, address)
         self._module.handles(MODULE_LEFT)(self._on_left)
         self._module.handles(MODULE_JOINED)(self._on_joined)
         self._thread = threading.Thread(target=self._listen, daemon=True)
 
     def start(self) -> None:
-        """Begin to listen."""
+        """Start to listen, in a thread."""
         self._thread.start()
 
-    def end(self) -> None:
-        """Listen no more."""
-        self._over.set()
+    def stop(self) -> None:
+        """Stop listening, and kill no more programs."""
+        self._is_over.set()
         self._module.stop()
-        self._thread.join(_COMES_BACK)
-        for timer in list(self._lost.values()):
+        self._thread.join(_RECONNECT_TIME)
+        for timer in list(self._timers.values()):
             timer.cancel()
 
     def _listen(self) -> None:
-        while not self._over.is_set():
+        while not self._is_over.is_set():
             try:
                 self._module.run(patience=_PATIENCE)
             except TcaError as error:
-                self._tell(f"can't hear whether programs hang: {error}")
-                self._over.wait(_AGAIN)
+                self._report(f"can't find hung programs: {error}")
+                self._is_over.wait(_RETRY_SECONDS)
 
     def _on_left(self, _: Task, left: Departure) -> None:
         if left.is_lost:
-            self._forget(left.process)
-            self._lost[left.process] = threading.Timer(_COMES_BACK, self._is_hung, [left])
-            self._lost[left.process].start()
+            self._cancel_timer(left.process)
+            timer = threading.Timer(_RECONNECT_TIME, self._kill_hung, [left])
+            self._timers[left.process] = timer
+            timer.start()
 
     def _on_joined(self, _: Task, joined: Arrival) -> None:
-        self._forget(joined.process)
+        self._cancel_timer(joined.process)
 
-    def _forget(self, process: str) -> None:
-        if timer := self._lost.pop(process, None):
+    def _cancel_timer(self, process: str) -> None:
+        if timer := self._timers.pop(process, None):
             timer.cancel()
 
-    def _is_hung(self, left: Departure) -> None:
-        self._lost.pop(left.process, None)
+    def _kill_hung(self, left: Departure) -> None:
+        self._timers.pop(left.process, None)
         host, _, number = left.process.rpartition(":")
         if host != socket.gethostname() or not number.isdecimal():
             return
@@ -78,9 +75,10 @@ class Silences:
             group = os.getpgid(int(number))
         except ProcessLookupError:
             return
-        for kept in self._programs:
-            if kept.group == group:
-                self._tell(
-                    f"{kept.program.name} hangs: central lost its module '{left.module}' ({left.why})"
+        for supervised in self._programs:
+            if supervised.group == group:
+                self._report(
+                    f"{supervised.program.name} hangs:"
+                    f" central lost its module '{left.module}' ({left.why})"
                 )
-                kept.kill_hung()
+                supervised.kill_hung()

@@ -1,4 +1,4 @@
-"""What many programs say, on one screen, a line at a time and by name."""
+"""The output of several programs on one screen, line by line, each line with its program's name."""
 
 import os
 import selectors
@@ -7,9 +7,7 @@ from collections import deque
 from collections.abc import Callable
 
 MOST_WAITING = 4 << 20
-"""Bytes that wait for a screen that takes no more: what comes then is dropped, for no program may
-wait for a reader.
-"""
+"""Bytes buffered for a slow screen. Further lines are dropped: no program may wait for a reader."""
 LONGEST_LINE = 16 << 10
 LAST_LINES = 10
 _AT_ONCE = 1 << 16
@@ -19,7 +17,7 @@ _RESET = b"\x1b[0m"
 
 
 class Output:
-    """Lines on their way to a file descriptor. A thread writes them, so that nobody waits."""
+    """Lines for a file descriptor. A thread writes them, so no caller waits for the screen."""
 
     def __init__(self, names: list[str], file: int, *, in_colour: bool) -> None:
         width = max(map(len, names))
@@ -34,30 +32,26 @@ class Output:
         self._dropped = 0
         self._is_over = False
         self._changed = threading.Condition()
-        self._pipes = selectors.DefaultSelector()  #: of programs that are listened to
-        self._thread = threading.Thread(
-            target=self._write, daemon=True
-        )  # it may stand in a write for ever
-        self.on_closed: Callable[[], object] = lambda: (
-            None
-        )  #: called by the thread: nobody reads any more
+        self._pipes = selectors.DefaultSelector()  #: the programs' output
+        # a daemon thread: a write may block for ever
+        self._thread = threading.Thread(target=self._write, daemon=True)
+        #: Called by the thread when the reader of the file descriptor has closed it.
+        self.on_closed: Callable[[], object] = lambda: None
         self.is_closed = False
 
     def start(self) -> None:
-        """Begin to read and to write."""
+        """Start to read and to write, in threads."""
         self._thread.start()
         threading.Thread(target=self._read, daemon=True).start()
 
     def listen(self, name: str, pipe: int) -> "Lines":
-        """Show what a program writes into a pipe, until nothing can write there any more; then
-        close it.
-        """
-        lines = Lines(lambda line: self.put(name, line))
+        """Show what a program writes into a pipe, until its last writer has closed it."""
+        lines = Lines(lambda line: self.show(name, line))
         self._pipes.register(pipe, selectors.EVENT_READ, lines)
         return lines
 
     def _read(self) -> None:
-        """Read all pipes, in one thread: so lines come in the order in which they were written."""
+        """Read all pipes in one thread, so lines appear in the order in which they were written."""
         while True:
             for key, _ in self._pipes.select():
                 if data := os.read(key.fd, _AT_ONCE):
@@ -65,9 +59,9 @@ class Output:
                 else:
                     self._pipes.unregister(key.fd)
                     os.close(key.fd)
-                    key.data.end()
+                    key.data.close()
 
-    def put(self, name: str, line: bytes) -> None:
+    def show(self, name: str, line: bytes) -> None:
         """Show a line of a program."""
         with self._changed:
             if len(self._waiting) > MOST_WAITING:
@@ -76,14 +70,14 @@ class Output:
             if self._dropped:
                 self._add(
                     name,
-                    b"(%d lines of all programs were dropped: nobody read them)" % self._dropped,
+                    b"(%d lines of all programs were dropped: the reader is slow)" % self._dropped,
                 )
                 self._dropped = 0
             self._add(name, line)
             self._changed.notify()
 
     def close(self, patience: float) -> None:
-        """Wait until all is written, for some seconds."""
+        """Wait until all lines are written, at most *patience* seconds."""
         with self._changed:
             self._is_over = True
             self._changed.notify()
@@ -110,30 +104,30 @@ class Output:
 
 
 class Lines:
-    """What one process says, cut into lines."""
+    """The output of one process, cut into lines."""
 
-    def __init__(self, tell: Callable[[bytes], None]) -> None:
-        self.over = threading.Event()  #: nothing can write there any more
+    def __init__(self, on_line: Callable[[bytes], None]) -> None:
+        self.closed = threading.Event()  #: no process can write any more
         self.last: deque[bytes] = deque(maxlen=LAST_LINES)
-        self._tell = tell
-        self._begun = b""
+        self._on_line = on_line
+        self._unfinished = b""
 
     def feed(self, data: bytes) -> None:
-        """Tell the lines that are complete, and pieces of one that is too long."""
-        *lines, self._begun = (self._begun + data).split(b"\n")
+        """Pass on the complete lines, and pieces of a line that is too long."""
+        *lines, self._unfinished = (self._unfinished + data).split(b"\n")
         for line in lines:
-            self._take(line)
-        while len(self._begun) > LONGEST_LINE:
-            self._take(self._begun[:LONGEST_LINE])
-            self._begun = self._begun[LONGEST_LINE:]
+            self._pass_on(line)
+        while len(self._unfinished) > LONGEST_LINE:
+            self._pass_on(self._unfinished[:LONGEST_LINE])
+            self._unfinished = self._unfinished[LONGEST_LINE:]
 
-    def end(self) -> None:
-        """Tell what has no end of line."""
-        if self._begun:
-            self._take(self._begun)
-        self.over.set()
+    def close(self) -> None:
+        """Pass on the last line, even without a line end."""
+        if self._unfinished:
+            self._pass_on(self._unfinished)
+        self.closed.set()
 
-    def _take(self, line: bytes) -> None:
+    def _pass_on(self, line: bytes) -> None:
         line = line.rstrip(b"\r")
         self.last.append(line)
-        self._tell(line)
+        self._on_line(line)

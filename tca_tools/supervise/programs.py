@@ -1,8 +1,6 @@
-"""Programs that are started together, and end with the one who started them: of robots, shows,
-benchmarks and tests.
+"""A group of programs that end with their starter: for robots, shows, benchmarks and tests.
 
-The caller says what is to start, stop or be killed. ``tca run`` is a caller that keeps its programs
-running.
+The caller starts, stops and kills the programs. ``tca run`` also restarts them.
 """
 
 import os
@@ -22,26 +20,26 @@ from tca_tools.supervise import guard
 from tca_wire.endpoint import VARIABLE
 
 GRACE = 10.0
-"""Seconds that a program has to finish what it is doing."""
+"""Seconds that a program has to end after SIGINT."""
 
 START_TIME = 60.0
-"""Seconds within which all programs must be there."""
+"""Seconds within which all programs must be ready."""
 
-_GUARD_AGAIN = 1.0  # seconds until a guard that was killed is replaced
-_LOOK = 1.0
-"""Seconds between two looks at whether they still are."""
+_GUARD_DELAY = 1.0
+"""Seconds until a guard that was killed is replaced."""
+_CHECK_SECONDS = 1.0
+"""Seconds between two checks for programs that have ended."""
 
 
 class ProgramEnded(TcaError):
-    """A program has ended by itself."""
+    """A program ended although it was not stopped."""
 
 
 class Programs:
-    """Programs by name, each the leader of a process group. Leaving the block ends them, those last
-    that *end last*.
+    """Programs by name, each the leader of a process group.
 
-    If this process is killed a guard ends them. Programs of different names may be used from
-    different threads.
+    The end of the ``with`` block ends them, first those without *ends_last*. If this process is
+    killed, a guard ends them. Programs of different names may be used from different threads.
     """
 
     def __init__(
@@ -51,29 +49,29 @@ class Programs:
         address: str = "",
         grace: float = GRACE,
         starter: str = "their starter",
-        tell: Callable[[str], object] = lambda _: None,
+        report: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """Nothing starts yet.
+        """Create an empty group.
 
         Args:
-            folder: the place of the logs; without one what programs print is dropped.
-            address: central's, for all of them.
-            grace: seconds that they have to end.
-            starter: the guard's word for this process.
-            tell: is told that the guard was killed.
+            folder: the folder of the logs; None: the programs' output is dropped.
+            address: the address of central, for all programs.
+            grace: the seconds that a program has to end after SIGINT.
+            starter: the guard's name for this process.
+            report: is called with a line of text when the guard was killed.
         """
         self._folder = folder
         self._environment = {**os.environ, VARIABLE: address} if address else None
         self._grace = grace
         self._guard_command = [sys.executable, "-IS", guard.__file__, f"{grace:g}", starter]
-        self._tell = tell
+        self._report = report
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._starts: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {}
 
     def __enter__(self) -> Self:
-        self._guard_input, self._guarded = os.pipe()
-        self._guarding = threading.Thread(target=self._keep_guard, daemon=True)
-        self._guarding.start()
+        self._guard_input, self._guard_pipe = os.pipe()
+        self._guard_thread = threading.Thread(target=self._run_guard, daemon=True)
+        self._guard_thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -81,38 +79,49 @@ class Programs:
             for ends_last in (False, True):
                 self.stop(*(name for name in self._running if self._ends_last(name) == ends_last))
         finally:
-            for name in list(self._running):  # Ctrl-C: somebody does not want to wait
+            for name in list(self._running):  # after Ctrl-C: do not wait
                 self.kill(name)
-            os.close(self._guarded)
+            os.close(self._guard_pipe)
             os.close(self._guard_input)
-            self._guarding.join()
+            self._guard_thread.join()
 
-    def _keep_guard(self) -> None:
-        """Replace the guard if it is killed; what that has read it forgets."""
+    def _run_guard(self) -> None:
+        """Run the guard. Replace it if it is killed, and send it all groups again."""
         while code := subprocess.Popen(
             self._guard_command, stdin=self._guard_input, start_new_session=True
         ).wait():
-            self._tell(f"its guard ended ({code}); another one starts")
-            time.sleep(_GUARD_AGAIN)
+            self._report(f"its guard ended ({code}); another one starts")
+            time.sleep(_GUARD_DELAY)
             for name, process in list(self._running.items()):
-                os.write(self._guarded, guard.started(process.pid, ends_last=self._ends_last(name)))
+                line = guard.start_line(process.pid, ends_last=self._ends_last(name))
+                os.write(self._guard_pipe, line)
 
     def _ends_last(self, name: str) -> bool:
         return bool(self._starts[name][1]["ends_last"])
 
-    # --- what is to run ---------------------------------------------------------------------------
+    # --- start and stop ---------------------------------------------------------------------------
 
     def start(self, name: str, *command: str, ends_last: bool = False, **options: Any) -> int:
-        """Start a program under this name, with options of ``subprocess.Popen``; its process.
-        Raises OSError.
+        """Start a program under this name.
+
+        Args:
+            name: the name; one program of a name runs at a time.
+            command: the program and its arguments.
+            ends_last: whether it is stopped only after the others, as central is.
+            options: options of ``subprocess.Popen``.
+
+        Returns:
+            The number of its process.
+
+        Raises:
+            OSError: it can't be started.
         """
 
-        def tell_guard() -> None:
-            """In the new process: from its first moment on something ends it, and can."""
-            signal.signal(
-                signal.SIGINT, signal.SIG_DFL
-            )  # shells have what they start in the background ignore it
-            os.write(self._guarded, guard.started(os.getpid(), ends_last=ends_last))
+        def register() -> None:
+            """Register the new process with the guard, before it runs its program."""
+            # shells let their background processes ignore SIGINT
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            os.write(self._guard_pipe, guard.start_line(os.getpid(), ends_last=ends_last))
 
         self._starts[name] = command, {"ends_last": ends_last, **options}
         with (
@@ -126,53 +135,51 @@ class Programs:
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,
                 **given,
-                preexec_fn=tell_guard,  # noqa: PLW1509 - it needs no lock that another thread may hold
+                preexec_fn=register,  # noqa: PLW1509 - it needs no lock of another thread
             )
         return self._running[name].pid
 
     def start_module(self, name: str, module: str, *arguments: str, ends_last: bool = False) -> int:
-        """Start a Python module under this name; its process."""
+        """Start a Python module under this name. Return the number of its process."""
         return self.start(name, sys.executable, "-m", module, *arguments, ends_last=ends_last)
 
     def stop(self, *names: str) -> list[int]:
-        """Let programs finish, and wait; those that do not end in time are killed. Their exit
-        codes.
-        """
-        guard.end_all({self._running[name].pid: self._grace for name in names})
+        """End programs, and kill those that do not end in time. Return their exit codes."""
+        guard.stop_all({self._running[name].pid: self._grace for name in names})
         return [self.kill(name) for name in names]
 
     def kill(self, name: str) -> int:
-        """Kill a program; its exit code, if it has ended already."""
+        """Kill a program. Return its exit code: its own if it had ended already."""
         self._running[name].kill()
         return self.wait(name)
 
     def wait(self, name: str) -> int:
-        """Wait for the end of a program, and kill what it has left behind; its exit code."""
+        """Wait for the end of a program, and kill the rest of its group. Return its exit code."""
         process = self._running[name]
         code = process.wait()
         guard.send(process.pid, signal.SIGKILL)
         del self._running[name]
-        os.write(self._guarded, guard.gone(process.pid))
+        os.write(self._guard_pipe, guard.end_line(process.pid))
         return code
 
     def kill_and_restart(self, name: str) -> int:
-        """Kill a program, and run it once more; its new process."""
+        """Kill a program, and start it again. Return the number of its new process."""
         self.kill(name)
         command, options = self._starts[name]
         return self.start(name, *command, **options)
 
     def halt(self, name: str) -> None:
-        """Have a program stand still: it takes what it is sent, and does nothing."""
+        """Stop a program with SIGSTOP, so that it appears to hang."""
         guard.send(self._running[name].pid, signal.SIGSTOP)
 
-    # --- how they are -----------------------------------------------------------------------------
+    # --- state ------------------------------------------------------------------------------------
 
     def numbers(self) -> dict[str, int]:
-        """The numbers of the programs' processes."""
+        """Return the numbers of the programs' processes, by name."""
         return {name: process.pid for name, process in list(self._running.items())}
 
     def check(self) -> None:
-        """Raise ProgramEnded if one has ended by itself."""
+        """Raise ProgramEnded if a program ended although it was not stopped."""
         for name, process in list(self._running.items()):
             if process.poll() is not None:
                 raise ProgramEnded(f"{name} has ended: see {self.log(name)}")
@@ -180,19 +187,20 @@ class Programs:
     def wait_until_handled(
         self, sender: Sender, *messages: Message[Any, Any], timeout: float = START_TIME
     ) -> None:
-        """Wait until programs handle each of these messages. Raises ProgramEnded and Timeout."""
+        """Wait until each of the messages has a handler. Raises ProgramEnded and Timeout."""
         deadline = time.monotonic() + timeout
         while True:
             self.check()
             try:
-                return sender.wait_until_handled(*messages, timeout=_LOOK)
+                return sender.wait_until_handled(*messages, timeout=_CHECK_SECONDS)
             except Timeout:
                 if time.monotonic() > deadline:
                     raise
 
     def looks(self, task: SentTask[Any], period: float = 0.1) -> Iterator[bool]:
-        """Time to look at a task, until it has ended: whether it has. Raises ProgramEnded if a
-        program does before.
+        """Yield False every *period* seconds until a task has ended, then True.
+
+        Raises ProgramEnded if a program ends before.
         """
         while True:
             try:
@@ -205,7 +213,7 @@ class Programs:
                 return
 
     def log(self, name: str) -> Path:
-        """The file that a program's output goes to."""
+        """Return the file of a program's output."""
         assert self._folder is not None, "there are no logs without a folder"
         return self._folder / f"{name.replace(' ', '_')}.log"
 
@@ -214,13 +222,13 @@ class Programs:
 def central_in(
     folder: Path, prefix: str = "", *, is_fresh: bool = True
 ) -> Iterator[tuple[str, Programs]]:
-    """Central, with a journal in the folder: its address, and the programs beside it.
+    """A context with a central of its own: yields its address, and the group for more programs.
 
     Args:
-        folder: the place of the journal and of what the programs print.
-        prefix: the beginning of their names there.
-        is_fresh: a new run begins also where one is unfinished. False: it continues, as after
-            central was killed.
+        folder: the place of the journal and the logs.
+        prefix: the start of their names there.
+        is_fresh: whether to start a new run. False: an unfinished run continues, as after central
+            was killed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="show") as sockets:

@@ -1,4 +1,4 @@
-"""When a program that has ended starts again. Without clocks: times come from outside."""
+"""When a program that has ended starts again. Pure: the caller passes the times."""
 
 import signal
 
@@ -8,7 +8,7 @@ _LONGEST_DOUBLING = 30
 
 
 class Restarts:
-    """The late ends of one program, as far as they count."""
+    """The recent ends of one program."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -16,11 +16,11 @@ class Restarts:
 
     @property
     def count(self) -> int:
-        """The ends that count now."""
+        """The number of ends that count now."""
         return len(self._ends)
 
     def delay(self, now: float) -> float | None:
-        """Seconds to wait after an end at *now*; None: it has ended too often."""
+        """Record an end at *now*. Return the seconds to wait; None if it has ended too often."""
         limits = self._limits
         self._ends = [*(end for end in self._ends if end > now - limits.within), now]
         if self.count > limits.restarts:
@@ -31,7 +31,7 @@ class Restarts:
 
 
 def how_it_ended(code: int) -> str:
-    """The end of a process in words, from its return code."""
+    """Return the end of a process in words, from its return code."""
     if code >= 0:
         return f"ended with exit code {code}"
     try:

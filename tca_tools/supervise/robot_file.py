@@ -1,6 +1,4 @@
-"""robot.toml: the programs of a robot, and how they are kept running. All of it is checked before
-anything starts.
-"""
+"""robot.toml: the programs of a robot and their restarts. It is checked before a program starts."""
 
 import os
 import re
@@ -20,7 +18,7 @@ from tca_wire.text.nearest import nearest_or_all
 
 CENTRAL = "central"
 RUN = "run"
-"""How ``tca run`` names itself among the programs."""
+"""The name of ``tca run`` among the programs."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
 _DAY = 86400.0
@@ -37,16 +35,16 @@ PathName = Annotated[str, Meta(description="a folder in quotes")]
 
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
-    """How often a program is started again, and how long it may take to end."""
+    """The limits of a program's restarts, and of its time to end."""
 
     restarts: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 5
-    """More crashes than this *within* so many seconds end the robot."""
+    """More crashes than this, *within* that many seconds, end the robot."""
     within: Annotated[float, Meta(gt=0, le=_DAY, description="a number of seconds above 0")] = 60.0
     delay: Seconds = 0.5
-    """Before the first restart; each further one waits twice as long, up to the longest."""
+    """Seconds before the first restart. Each further delay is doubled, up to the longest."""
     longest_delay: Seconds = 10.0
     grace: Seconds = 5.0
-    """To end by itself after SIGINT."""
+    """Seconds to end after SIGINT."""
 
 
 class _CentralTable(Limits, frozen=True, kw_only=True):
@@ -81,7 +79,7 @@ class _ModuleTable(Limits, frozen=True, kw_only=True):
 
 
 class Launch(msgspec.Struct, frozen=True, kw_only=True):
-    """A program that is to run."""
+    """A program to run."""
 
     name: str
     command: list[str]
@@ -90,27 +88,28 @@ class Launch(msgspec.Struct, frozen=True, kw_only=True):
     limits: Limits
     restart: str = "always"
     journal: Path | None = None
-    """The folder of central's."""
+    """The folder of central's journal; None for a module."""
     restarts_hung: bool = False
-    """Start it again when central has heard nothing of it though its process lives."""
+    """Whether to restart it when central has lost its module but its process lives."""
 
     @property
     def is_central(self) -> bool:
-        """Whether it is the daemon, which starts first and ends last."""
+        """Whether it is central, which starts first and ends last."""
         return self.name == CENTRAL
 
 
 class RobotFile(msgspec.Struct, frozen=True):
-    """What a robot's file says."""
+    """The checked content of a robot's file."""
 
     address: str
-    """Where its modules find central."""
+    """The address of central."""
     programs: list[Launch]
-    """Central first, if it is to be started."""
+    """First central, unless it runs already."""
 
     def only(self, names: list[str]) -> "RobotFile":
-        """The same with these programs alone; a module's name means all of its copies. Raises
-        BadUserFile.
+        """Return a copy with only the named programs; a module's name stands for all its copies.
+
+        Raises BadUserFile.
         """
         known = {program.name.partition(".")[0] for program in self.programs}
         for name in names:
@@ -151,13 +150,15 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
     for name, table in tables.get("modules", {}).items():
         programs += _copies(name, table, common, address, folder)
     if not programs:
-        raise BadUserFile("there is nothing to run: add a table [modules.NAME] with a command")
+        raise BadUserFile("there are no programs to run: add a table [modules.NAME] with a command")
     return RobotFile(address, programs)
 
 
 def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
-    """A journal of its own for each run of the robot, unless one is named: a restarted central goes
-    on with it.
+    """Return the launch of central.
+
+    Each run of the robot has its own journal, unless the file names one. A restarted central
+    continues with it.
     """
     journal = _path(folder, table.journal) if table.journal else new_journal()
     command = [
@@ -179,16 +180,17 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
 def _copies(
     name: str, given: Any, common: dict[str, Any], address: str, folder: Path
 ) -> list[Launch]:
-    """The programs of a module's table."""
+    """Return the launches of a module's table, one for each copy."""
     place = f"modules.{name}"
     if not _NAME.fullmatch(name) or name in (CENTRAL, RUN):
         raise BadUserFile(
-            f"{place}: choose another name, of letters, digits, '-' and '_', but not '{CENTRAL}' or '{RUN}'"
+            f"{place}: choose another name, of letters, digits, '-' and '_',"
+            f" but not '{CENTRAL}' or '{RUN}'"
         )
     table = read_table(_ModuleTable, place, given, common)
     if table.hung == "restart" and table.restart == "never":
         raise BadUserFile(
-            f'{place}.hung is "restart", and restart is "never": leave one of them out'
+            f'{place}.hung is "restart", but restart is "never": leave one of them out'
         )
     cwd = _path(folder, table.cwd)
     if not cwd.is_dir():
@@ -199,7 +201,7 @@ def _copies(
         is None
     ):
         raise BadUserFile(
-            f"{place}.command: there is no program {command[0]} that can be run, seen from {cwd}"
+            f"{place}.command: there is no executable program {command[0]}, seen from {cwd}"
         )
     return [
         Launch(
@@ -226,7 +228,7 @@ def _words(place: str, command: str | list[str]) -> list[str]:
 
 
 def _path(folder: Path, name: str) -> Path:
-    """A path of the file, seen from its folder."""
+    """Return a path of the file, relative to the file's folder."""
     try:
         return folder / Path(name).expanduser()
     except RuntimeError:
@@ -234,6 +236,6 @@ def _path(folder: Path, name: str) -> Path:
 
 
 def _environment(address: str, added: dict[str, str]) -> dict[str, str]:
-    """What a program gets: our environment, our Python first, lines at once and not in blocks."""
+    """Return the environment of a program: ours, with our Python first and unbuffered output."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1", VARIABLE: address, **added}

@@ -1,6 +1,4 @@
-"""Whether the disk of a journal has room again: central ends when it is full, and continues when it
-is not.
-"""
+"""Check whether the disk of a journal has room: central ends when the disk is full."""
 
 import os
 from pathlib import Path
@@ -11,8 +9,9 @@ ROOM = 1 << 20
 
 
 def has_room(folder: Path) -> bool:
-    """Whether so much can be written in a folder, or where that is to be made. Quotas count, so it
-    is tried.
+    """Whether a folder, which may not exist yet, has room for `ROOM` bytes.
+
+    A file is written and removed, since quotas count, too.
     """
     place = next(one for one in (folder, *folder.resolve().parents) if one.is_dir())
     try:

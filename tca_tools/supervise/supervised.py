@@ -1,4 +1,4 @@
-"""One program, kept running: started, watched, started again."""
+"""Supervise one program: start it, wait for its end, start it again."""
 
 import os
 import signal
@@ -15,14 +15,14 @@ from tca_tools.supervise.robot_file import Launch
 from tca_tools.supervise.room import has_room
 from tca_wire.vocabulary import DISK_FULL
 
-_LEAST_DELAY = 0.1  # seconds between two looks for room
-_LAST_WORDS = (
-    1.0  # seconds to read what an ended process has said, should another one hold its pipe
-)
+_LEAST_DELAY = 0.1
+"""Seconds between two checks for room on the disk, at least."""
+_LAST_OUTPUT = 1.0
+"""Seconds to read the last output of an ended process if another process has its pipe open."""
 
 
 class GaveUp(Exception):
-    """A program has ended too often."""
+    """A program has crashed too often."""
 
     def __init__(self, why: str, name: str, last: list[bytes]) -> None:
         super().__init__(why)
@@ -31,68 +31,67 @@ class GaveUp(Exception):
 
 
 class Supervised:
-    """A program and its process. ``keep`` is all of its life."""
+    """A program that is restarted. ``run`` covers its whole life."""
 
     def __init__(
-        self, program: Launch, output: Output, tell: Callable[[str], None], programs: Programs
+        self, program: Launch, output: Output, report: Callable[[str], None], programs: Programs
     ) -> None:
         self.program = program
-        self.stop = threading.Event()  #: it is not to be started again
-        self.code: int | None = None  #: how it ended, if it is not to start again
-        self.group = 0  #: its process, which leads a group of its own; 0: it does not run
+        self.stop = threading.Event()  #: it must not be started again
+        self.code: int | None = None  #: its last exit code, if it is not started again
+        self.group = 0  #: its process group; 0: it does not run
         self._output = output
-        self._tell = tell  #: what people are told
+        self._report = report
         self._programs = programs
         self._restarts = Restarts(program.limits)
         self._last: list[bytes] = []
         self._is_hung = False
 
-    def keep(self) -> None:
-        """Keep it running until *stop*, or until it ends for good. Raises GaveUp."""
+    def run(self) -> None:
+        """Run and restart it until *stop* is set, or it ends for good. Raises GaveUp."""
         while not self.stop.is_set():
-            began, self._is_hung = time.monotonic(), False
-            code = self._live()
+            start, self._is_hung = time.monotonic(), False
+            code = self._run_once()
             if self.stop.is_set():
                 if code is not None:
-                    self._tell(f"{self.program.name} {how_it_ended(code)}")
+                    self._report(f"{self.program.name} {how_it_ended(code)}")
                 return
             if code == DISK_FULL and self.program.journal is not None:
                 self._wait_for_room(self.program.journal)
                 continue
-            how = (
-                "hung and was killed"
-                if self._is_hung
-                else "can't be started"
-                if code is None
-                else how_it_ended(code)
-            )
-            lived = f" after {time.monotonic() - began:.1f} s" if code is not None else ""
+            how = "can't be started" if code is None else how_it_ended(code)
+            if self._is_hung:
+                how = "hung and was killed"
+            lived = f" after {time.monotonic() - start:.1f} s" if code is not None else ""
             if self.program.restart == "never" or (
                 self.program.restart == "on-failure" and code == 0
             ):
                 self.code = code
-                self._tell(f"{self.program.name} {how}{lived}")
+                self._report(f"{self.program.name} {how}{lived}")
                 return
             delay = self._delay(how)
-            limits = self.program.limits
-            count = f"restart {self._restarts.count} of at most {limits.restarts} within {limits.within:g} s"
-            self._tell(f"{self.program.name} {how}{lived}, starts again in {delay:g} s ({count})")
+            limits, count = self.program.limits, self._restarts.count
+            restarts = f"restart {count} of at most {limits.restarts} within {limits.within:g} s"
+            self._report(
+                f"{self.program.name} {how}{lived}, starts again in {delay:g} s ({restarts})"
+            )
             self.stop.wait(delay)
 
     def _wait_for_room(self, journal: Path) -> None:
-        """Wait until the journal's disk has room: no number of starts makes some."""
-        self._tell(f"{self.program.name} waits for room on the disk of {journal}")
+        """Wait until the journal's disk has room, since a restart would fail again."""
+        self._report(f"{self.program.name} waits for room on the disk of {journal}")
         delay = self.program.limits.delay
         while not (self.stop.wait(max(delay, _LEAST_DELAY)) or has_room(journal)):
             delay = min(2 * delay, self.program.limits.longest_delay)
 
     def kill_hung(self) -> None:
-        """Kill its process, which stands still; it is started again."""
+        """Kill its hung process. It is then started again."""
         self._is_hung = True
         if self.group:
             guard.send(self.group, signal.SIGKILL)
 
     def _delay(self, how: str) -> float:
+        """Return the seconds before the next start. Raises GaveUp."""
         delay = self._restarts.delay(time.monotonic())
         if delay is None:
             within, times = self.program.limits.within, self._restarts.count
@@ -100,8 +99,8 @@ class Supervised:
             raise GaveUp(f"{self.program.name} {how}{often}", self.program.name, self._last)
         return delay
 
-    def _live(self) -> int | None:
-        """One life of its process; the return code, or None if it could not be started."""
+    def _run_once(self) -> int | None:
+        """Run its process to the end. Return the exit code, or None if it could not be started."""
         program = self.program
         read, write = os.pipe()
         try:
@@ -117,14 +116,14 @@ class Supervised:
         except OSError as error:
             os.close(read)
             self._last = [f"{program.command[0]}: {error.strerror}".encode()]
-            self._output.put(program.name, self._last[0])
+            self._output.show(program.name, self._last[0])
             return None
         finally:
             os.close(write)
-        self._tell(f"{program.name} started (process {self.group})")
+        self._report(f"{program.name} started (process {self.group})")
         lines = self._output.listen(program.name, read)
         code = self._programs.wait(program.name)
         self.group = 0
-        lines.over.wait(_LAST_WORDS)
+        lines.closed.wait(_LAST_OUTPUT)
         self._last = list(lines.last)
         return code

@@ -1,1 +1,1 @@
-"""The task tree of a run, as it was at any moment: as text and as a picture."""
+"""``tca tree``: the task tree of a run at any moment, as text or as a picture."""

@@ -18,25 +18,23 @@ from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.text.printable import printable
 
 _DRAWN, _MOST_DRAWN, _MOST_IN_FIGURE = 120, 240, 60
-"""A picture of a large tree shows so many tasks if that can be chosen, and never more rows or boxes
-than the others.
-"""
+"""For a large tree: the tasks that a picture aims at; its most rows; a figure's most boxes."""
 
 
 @click.command()
 @shared_options
 @click.option(
-    "--story", metavar="TASK", help="The story of this task (or query, ...), and of its failure."
+    "--story", metavar="TASK", help="Tell the story of this task (or query, ...) and its failure."
 )
 @output_option(".svg, .png, .pdf, .html, .dot or .txt")
 @click.option(
     "--layout",
     type=click.Choice(LAYOUTS),
     default="auto",
-    help="How pictures look [auto: by their size].",
+    help="The layout of a picture [auto: by its size].",
 )
 @click.option("--data", is_flag=True, help="Show the tasks' data and results, too.")
-@click.option("--all", "everything", is_flag=True, help="Fold up nothing of a large tree.")
+@click.option("--all", "everything", is_flag=True, help="Show every task, also of a large tree.")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw guides with ASCII characters.")
 def tree(
     asked: Asked,
@@ -76,7 +74,7 @@ def tree(
 
 
 def _forest(at: RunAt, asked: Asked) -> Forest:
-    """The tasks that the options ask for. Raises NotInLog."""
+    """Return the tasks that the options select. Raises NotInLog."""
     check_modules(at.run, asked.modules)
     check_span(asked.start, at.time if asked.end is None else asked.end)
     if (asked.task, asked.modules, asked.start, asked.end) == (None, (), None, None):
@@ -86,8 +84,10 @@ def _forest(at: RunAt, asked: Asked) -> Forest:
 
 
 def _chosen_rows(forest: Forest, everything: bool, kind: str, layout: str) -> list[Row]:
-    """A text scrolls, so it is folded only when it is long; a picture also when it is wide, a
-    figure most of all.
+    """Return the rows to show.
+
+    A text is folded only if it is long, since it scrolls. A picture has fewer rows, and a figure
+    fewest.
     """
     if everything or (len(forest.tasks) <= SHOWN_AT_MOST and kind == ".txt"):
         return whole_outline(forest)

@@ -1,6 +1,4 @@
-"""The constraint arrows of a picture: one between two tasks, however many constraints, labelled by
-their kinds.
-"""
+"""The constraint arrows of a picture: one between two tasks, with the kinds of all constraints."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -27,8 +25,8 @@ MEANINGS = {
     SEQ: "achieved one after the other",
     "SEQ planning": "planned one after the other",
     DELAYED: "planned only when it may be achieved",
-    "plan ahead": "planned no earlier than the other is begun",
-    "plan first": "planned completely before it is begun",
+    "plan ahead": "planned no earlier than the other is started",
+    "plan first": "planned completely before it is started",
 }
 
 
@@ -39,7 +37,7 @@ class ArrowKind(str):
     name: str
 
     def __new__(cls, name: str, delay: float = 0.0) -> Self:
-        """With a delay in seconds (0: none)."""
+        """Create a label with a delay in seconds (0: none)."""
         made = super().__new__(cls, f"{name} + {duration(delay)}" if delay else name)
         made.name = name
         return made
@@ -52,21 +50,19 @@ class Arrows:
     between: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """For each two tasks, the kinds of the constraints between them."""
     own: dict[int, list[ArrowKind]] = field(default_factory=dict)
-    """For each task, the kinds of those with itself that no arrow to it carries."""
+    """For each task, the kinds of its constraints with itself, unless an arrow to it has them."""
     unseen: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
-    """Arrows as in *between*, from tasks that are not shown to one that is: folded up, or not in
-    the part.
-    """
+    """As *between*, but from tasks that are not shown, because they are folded or not selected."""
 
     @property
     def kinds(self) -> set[str]:
-        """All kinds there are, without delays."""
+        """All kinds that occur, without delays."""
         parts = self.between, self.own, self.unseen
         return {kind.name for part in parts for kinds in part.values() for kind in kinds}
 
 
 def arrows(at: RunAt, shown: set[int]) -> Arrows:
-    """The arrows between the tasks shown."""
+    """Return the arrows between the shown tasks."""
     found, delayed = Arrows(), ArrowKind(DELAYED)
     for task_id in sorted(shown):
         incoming: dict[int, list[ArrowKind]] = {}
@@ -77,9 +73,8 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
         own = incoming.pop(task_id, [])
         sequence = next((kinds for kinds in incoming.values() if _is_sequence(kinds)), None)
         if DELAYED in own and sequence is not None:
-            own.remove(
-                delayed
-            )  # "after it, and not even planned before": one arrow, as the literature draws it
+            # "after it, and not even planned before" is one arrow, as in the literature
+            own.remove(delayed)
             _add(sequence, delayed)
         known = _befores(at, incoming) if incoming.keys() - shown else set()
         for one, kinds in incoming.items():
@@ -96,31 +91,31 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
 def in_words(
     at: RunAt, found: Arrows, drawn: Mapping[tuple[int, int], Collection[ArrowKind]]
 ) -> dict[int, list[str]]:
-    """For each task its constraints in words, but for the kinds that are *drawn* between two:
-    ``plan first``, ``after walk {3} and look {4}``, ``plan ahead: after walk {3}``.
+    """Return each task's constraints in words, except the kinds that are *drawn* as arrows.
+
+    For example ``plan first``, ``after walk {3} and look {4}``, ``plan ahead: after walk {3}``.
     """
     names: dict[tuple[int, str], list[str]] = {}
     for pair, kinds in (found.between | found.unseen).items():
         if rest := [kind for kind in kinds if kind not in drawn.get(pair, ())]:
-            what = "" if rest == [SEQ] else f"{', '.join(rest)}: "
-            names.setdefault((pair[1], what), []).append(at.describe(pair[0]))
-    said = {task: [", ".join(kinds)] for task, kinds in found.own.items()}
-    for (task, what), some in names.items():
-        said.setdefault(task, []).append(f"{what}after {listed(some)}")
-    return said
+            prefix = "" if rest == [SEQ] else f"{', '.join(rest)}: "
+            names.setdefault((pair[1], prefix), []).append(at.describe(pair[0]))
+    texts = {task: [", ".join(kinds)] for task, kinds in found.own.items()}
+    for (task, prefix), befores in names.items():
+        texts.setdefault(task, []).append(f"{prefix}after {listed(befores)}")
+    return texts
 
 
 def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
-    """The tasks after which some others are achieved: who waits for those need not be said to wait
-    for these.
-    """
+    """Return the predecessors of the given tasks: a successor's wait for them is implied."""
     constraints = (one for task in tasks for one in at.tasks[task].constraints)
     return {one.before.task for one in constraints if kind_of_arrow(one).name == SEQ}
 
 
 def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
-    """Leave out arrows that skip a task: the successors of a killed task wait for its
-    predecessors.
+    """Remove arrows that skip a task.
+
+    A kill creates them: the successors of a killed task then wait for its predecessors.
     """
     rows = {pair for pair, kinds in between.items() if _is_sequence(kinds)}
     following: dict[int, list[int]] = {}
@@ -134,7 +129,7 @@ def _leave_out_detours(between: dict[tuple[int, int], list[ArrowKind]]) -> None:
 
 
 def kind_of_arrow(constraint: Constraint) -> ArrowKind:
-    """The label of the arrow for a constraint."""
+    """Return the label of the arrow for a constraint."""
     before, after = constraint.before, constraint.after
     names = _OWN_KINDS if before.task == after.task else KINDS
     first, second = (", ".join(describe_moments(point.moment)) for point in (before, after))

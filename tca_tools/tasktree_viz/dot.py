@@ -1,7 +1,7 @@
-"""The task tree as a picture, in the language of Graphviz: as figure 2 of Simmons 1994 draws it.
+"""The task tree as a Graphviz picture, drawn as in figure 2 of Simmons 1994.
 
-Narrow arrows down lead from a task to its subtasks, which stand from left to right as they were
-sent; heavy arrows are temporal constraints.
+Narrow arrows lead down from a task to its subtasks, from left to right in the order of sending.
+Heavy arrows are temporal constraints.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ ROLES = {
     Role.LISTENER: ("#7b3fa0", "sent by a wiretap"),
     Role.TERMINATION: ("#8a6d00", "to leave things safe"),
 }
-"""The colour of the border of what central itself sent, and what that is."""
+"""The border colours of tasks that central sent, with their meanings."""
 
 _PREVIEWS = {
     TaskRole.AHEAD: "#2f7fd6",
@@ -48,15 +48,13 @@ _SENT_AHEAD = {
     for role, colour in _PREVIEWS.items()
 }
 _LEGEND_LINE, _LEGEND_WIDTH = 18, 400
-"""Generous, as dot complains of tables too small where a machine has only fonts with large
-letters.
-"""
+"""Generous: dot rejects a table that is too small for the fonts of the machine."""
 _MONITOR = "#00796b", "monitor"
 _CONSTRAINT = f'color="{_HEAVY}", fontcolor="{_HEAVY}", penwidth=2.6, arrowsize=0.8'
 
 
 def dot_source(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
-    """A directed graph of the rows."""
+    """Return the rows as a directed graph in the language of Graphviz."""
     found = arrows(at, {row.task.id for row in rows if row.task})
     label = f"label=<{_heading(rows, title, found)}>;"
     return graph([_LOOKS, label, *_statements(at, rows, found, with_data)], "tasks")
@@ -67,7 +65,7 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
     for row in rows:
         families.setdefault(row.parent, []).append(_id(row))
     beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
-    # words on an arrow over other boxes would lie on those
+    # a label on an arrow between distant boxes would cover the boxes between them
     drawn = {
         (a, b): kinds for (a, b), kinds in found.between.items() if (f"t{a}", f"t{b}") in beside
     }
@@ -78,17 +76,17 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
         if row.parent >= 0:
             yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
     for (before, after), kinds in found.between.items():
-        what = " · ".join(kinds)
-        tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {what}")
-        label = what if (before, after) in drawn else ""
+        kind = " · ".join(kinds)
+        tooltip = printable(f"{at.describe(before)} to {at.describe(after)}: {kind}")
+        label = kind if (before, after) in drawn else ""
         looks = f"label={_quoted(label)}, tooltip={_quoted(tooltip)}, {_CONSTRAINT}"
         if at.tasks[before].parent != at.tasks[after].parent:
             looks += ", constraint=false"
         yield f"t{before} -> t{after} [{looks}];"
     joined = {(f"t{before}", f"t{after}") for before, after in found.between}
     for brothers in families.values():
-        apart = [pair for pair in pairwise(brothers) if pair not in joined]
-        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in apart)
+        unconnected = [pair for pair in pairwise(brothers) if pair not in joined]
+        order = " ".join(f"{a} -> {b} [style=invis];" for a, b in unconnected)
         if len(brothers) > 1:
             yield f"{{ rank=same; {'; '.join(brothers)}; {order} }}"
 
@@ -100,19 +98,22 @@ def _id(row: Row) -> str:
 def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
     if row.task is None:
         fill = FILLS.get(row.state, "#ffffff")
-        return f'{_id(row)} [label="{words.folded(row)}", fontsize=10, style="filled,dashed", fillcolor="{fill}"];'
+        style = f'fontsize=10, style="filled,dashed", fillcolor="{fill}"'
+        return f'{_id(row)} [label="{words.folded(row)}", {style}];'
     task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if task.state is TaskState.HELD else ""
     label = "<br/>".join(_label_lines(at, task, said, with_data))
     border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
-    rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={_quoted(words.tooltip(at, task))}{border}'
+    tooltip = _quoted(words.tooltip(at, task))
+    rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={tooltip}{border}'
     return f"{_id(row)} [label=<{label}>, {rest}];"
 
 
 def looks_of(task: TaskAt) -> tuple[str, str] | None:
-    """The border of a task that no module sent, that no module handles, or that was sent ahead; and
-    what it is.
+    """Return the border colour of a special task and its meaning; None for other tasks.
+
+    Special are tasks that central sent, monitors, and early work of a coordinator.
     """
     if task.message_class.is_monitor:
         return _MONITOR
@@ -121,7 +122,7 @@ def looks_of(task: TaskAt) -> tuple[str, str] | None:
 
 def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
     yield f'{text(task.name)} <font color="{FAINT}">{{{task.id}}}</font>'
-    times = ""  # when it was achieved or, before that is so, planned
+    times = ""  # of achieving; before that, of planning
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
@@ -136,25 +137,26 @@ def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> I
 
 
 def borders(rows: list[Row]) -> list[tuple[str, str]]:
-    """The colours of borders that there are, and what they mean."""
+    """Return the border colours that occur in the rows, with their meanings."""
     found = {looks_of(row.task) for row in rows if row.task}
     return sorted(filter(None, found), key=itemgetter(1))
 
 
 def _heading(rows: list[Row], title: str, found: Arrows) -> str:
-    """The title, and below it what colours, shapes and arrows mean."""
-    there = {row.task.standing for row in rows if row.task}
-    states = [state for state in STANDINGS if state in there]
+    """Return the title, and below it the meanings of colours, shapes and arrows."""
+    present = {row.task.standing for row in rows if row.task}
+    states = [state for state in STANDINGS if state in present]
     lines = [f'<font point-size="14"><b>{escape(title)}</b></font>']
     swatches = "".join(
-        f'<td bgcolor="{FILLS[state]}" border="1" color="{FAINT}"><font point-size="10">{state}</font></td>'
+        f'<td bgcolor="{FILLS[state]}" border="1" color="{FAINT}">'
+        f'<font point-size="10">{state}</font></td>'
         for state in states
     )
     kinds = found.kinds
     meanings = [(_HEAVY, kind, MEANINGS[kind]) for kind in MEANINGS if kind in kinds]
     meanings += [(colour, "border", meaning) for colour, meaning in borders(rows)]
     if states:
-        width = sum(len(state) * 7 + 18 for state in states)  # generous, too
+        width = sum(len(state) * 7 + 18 for state in states)  # generous, as _LEGEND_WIDTH
         looks = (
             f'border="0" cellspacing="4" align="left" fixedsize="true" width="{width}" height="28"'
         )
@@ -173,7 +175,7 @@ def _heading(rows: list[Row], title: str, found: Arrows) -> str:
 
 
 def _meaning(colour: str, what: str, meaning: str) -> str:
-    """A line of the legend."""
+    """Return a line of the legend."""
     font = f'<font point-size="10" color="{colour}">'
     first = f'<td align="left">{font}<b>{what}</b></font></td>'
     return f'<tr>{first}<td align="left" width="280">{font}{meaning}</font></td></tr>'

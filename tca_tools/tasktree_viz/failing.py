@@ -1,4 +1,4 @@
-"""The chain of a failure: where it began, who was called for it, and what became of it. Pure."""
+"""The chain of a failure: its causes, the exception handlers called for it, and its fate. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,27 +30,27 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import NAMED, WaitKind
 
 _FAR = 500
-"""Waits: what a task that ran out of time waited for beyond so many is not looked for."""
+"""The number of waits to follow when a deadline has passed."""
 _MOST_LINKS = 30
-"""A failure goes through so many tasks at most before nobody reads on."""
+"""The number of links in a chain, at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One thing that happened on the way of a failure; *depth* says how far from the task that was
-    asked about.
-    """
+    """One event in the chain of a failure."""
 
     time: float
     depth: int
+    """The number of causes between this event and the task of the chain."""
     text: str
     brief: str = ""
-    """The text without why, if it says that."""
+    """The text without the reason, if it has one."""
 
 
 def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
-    """The failures that led to a task's failure or kill, oldest first, as known at *moment*; empty
-    if all went well.
+    """Return the events that led to a task's failure or kill, oldest first, as known at *moment*.
+
+    The chain is empty if the task had neither failed nor been killed.
     """
     task = run.tasks[number]
     found: list[tuple[float, _Place, Link]] = []
@@ -77,29 +77,27 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
 
 
 _Place = tuple[int, ...]
-"""Which step of a message it is, after the places of what that is a cause of: of two at one time
-the first.
-"""
+"""The path of a link: its steps from the task of the chain. It orders events of the same time."""
 _CAUSES, _ITSELF, _CALLS, _AGAIN, _END = range(5)
-"""The steps of a message in order: what it failed of, that it failed, who was called and whether he
-failed, that it is to be handled again, its end.
-"""
+"""The steps of a message in order: causes, failure, exception handlers, retry, end."""
 
 
 class _FailureCause(NamedTuple):
-    """A failure, or something done for another one, that led to a task's failure."""
+    """A message whose failure led to the failure of the task."""
 
     message: Message
     place: _Place
     until: float
-    """Later events were no cause."""
+    """Later events were not a cause."""
     known: float
-    """The moment as of which it is told what became of it."""
+    """The moment for which its fate is described."""
 
 
 def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
-    """By time; at one time all failures come before who is killed for them, from top to bottom, but
-    for exception handlers: what becomes of them decides what becomes of what they were called for.
+    """The sort key of a link: its time, then its place.
+
+    At one time, failures come before the kills that follow from them. Kills come from top to
+    bottom, but an exception handler's end comes before the end of the task it was called for.
     """
     time, place, _ = found
     *causes, step, _ = place
@@ -111,8 +109,8 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
     message, place, until, known = cause
     depth = len(place) // 2
     for time, failure in [one for one in message.failures if one[0] <= until]:
-        for since, is_others, led_to_it in _out_of_time(run, message, time, failure):
-            yield (_ITSELF, 0), Link(since, depth + is_others, led_to_it)
+        for since, is_indirect, text in _deadline_causes(run, message, time, failure):
+            yield (_ITSELF, 0), Link(since, depth + is_indirect, text)
         yield (_ITSELF, 0), _with_why(time, depth, f"{message} failed", failure)
     if isinstance(message, Task):
         for call in calls(RunAt(run, known), message):
@@ -130,7 +128,7 @@ def _newest_state(task: Task, moment: float) -> float:
 
 
 def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
-    """That it was to be handled again after it had failed."""
+    """Yield a link for each retry after a failure."""
     failed = min((time for time, _ in task.failures), default=inf)
     for one in task.retries:
         if one[0] >= failed:
@@ -138,7 +136,7 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
 
 
 def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
-    """The task's fate by *moment*, if it had failed."""
+    """Return the link of the task's fate at *moment*; None if it had not failed."""
     at = RunAt(run, moment).tasks.get(task.id)
     if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
         return None
@@ -157,7 +155,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
         why = NOT_HANDLED if task.killed_for == task.id else at.why_killed
         return _with_why(time, depth, f"{task} was killed", why, without)
     if became in ENDED_TASKS:
-        return Link(time, depth, f"{task}: nobody dealt with its failure{without}")
+        return Link(time, depth, f"{task}: its failure was not dealt with{without}")
     is_known = at.state in OVER or _has_tried_again(task, moment)
     return Link(time, depth, f"{task}: {at.state} after all") if is_known else None
 
@@ -167,7 +165,7 @@ def _with_why(time: float, depth: int, what: str, why: str, more: str = "") -> L
 
 
 def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
-    """The fate by *moment* of a task above it that was handled again for its failure."""
+    """Yield the fate at *moment* of an ancestor that was retried for its failure."""
     failed = max((time for time, _ in task.failures if time <= moment), default=inf)
     above = retried_ancestor(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
@@ -183,9 +181,7 @@ def _has_tried_again(task: Task, moment: float) -> bool:
 
 
 def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
-    """The message that its handler waited for when it failed; then the exception handlers that
-    failed too.
-    """
+    """Yield the message that the failing handler waited for, then failed exception handlers."""
     message, place, moment, known = failed
     runs = [one for one in message.handlings if one.outcome is Outcome.FAILED]
     runs = [one for one in runs if (one.end or 0.0) <= moment]
@@ -204,7 +200,7 @@ def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
 
 
 def _decided(task: Task, failed: float) -> float:
-    """When it was decided what became of a task that had failed."""
+    """Return when the fate of a failed task was decided."""
     places = range(task.place_at(failed), len(task.stages))
     states = [time for time, state in map(task.stage, places) if state not in UNDECIDED]
     decided = [time for time in states if time > failed]
@@ -212,17 +208,18 @@ def _decided(task: Task, failed: float) -> float:
 
 
 def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
-    """Whether the failure of one, of which its asker was told by then, is that of the other."""
-    told = [one for one in cause.failures if one[0] <= until]
+    """Whether the text of `failed` names a failure of `cause` that was reported by *until*."""
+    reported = [one for one in cause.failures if one[0] <= until]
     if not isinstance(cause, Task):
-        told = [one for one in told if is_reported(run, cause, one[0])]
-    names = {failure.name for _, failure in told}
+        reported = [one for one in reported if is_told(run, cause, one[0])]
+    names = {failure.name for _, failure in reported}
     return any(name in text for _, text in failed.failures for name in names)
 
 
 def _culprits(run: Run, task: Task) -> list[Task]:
-    """Whose failure a task was killed for, that had not failed itself: nobody handled that, or the
-    exception handler that was called for it asked for the kill.
+    """Return the task whose failure another task was killed for; empty if it was its own.
+
+    That failure was not handled, or its exception handler requested the kill.
     """
     handler = decider(run, task.killer)
     failed = run.tasks.get(task.killed_for, task)
@@ -231,15 +228,13 @@ def _culprits(run: Run, task: Task) -> list[Task]:
     return [failed] if failed is not task and failed.failures else []
 
 
-# --- passed deadlines: the things waited for, their holders, and the time spent suspended ---------
+# --- passed deadlines: waits, their holders, and suspensions --------------------------------------
 
 
-def _out_of_time(
+def _deadline_causes(
     run: Run, message: Message, failed: float, failure: Failure
 ) -> Iterator[tuple[float, bool, str]]:
-    """The causes of a passed deadline: since when, whether of something else, and in words; empty
-    if unknown.
-    """
+    """Yield the known causes of a passed deadline: the start, whether another message, the text."""
     deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
@@ -250,16 +245,14 @@ def _out_of_time(
             how_long = duration(one.end - one.start)
             yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
     if age := age_of(waits := shown(at, task)):
-        end, told = in_the_end(at, task, _FAR), several_in_words(named_waits_now(at, task, waits))
+        end, causes = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
         how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
-        yield age.since, False, f"{task} {how(task, verb='waited')} {told}{how_long}"
-    yield from _had_by(at, task, failed)
+        yield age.since, False, f"{task} {how(task, verb='waited')} {causes}{how_long}"
+    yield from _holders(at, task, failed)
 
 
-def _had_by(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
-    """The handlers and lock holders of whatever the task waited for in the end when its time ran
-    out.
-    """
+def _holders(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bool, str]]:
+    """Yield the handlers and lock holders that the task waited for in the end at its deadline."""
     ends = Ends.at(at).of(task.id, _FAR)
     for number in [
         end.number for end in ends if end.kind is WaitKind.RUNNING or end.number in at.run.claims

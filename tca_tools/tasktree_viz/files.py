@@ -1,4 +1,4 @@
-"""A picture of a tree as a file: a figure or an outline, as its name and its size ask for."""
+"""Write a picture of a tree, as a figure or an outline: by its name and the tree's size."""
 
 from collections import Counter
 from pathlib import Path
@@ -15,24 +15,33 @@ from tca_tools.tasktree_viz.outline_svg import outline_svg
 KINDS = (".svg", ".png", ".pdf", ".html", ".dot", ".txt")
 LAYOUTS = ("auto", "figure", "outline")
 _MOST_DRAWN = 3000
-"""Beyond that many boxes nobody could read the picture."""
+"""A picture of more boxes would not be readable."""
 _FIGURE, _FIGURE_WIDE = 14, 9
-"""A figure has at most so many leaves, and so many boxes at one depth: a wider one can't be read on
-a screen.
+"""The leaves of a figure, and its boxes at one depth, at most: a wider one does not fit a screen.
 """
 
 
 def write_picture(
     output: Path, at: RunAt, rows: list[Row], title: str, layout: str, *, with_data: bool
 ) -> None:
-    """Write the kind of picture that the file's name asks for. Raises ToolError if that can't be
-    done.
+    """Write the kind of picture that the file's name asks for.
+
+    Args:
+        output: the file; its suffix is one of `KINDS`, except .txt.
+        at: the run at a moment.
+        rows: the rows of the tree.
+        title: the title of the picture.
+        layout: one of `LAYOUTS`.
+        with_data: whether to show each task's data and result.
+
+    Raises:
+        ToolError: the picture can't be drawn or written.
     """
     is_source = output.suffix == ".dot"
     if len(rows) > _MOST_DRAWN and not is_source:
         raise NoPicture(
-            f"{len(rows)} tasks are too many for a picture: ask for a part with --task, --module, --from and --to,"
-            " or for a .txt"
+            f"{len(rows)} tasks are too many for a picture: choose a part with --task, --module,"
+            " --from and --to, or write a .txt"
         )
     if is_source or layout == "figure" or (layout == "auto" and is_figure(rows)):
         try:

@@ -1,4 +1,4 @@
-"""The looks of tasks, by how they stand."""
+"""The colours of tasks, by their state."""
 
 from tca_tools.journal.fates import HANDLED, WATCHING
 from tca_tools.journal.records import TaskState

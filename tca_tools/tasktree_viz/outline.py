@@ -1,7 +1,6 @@
-"""Which tasks of a tree are shown, in which order: every task, or what says little in a large tree
-folded up.
+"""Choose the rows of a tree: every task, or, in a large tree, the important ones and folded runs.
 
-Nothing here recurses: a tree may be a million deep.
+No function recurses: a tree may be a million levels deep.
 """
 
 from collections import Counter, deque
@@ -18,41 +17,41 @@ from tca_tools.journal.selection import Forest
 from tca_wire.points import ROOT, TaskId
 
 SHOWN_AT_MOST = 300
-"""A tree of more tasks is folded, if it may be."""
+"""A larger tree is folded, if folding is allowed."""
 BESIDE_AT_MOST = 12
-"""Of more tasks side by side, runs of tasks in the same state are folded."""
+"""If a task has more children, runs of children in the same state are folded."""
 _KEPT = 2
-"""How many tasks of such a run stay at either end."""
+"""The number of tasks of such a run that stay at each end."""
 _FEWER = (16, 8, 4, 2, 1)
-"""So many of those side by side stay at either end, where there are too many rows."""
+"""The numbers of siblings to leave at each end, tried in turn until the rows are few enough."""
 _WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.RESOLVED, TaskState.ACHIEVED)
 
 
 @dataclass(slots=True)
 class Row:
-    """One task, or folded ones in its place, in the order of reading (a task before what is under
-    it).
-    """
+    """A task, or a number of folded tasks. Rows are in depth-first order."""
 
     task: TaskAt | None
+    """None: the row stands for folded tasks."""
     parent: int
     """The number of its parent's row (-1: it is under the root)."""
     depth: int
     folded: int = 0
-    """How many tasks it stands for, if for no one task."""
+    """The number of folded tasks."""
     states: Counter[str] = field(default_factory=Counter)
-    """How many of those stand how."""
+    """The number of folded tasks in each state."""
     is_rest: bool = False
-    """Whether it stands for all that comes after it."""
+    """Whether it stands for all further rows."""
     is_last: bool = False
-    """Whether it is its parent's last."""
+    """Whether it is its parent's last child."""
     number: int = -1
     """Its place among all rows."""
 
     @property
     def state(self) -> str:
-        """Of folded ones their state, if all have one; the worst of those that are over, if all
-        are; else "".
+        """The common state of the folded tasks.
+
+        If they have several states but all have ended, it is the worst; else "".
         """
         if len(self.states) == 1:
             return next(iter(self.states))
@@ -67,29 +66,36 @@ def outline(
     beside_at_most: int = BESIDE_AT_MOST,
     budget: int | None = None,
 ) -> list[Row]:
-    """The rows of the tree. One of more than *shown_at_most* tasks is folded: subtrees in which all
-    was achieved, or killed with what they are under, those deep down first, until about *budget*
-    tasks are shown (None: as many).
+    """Return the rows of the tree, folded if it is large.
+
+    Subtrees in which all tasks were achieved, or killed with their parent, are folded. The deepest
+    are folded first, until about *budget* tasks are shown.
+
+    Args:
+        at: the tree.
+        shown_at_most: a tree of more tasks is folded.
+        beside_at_most: if a task has more children, runs of children in one state are folded.
+        budget: the number of tasks to show in a folded tree; None: *shown_at_most*.
     """
-    loud = _loud(at)
+    notable = _notable(at)
     shown = set[int](at.tasks)
     if len(at.tasks) > shown_at_most:
-        shown = _choose(at, loud, budget or shown_at_most, beside_at_most)
+        shown = _choose(at, notable, budget or shown_at_most, beside_at_most)
 
     def below(row: Row) -> list[Row]:
         rows: list[Row] = []
-        for is_shown, some in groupby(_children(at, row), shown.__contains__):
+        for is_shown, children in groupby(_children(at, row), shown.__contains__):
             if is_shown:
-                rows += [_row(at, row, child) for child in some]
+                rows += [_row(at, row, child) for child in children]
             else:
-                rows.append(_fold(at, Row(None, row.number, row.depth + 1), list(some)))
-        return _squeezed(at, rows, loud) if len(rows) > beside_at_most else rows
+                rows.append(_fold(at, Row(None, row.number, row.depth + 1), list(children)))
+        return _fold_runs(at, rows, notable) if len(rows) > beside_at_most else rows
 
     return walked(below)
 
 
 def whole_outline(at: Forest) -> list[Row]:
-    """A row for every task."""
+    """Return a row for every task."""
     return walked(lambda row: [_row(at, row, child) for child in _children(at, row)])
 
 
@@ -98,13 +104,14 @@ def _children(at: Forest, row: Row) -> Sequence[TaskId]:
 
 
 def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
-    """The rows of a tree in order, of which *below* tells those right under one; first those under
-    the root.
+    """Return the rows of a tree in depth-first order.
+
+    *below* returns the children of a row; it is called first with a row for the root.
     """
     rows: list[Row] = []
-    waiting = [Row(None, -1, -1)]  # a stack: the last goes first
-    while waiting and len(rows) < at_most:
-        row = waiting.pop()
+    stack = [Row(None, -1, -1)]
+    while stack and len(rows) < at_most:
+        row = stack.pop()
         if row.depth >= 0:
             row.number = len(rows)
             rows.append(row)
@@ -112,29 +119,30 @@ def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Ro
             children = below(row)
             for last in children[-1:]:
                 last.is_last = True
-            waiting += reversed(children)
-    if waiting:
+            stack += reversed(children)
+    if stack:
         rows.append(Row(None, -1, 0, is_rest=True, is_last=True, number=len(rows)))
     return rows
 
 
 def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
-    """At most so many rows. Of too many side by side the first and last are kept of those that
-    failed, go on or were killed for a reason of their own, then of others. If there are too many
-    even so, the last ones are folded.
+    """Return at most *at_most* rows.
+
+    Among too many siblings, the first and last remain: first of notable tasks, then of others. If
+    there are still too many rows, the last ones are folded.
     """
     if len(rows) <= at_most:
         return rows
     families: dict[int, list[Row]] = {}
     for row in rows:
         families.setdefault(row.parent, []).append(row)
-    loud, places = _loud(at), {id(row): row.number for row in rows}
+    notable, places = _notable(at), {id(row): row.number for row in rows}
 
     def below(row: Row, beside: int) -> list[Row]:
         family = families.get(places.get(id(row), -1), [])
         for one in family:
             one.parent, one.is_last = row.number, False
-        return _kept(at, family, loud, beside)
+        return _thin_out(at, family, notable, beside)
 
     for beside in _FEWER:
         rows = walked(partial(below, beside=beside))
@@ -143,13 +151,13 @@ def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
     return _cut_off(rows, at_most)
 
 
-def _kept(at: Forest, family: list[Row], loud: set[int], beside: int) -> list[Row]:
-    """The rows of a family, or so many of them at either end, and others for those between."""
+def _thin_out(at: Forest, family: list[Row], notable: set[int], beside: int) -> list[Row]:
+    """Return the siblings of a family, at most *beside* from each end, and fold the others."""
     places = list(range(len(family)))
     if len(family) > 2 * beside + 1:
         tasks = [row.task.id if row.task else None for row in family]
-        first = [place for place in places if tasks[place] in loud]
-        others = [place for place in places if tasks[place] not in loud]
+        first = [place for place in places if tasks[place] in notable]
+        others = [place for place in places if tasks[place] not in notable]
         rest = max(beside - len(first) // 2, 0)
         places = sorted(_both_ends(first, beside) + _both_ends(others, rest))
     rows: list[Row] = []
@@ -160,12 +168,14 @@ def _kept(at: Forest, family: list[Row], loud: set[int], beside: int) -> list[Ro
     return rows
 
 
-def _both_ends(some: list[int], count: int) -> list[int]:
-    return some if len(some) <= 2 * count else [*some[:count], *some[len(some) - count :]]
+def _both_ends(places: list[int], count: int) -> list[int]:
+    if len(places) <= 2 * count:
+        return places
+    return [*places[:count], *places[len(places) - count :]]
 
 
 def _cut_off(rows: list[Row], at_most: int) -> list[Row]:
-    """The first rows and, in place of the others, one that says how many tasks they are."""
+    """Return the first rows, and one row that counts the other tasks."""
     if len(rows) <= at_most:
         return rows
     rest = sum(row.folded or 1 for row in rows[at_most:])
@@ -176,10 +186,10 @@ def _cut_off(rows: list[Row], at_most: int) -> list[Row]:
 
 
 def _folded(at: Forest, rows: list[Row]) -> Row:
-    """One row in place of some."""
+    """Return one row in place of several."""
     states = sum((row.states for row in rows), Counter[str]())
-    one = Row(None, rows[0].parent, rows[0].depth, sum(row.folded for row in rows), states)
-    return _fold(at, one, [row.task.id for row in rows if row.task])
+    merged = Row(None, rows[0].parent, rows[0].depth, sum(row.folded for row in rows), states)
+    return _fold(at, merged, [row.task.id for row in rows if row.task])
 
 
 def _row(at: Forest, parent: Row, task: TaskId) -> Row:
@@ -187,41 +197,43 @@ def _row(at: Forest, parent: Row, task: TaskId) -> Row:
 
 
 def _fold(at: Forest, into: Row, tasks: Sequence[TaskId]) -> Row:
-    """Let a row stand for these tasks, too, and for all that is under them."""
+    """Add tasks and all their descendants to a folded row."""
     below = [*tasks]
-    for number in below:  # grows while it is walked
+    for number in below:  # it grows during the loop
         below += at.children(number)
     into.folded += len(below)
     into.states.update(at.tasks[number].standing for number in below)
     return into
 
 
-def _loud(at: Forest) -> set[int]:
-    """The tasks that are shown in any case: those that go on, that failed, or were killed for a
-    reason of their own, and all that they are under.
+def _notable(at: Forest) -> set[int]:
+    """Return the tasks that are never folded, with all their ancestors.
+
+    They still run, have failed, or were killed for a reason of their own.
     """
-    loud = {int(ROOT)}
+    notable = {int(ROOT)}
     for number in sorted(at.tasks, reverse=True):  # children have larger numbers than their parents
-        if number in loud or not (
-            at.tasks[number].state is TaskState.ACHIEVED or _went_along(at, at.tasks[number])
+        if number in notable or not (
+            at.tasks[number].state is TaskState.ACHIEVED
+            or _was_killed_with_parent(at, at.tasks[number])
         ):
-            loud.update((number, at.tasks[number].parent))
-    return loud
+            notable.update((number, at.tasks[number].parent))
+    return notable
 
 
-def _went_along(at: Forest, task: TaskAt) -> bool:
-    """Whether a task was killed with what it is under."""
+def _was_killed_with_parent(at: Forest, task: TaskAt) -> bool:
     above = at.tasks.get(task.parent)
     if above is None or not task.state is above.state is TaskState.KILLED:
         return False
     return task.why_killed == above.why_killed
 
 
-def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set[int]:
-    """The tasks to show: those that are in any case, then others from the top down, of many alike
-    side by side the first and the last.
+def _choose(at: Forest, notable: set[int], budget: int, beside_at_most: int) -> set[int]:
+    """Return the tasks to show: the notable ones, then others from the top down.
+
+    Among many siblings in one state, the first and the last are chosen.
     """
-    shown, samples = set(loud), set[int]()
+    shown, samples = set(notable), set[int]()
     level = deque([ROOT])
     while level and len(shown) <= budget:
         above = level.popleft()
@@ -232,12 +244,12 @@ def _choose(at: Forest, loud: set[int], budget: int, beside_at_most: int) -> set
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
     return shown - {
-        one for one in samples - loud if at.children(one) and shown.isdisjoint(at.children(one))
+        one for one in samples - notable if at.children(one) and shown.isdisjoint(at.children(one))
     }
 
 
 def _ends(at: Forest, tasks: Sequence[TaskId]) -> list[TaskId]:
-    """The first and the last of each run of tasks in one state."""
+    """Return the first and the last tasks of each run in one state."""
     found: list[TaskId] = []
     for _, run in groupby(tasks, lambda number: at.tasks[number].state):
         alike = list(run)
@@ -245,22 +257,22 @@ def _ends(at: Forest, tasks: Sequence[TaskId]) -> list[TaskId]:
     return found
 
 
-def _squeezed(at: Forest, rows: list[Row], loud: set[int]) -> list[Row]:
-    """The rows with long runs of one state folded, but for the ends of each run."""
-    squeezed: list[Row] = []
-    for state, run in groupby(rows, lambda row: _state_to_fold(row, loud)):
+def _fold_runs(at: Forest, rows: list[Row], notable: set[int]) -> list[Row]:
+    """Return the rows with long runs of one state folded, except the ends of each run."""
+    folded: list[Row] = []
+    for state, run in groupby(rows, lambda row: _state_to_fold(row, notable)):
         alike = list(run)
         last = len(alike) - _KEPT if alike[-1].task else len(alike)
         middle = alike[_KEPT:last]
         if state is not None and len(middle) >= _KEPT:
             alike[_KEPT:last] = [_folded(at, middle)]
-        squeezed += alike
-    return squeezed
+        folded += alike
+    return folded
 
 
-def _state_to_fold(row: Row, loud: set[int]) -> str | None:
-    """The state of a row, if nothing worth seeing would be lost by folding it."""
+def _state_to_fold(row: Row, notable: set[int]) -> str | None:
+    """Return the state of a row; None if the row must not be folded."""
     if not row.task:
         return row.state
-    is_quiet = row.task.id not in loud or not row.task.children
-    return row.task.state if is_quiet and row.task.state is not TaskState.FAILED else None
+    is_minor = row.task.id not in notable or not row.task.children
+    return row.task.state if is_minor and row.task.state is not TaskState.FAILED else None

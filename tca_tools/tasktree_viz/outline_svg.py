@@ -1,7 +1,6 @@
-"""A wide tree as an SVG picture: one line a task, with guides, what it waits for, and bars of its
-times.
+"""A wide tree as an SVG picture that grows only downwards.
 
-It grows downwards only.
+Each task has one line with guides, its waits, and bars of its times.
 """
 
 from collections import Counter
@@ -31,21 +30,19 @@ from tca_wire.text.printable import printable
 CHARACTER, _NOTE_CHARACTER, _AFTER_CHARACTER = 6.7, 5.6, 5.5
 _LINE, _BOX, _ROW, _GAP, _TIMES = 15.0, 19.0, 25.0, 18.0, 460.0
 _INDENT, _DEEPEST, _LANE = 22.0, 420.0, 6.0
-"""Pixels: of a level, of as many levels as there are, and between two lanes of lines."""
+"""Pixels: of one level, of all levels together, and between two lanes of lines."""
 _LEAST_INDENT = _INDENT / 2
-"""Where a level has less room, lines of one would run into those of the next: all is said in
-words.
-"""
+"""Pixels: with less, lines of neighbouring levels would touch, so words replace all lines."""
 _LONGEST_NAME, _LONGEST_DATA, _LONGEST_AFTER, _NOTE_COLUMNS, _NOTE_LINES = 44, 160, 100, 54, 3
 _TICK_DISTANCE = 80.0
-_COMES, _ROUND = 4.5, 4.0
-"""Pixels from the top of a box to where a line comes to it, and of a turn."""
+_ENTRY, _ROUND = 4.5, 4.0
+"""Pixels: from the top of a box to the end of a line, and the radius of a turn."""
 _STYLE = Path(__file__).with_name("outline.css").read_text()
-_JOINED = "; one that begins at several tasks: all of them before all that it leads to"
+_JOINED = "; a line from several tasks: all of them before all tasks that it leads to"
 
 
 def outline_svg(at: RunAt, rows: list[Row], title: str, *, with_data: bool = False) -> str:
-    """The whole picture, as a document of its own."""
+    """Return the whole picture as an SVG document."""
     found = arrows(at, {row.task.id for row in rows if row.task})
     picture = _Picture(at, rows, found, with_data=with_data)
     head, top = picture.head(title, found.kinds)
@@ -60,22 +57,22 @@ class _Placement:
 
     row: Row
     left: float
-    """Of its box."""
+    """The left end of its box."""
     top: float
     label: str
     notes: list[str] = field(default_factory=list)
-    """The lines beside the box: its state, the reason why it waits or failed, its data."""
+    """The lines beside the box: its state, the reason of its wait or failure, its data."""
     after: str = ""
-    """Its constraints that no line to it shows."""
+    """The constraints that are shown in words, without a line."""
 
     @property
     def right(self) -> float:
-        """The end of its box."""
+        """The right end of its box."""
         return self.left + columns_of(self.label) * CHARACTER + 14
 
 
 class _Picture:
-    """Where everything stands, and how it is drawn: boxes, notes, and bars on an axis of time."""
+    """The layout of boxes, notes and bars on an axis of time, and their drawing."""
 
     def __init__(self, at: RunAt, rows: list[Row], found: Arrows, *, with_data: bool) -> None:
         self._at, self._rows = at, rows
@@ -84,8 +81,8 @@ class _Picture:
         self._lines = _lines(rows, found) if self._indent >= _LEAST_INDENT else []
         self._places: list[_Placement] = []
         self.height = 0.0
-        self._place(with_data)
-        self._say(found)
+        self._place_rows(with_data)
+        self._add_words(found)
         places = self._places
         ends = [one.right + columns_of(one.after) * _AFTER_CHARACTER + 12 for one in places]
         notes = [columns_of(note) for one in places for note in one.notes]
@@ -96,8 +93,8 @@ class _Picture:
         start = min((begin for begin, _ in spans), default=0.0)
         self._scale = Scale(_TIMES, start, max((end for _, end in spans), default=at.time))
 
-    def _place(self, with_data: bool) -> None:
-        """Put one row below the other. Names and notes are cut to fit."""
+    def _place_rows(self, with_data: bool) -> None:
+        """Place the rows one below the other. Names and notes are cut to fit."""
         shifts: dict[int, float] = {}
         for line in self._lines:
             parent = self._rows[line.to[0]].parent
@@ -113,25 +110,24 @@ class _Picture:
             self._places.append(_Placement(row, left, self.height, label, notes))
             self.height += max(_ROW, len(notes) * _LINE + 8)
 
-    def _say(self, found: Arrows) -> None:
-        """Say in words what no line shows."""
+    def _add_words(self, found: Arrows) -> None:
+        """Put constraints that have no line into words."""
         tasks = [row.task.id if row.task else ROOT for row in self._rows]
         pairs = [pair for line in self._lines for pair in line.pairs]
         drawn = {(int(tasks[one]), int(tasks[to])): [ArrowKind(SEQ)] for one, to in pairs}
-        said = in_words(self._at, found, drawn)
+        texts = in_words(self._at, found, drawn)
         for place in self._places:
             if place.row.task:
-                place.after = cut(
-                    printable("; ".join(said.get(place.row.task.id, []))), _LONGEST_AFTER
-                )
+                text = printable("; ".join(texts.get(place.row.task.id, [])))
+                place.after = cut(text, _LONGEST_AFTER)
 
     def head(self, title: str, kinds: set[str]) -> tuple[list[str], float]:
-        """The title, what colours and lines mean, and where what follows may begin."""
+        """Return the title with the meanings of colours and lines, and its bottom."""
         rows = self._rows
         states = {row.task.standing if row.task else row.state for row in rows}
         shown = [state for state in STANDINGS if state in states]
         items = [(f'fill="{FILLS[state]}" stroke="#52606d"', str(state)) for state in shown]
-        items.append(('class="planning"', "when it was planned"))
+        items.append(('class="planning"', "the time of its planning"))
         items += [
             (f'fill="#ffffff" stroke="{colour}" stroke-width="2.2"', of)
             for colour, of in borders(rows)
@@ -149,14 +145,14 @@ class _Picture:
         return head, y + 8
 
     def axis(self, top: float, bottom: float) -> Iterator[str]:
-        """The axis above, and lines down from it."""
+        """Yield the axis above, and the grid lines below it."""
         for time, label in ticks(self._scale.start, self._scale.end, int(_TIMES / _TICK_DISTANCE)):
             x = self._times + self._scale.x(time)
             yield svg.line("grid", x, top + 14, x, bottom)
             yield svg.words("faint tick", x, top + 9, label)
 
     def body(self, top: float) -> Iterator[str]:
-        """All lines, with what leads from one to another."""
+        """Yield all rows and the lines between them."""
         for place in self._places:
             if place.row.task:
                 yield from self._beside(place, place.row.task, top + place.top)
@@ -166,7 +162,7 @@ class _Picture:
             yield from self._box(place, top + place.top)
 
     def _beside(self, place: _Placement, task: TaskAt, y: float) -> Iterator[str]:
-        """The notes and bars of one task."""
+        """Yield the notes and bars of one task."""
         for number, note in enumerate(place.notes):
             yield svg.words("note", self._notes, y + 13 + number * _LINE, note)
         planning, achieving = (
@@ -188,35 +184,37 @@ class _Picture:
         return svg.rectangle(look, left, y, max(right, left + 1.5), height, title)
 
     def _guides(self, top: float) -> Iterator[str]:
-        """Thin lines from a task to what is under it."""
+        """Yield thin lines from each task to its children."""
         for place in self._places:
             if place.row.parent >= 0:
                 above = self._places[place.row.parent]
                 x, y = above.left + self._indent / 2, top + place.top + _BOX / 2
-                yield f'<path class="guide" d="M{x:.1f} {top + above.top + _BOX:.1f} V{y:.1f} H{place.left:.1f}"/>'
+                path = f"M{x:.1f} {top + above.top + _BOX:.1f} V{y:.1f} H{place.left:.1f}"
+                yield f'<path class="guide" d="{path}"/>'
 
     def _heavy(self, top: float) -> Iterator[str]:
-        """Lines to those that come after their brothers: they leave boxes below where others come
-        to them.
+        """Yield heavy lines to tasks that come after their siblings.
+
+        A line leaves a box below the entries of other lines.
         """
         all_leaving = Counter(source for line in self._lines for source in line.sources)
         leaving: Counter[int] = Counter()
         tips: list[str] = []
-        # those further away cross the nearer, and lie over them
+        # outer lines cross inner ones, and are drawn over them
         for line in sorted(self._lines, key=attrgetter("lane")):
             leaving.update(line.sources)
             share = {
                 source: 1 - leaving[source] / (all_leaving[source] + 1) for source in line.sources
             }
-            comes = top + _COMES
+            entry = top + _ENTRY
             starts = [
-                comes + self._places[one].top + (_BOX - _COMES) * part
-                for one, part in share.items()
+                entry + self._places[number].top + (_BOX - _ENTRY) * part
+                for number, part in share.items()
             ]
-            ends = [comes + self._places[one].top for one in line.to]
+            ends = [entry + self._places[number].top for number in line.to]
             left = self._places[line.to[0]].left
             x = left - self._indent / 2 - line.lane * _LANE
-            if line.lane:  # it crosses those that are nearer: there they are cut
+            if line.lane:  # inner lines are interrupted where it crosses them
                 across = " ".join(
                     f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends)
                 )
@@ -228,7 +226,8 @@ class _Picture:
     def _box(self, place: _Placement, y: float) -> Iterator[str]:
         task, left = place.row.task, place.left
         if task is None:
-            look = f'fill="{FILLS.get(place.row.state, "#ffffff")}" stroke="#1f2933" stroke-dasharray="3 2"'
+            look = f'fill="{FILLS.get(place.row.state, "#ffffff")}" '
+            look += 'stroke="#1f2933" stroke-dasharray="3 2"'
         else:
             border = looks_of(task)
             look = f'fill="{FILLS[task.standing]}" '
@@ -243,7 +242,7 @@ class _Picture:
 
 
 def _span(at: RunAt, task: TaskAt) -> tuple[float, float]:
-    """From the first moment of a task until its last, or until now."""
+    """Return the first and the last moment of a task; now, if it has not ended."""
     reached = task.reached.values()
     end = max(reached, default=0.0) if task.state in OVER else at.time
     return min(reached, default=at.time), end
@@ -257,7 +256,7 @@ def _notes(at: RunAt, task: TaskAt, with_data: bool) -> Iterator[str]:
 
 
 def _lines(rows: list[Row], found: Arrows) -> list[Line]:
-    """The lines between brothers, family by family."""
+    """Return the lines between siblings."""
     numbers = {int(row.task.id): row.number for row in rows if row.task}
     families: dict[int, list[tuple[int, int]]] = {}
     for (first, second), kinds in found.between.items():
@@ -268,8 +267,9 @@ def _lines(rows: list[Row], found: Arrows) -> list[Line]:
 
 
 def _path(x: float, left: float, starts: list[float], ends: list[float]) -> str:
-    """From boxes to a lane, down, and to boxes; where it turns it is round, so that a turn is no
-    crossing.
+    """Return the path from boxes to a lane, down, and to boxes.
+
+    Its turns are round, to differ from crossings.
     """
     turn = x + _ROUND
     parts = [

@@ -1,6 +1,4 @@
-"""The task tree as text: one line a task, with guides, states, times and what each task waits for;
-and a story.
-"""
+"""The task tree as text, one line a task with guides, state, times and waits; a task's story."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,25 +24,25 @@ from tca_wire.text.printable import printable
 
 COLOURS = {standing: colour for standing, (_, colour) in LOOKS.items()}
 _WIDEST_NAME, _WIDEST_WITHOUT_END = 48, 64
-"""Columns that guides and name may take: of a terminal, and where lines have no end."""
+"""Columns of guides and name, at most: on a terminal, and without a limit of the line."""
 _SHORTEST_NAME = 20
-"""Columns that guides must leave for a name; on a narrow terminal, two fifths of what there is."""
+"""Columns that guides leave for a name; on a narrow terminal, two fifths of the width."""
 _LEAST_NOTE = 4
-"""Columns: where there are fewer nothing is noted."""
+"""Columns: in fewer, no note is shown."""
 _WIDE = 8
-"""Levels whose guides have room."""
+"""Levels with wide guides, at most."""
 _STATE_WIDTH = max(len(state) for state in TaskState if state is not TaskState.RESOLVED)
 _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""
 _NOTE_WIDTH = 36
-"""Columns of notes before which times give way: why a task waits or failed says more."""
+"""Columns of notes for which times are left out: the reason of a wait or failure says more."""
 _WIDTH_OF_FILE = 120
 _NARROWEST, _NARROW = 20, 50
-"""Columns: no line is cut shorter; in fewer how long something took stands behind it."""
+"""Columns: no line is cut shorter than the first; below the second a duration follows its text."""
 _TIMES_OF_STORY = 22
 _LEAST_WORDS = 8
-"""Columns that are left for words."""
+"""Columns for the words of a story, at least."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,15 @@ def tree_lines(
     width: int | None = None,
     with_data: bool = False,
 ) -> Iterator[str]:
-    """The tree, line by line, below a line of headings; each cut to *width*."""
+    """Yield the tree line by line below a line of headings.
+
+    Args:
+        at: the run at a moment.
+        rows: the rows of the tree.
+        guides: the characters that connect a task with its children.
+        width: the columns of a line; None: no limit.
+        with_data: whether to show each task's data and result.
+    """
     if not rows:
         yield "(no task was sent)"
         return
@@ -79,8 +85,8 @@ def tree_lines(
     pairs = zip(before_names, names, strict=True)
     name_width = min(max(columns_of(before + name) for (before, _), name in pairs), widest)
     notes = [words.note_of(at, row.task) if row.task else None for row in rows]
-    told = (note.within(None, at.time) for note in notes if note)
-    longest = max(map(columns_of, told), default=0)
+    whole_notes = (note.within(None, at.time) for note in notes if note)
+    longest = max(map(columns_of, whole_notes), default=0)
     beside = name_width + states + _GAP
     if longest:
         beside += min(longest, _NOTE_WIDTH) + _GAP
@@ -98,15 +104,14 @@ def tree_lines(
         cells += [f"{words.times(row.task, one):{wide}}" for one, wide in times.items()]
         room = None if width is None else max(width - name_width - _GAP, 0)
         rest = _with_note(note, at.time, "  ".join(cells), room)
-        yield f"{padded(label, name_width)}  {click.style(rest[:states], fg=COLOURS[row.task.standing])}{rest[states:]}"
+        state = click.style(rest[:states], fg=COLOURS[row.task.standing])
+        yield f"{padded(label, name_width)}  {state}{rest[states:]}"
         if with_data and (data := words.data(row.task)):
             yield click.style(cut(f"{below}{data}", width), dim=True)
 
 
 def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
-    """The columns of times and how wide they are; where there is no room, those of the last
-    interval, or none.
-    """
+    """Return the columns of times with their widths; without room, only achieving, or none."""
     tasks = [row.task for row in rows if row.task]
     columns = {
         one: max([_TIMES_WIDTH, *(len(words.times(task, one)) for task in tasks)])
@@ -118,7 +123,7 @@ def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
 
 
 def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) -> str:
-    """The state and times of a task, and as much of what is to be noted as there is room for."""
+    """Return the state and times of a task, with as much of its note as fits."""
     left = None if room is None else room - len(cells) - _GAP
     if left is not None and left < _LEAST_NOTE:
         return cut(cells, room)
@@ -126,13 +131,13 @@ def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) 
 
 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
-    """The prefix of each row's name, and that of the lines below that belong to it.
+    """Return the prefix of each row's name, and of the lines below that belong to it.
 
-    Down to *wide* levels guides are three columns wide, further down two; after so many *levels*
-    indentation begins anew, behind the depth as a number.
+    Guides are three columns wide down to level *wide*, and two below. After every *levels* levels,
+    the indentation starts again with the depth as a number.
     """
     found: list[tuple[str, str]] = []
-    inner: list[str] = []  # for each row, what stands before its children's guides
+    inner: list[str] = []  # for each row, the prefix of its children's guides
     for row in rows:
         before = inner[row.parent] if row.parent >= 0 else ""
         if row.depth and row.depth % levels == 0:
@@ -151,8 +156,9 @@ def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tu
 
 
 def _widest(width: int | None, state_width: int) -> int:
-    """Columns that guides and name may take at most: on a narrow terminal what the state leaves,
-    but half of all.
+    """Return the greatest width of guides and name, in columns.
+
+    A narrow terminal leaves room for the state, but gives the name at least half of the line.
     """
     if width is None:
         return _WIDEST_WITHOUT_END
@@ -161,22 +167,22 @@ def _widest(width: int | None, state_width: int) -> int:
 
 
 def _levels(name_width: int) -> tuple[int, int]:
-    """How many levels have wide guides, and how many leave room for a name."""
+    """Return the number of levels with wide guides, and of levels that leave room for a name."""
     room = name_width - min(_SHORTEST_NAME, 2 * name_width // 5)
     wide = min(max(room - 2 * _WIDE, 1), _WIDE)
     return wide, max(wide + (room - 3 * wide) // 2, 2)
 
 
-# --- the story of one message; of a task also where it stands, and the chain of its failure -------
+# --- the story of one message, or of a task with its state and the chain of its failure -----------
 
 
 def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str]:
-    """The story as far as the past goes, line by line, wrapped to *width*."""
+    """Yield the story of a message up to the run's time, line by line, wrapped to *width*."""
     width = max(width or _WIDTH_OF_FILE, _NARROWEST)
     message = run.messages[number]
     if isinstance(message, Task):
         yield from _task_lines(run, message, width)
-    else:  # it has no place in the tree
+    else:
         kind = str(message.message_class)
         yield f"{cut(printable(str(message)), width - len(kind) - 2)}: {kind}"
     yield ""
@@ -194,18 +200,18 @@ def story_lines(run: Run, number: int, width: int | None = None) -> Iterator[str
         yield ""
         yield from _wrapped("", "its failure, step by step:", width)
     for link in chain:
-        text = link.brief or link.text  # why it failed itself, its story tells
+        text = link.brief or link.text  # the task's own reason stands in its story
         if link.depth:
             text = failure_line(link.text)
         yield from _wrapped(f"{link.time:9.3f}  {'  ' * link.depth}", text, width)
 
 
 def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
-    """Where a task stands, what it is under and what it waits for in the end."""
+    """Yield a task's state, its ancestors and the last cause of its wait."""
     above = list(reversed(lineage(run, TaskId(task.id))))[:-1]
-    stands = standing(run, task, task.state)
-    name = cut(printable(str(task)), width - len(stands) - 2)
-    yield f"{name}: {click.style(stands, fg=COLOURS[stands])}"
+    state = standing(run, task, task.state)
+    name = cut(printable(str(task)), width - len(state) - 2)
+    yield f"{name}: {click.style(state, fg=COLOURS[state])}"
     if above:
         names = [printable(run.describe(one)) for one in above]
         yield from _wrapped("under ", " > ".join(names), width)
@@ -215,16 +221,15 @@ def _task_lines(run: Run, task: Task, width: int) -> Iterator[str]:
 
 
 def _wrapped(start: str, text: str, width: int) -> Iterator[str]:
-    """*text* after *start*; what is too long for a line goes on below, and so do the lines of a
-    traceback.
-    """
+    """Yield *text* after *start*, wrapped; further lines, as of a traceback, are indented."""
     room = max(width - len(start), _LEAST_WORDS)
     for line in text.splitlines() or [""]:
         indent = " " * (len(line) - len(line.lstrip()))
-        said = printable(line.strip())
+        words_of_line = printable(line.strip())
         # wide characters take two columns
-        least = room if columns_of(said) <= len(said) else room // 2
-        pieces = wrap(said, least, initial_indent=indent, subsequent_indent=indent)
+        has_wide = columns_of(words_of_line) > len(words_of_line)
+        columns = room // 2 if has_wide else room
+        pieces = wrap(words_of_line, columns, initial_indent=indent, subsequent_indent=indent)
         for piece in pieces or [""]:
             yield (start + piece).rstrip()
             start = " " * len(start)

@@ -1,6 +1,4 @@
-"""The words for a task in text and picture: its times, why it waits, how it failed; and for a whole
-tree.
-"""
+"""The words for a task or a tree, in text and pictures: times, waits, failures, states."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -36,39 +34,43 @@ _LONGEST_FAILURE = 200
 _LONGEST_PROGRESS = 40
 """Columns of an intermediate result."""
 _SHORTEST = 0.0005
-"""Seconds: of a wait that has just begun nothing is said."""
+"""Seconds: the time of a shorter wait is not shown."""
 _LEAST = 20
-"""Columns of a wait that say something beside its last cause."""
+"""Columns: in fewer, a wait is not shown beside its last cause."""
 
 
-FOLDED_UP = "so many tasks folded up; a part of the tree (--task, --module, --from, --to), or a .txt with --all, shows them"
-"""What a row means that stands for several tasks, in pictures."""
+FOLDED_UP = (
+    "that number of folded tasks; a part of the tree (--task, --module, --from, --to),"
+    " or a .txt with --all, shows them"
+)
+"""The meaning of a row of folded tasks, in pictures."""
 
 
 def lines_of(text: str, columns: int, most: int) -> list[str]:
-    """A text of a picture in a few lines."""
+    """Wrap a text in at most *most* lines."""
     return wrap(text, columns, max_lines=most, placeholder="…")
 
 
 def _joined(between: str, *parts: str) -> str:
-    """The parts that say anything."""
+    """Join the parts that are not empty."""
     return between.join(filter(None, parts))
 
 
 def span(task: TaskAt, interval: Interval) -> tuple[float, float | None] | None:
-    """The start and end of an interval (end None: it goes on); None before it, and for a command's
-    planning.
+    """Return the start and end of an interval; the end is None while it lasts.
+
+    Returns None before its start, and for the planning of a command.
     """
     start = task.reached.get(moment_of(interval, Edge.START))
     end = task.reached.get(moment_of(interval, Edge.END))
     is_leaf = interval is Interval.PLANNING and not task.message_class.is_goal
     if start is None or is_leaf or (start == end and task.why_killed is not None):
-        return None  # the moments of what was killed count as reached, though it was never begun
+        return None  # a kill reaches all moments of a task, even if it never started
     return start, end
 
 
 def times(task: TaskAt, interval: Interval) -> str:
-    """``1.30-4.25``, ``1.30-`` while it goes on; "" before it."""
+    """Return an interval as ``1.30-4.25``, as ``1.30-`` while it lasts, and "" before it."""
     start, end = span(task, interval) or (None, None)
     if start is None:
         return ""
@@ -76,19 +78,20 @@ def times(task: TaskAt, interval: Interval) -> str:
 
 
 def role(task: TaskAt) -> str:
-    """Why there is such a task, if not because a module wanted it done: "listener", "exception
-    handler", "monitor"; of one that a coordinator sent ahead of its state what became of that.
+    """Return the role of a task that central created or a coordinator sent early; else "".
+
+    For example "listener", "exception handler", "monitor", or the fate of early work.
     """
     return _joined(", ", "monitor" * task.message_class.is_monitor, task.role, task.preview)
 
 
 def called(task: TaskAt) -> str:
-    """Its name, with its role: ``stability check {7} (listener)``."""
-    return printable(str(task)) + (f" ({said})" if (said := role(task)) else "")
+    """Return a task's name with its role: ``stability check {7} (listener)``."""
+    return printable(str(task)) + (f" ({its_role})" if (its_role := role(task)) else "")
 
 
 def label(row: Row) -> str:
-    """The name of a row's task, or how many tasks it stands for."""
+    """Return the name of a row's task, or the number of its folded tasks."""
     return called(row.task) if row.task else folded(row)
 
 
@@ -98,11 +101,11 @@ class TaskNote(NamedTuple):
     """
 
     text: str = ""
-    """The reason why it waits, or how it ended if not well."""
+    """The reason why it waits, or its outcome if that is not "done"."""
     age: Age | None = None
-    """Since when that keeps it waiting, and since when it waits in all."""
+    """The start of the present wait, and of all waiting since its last progress."""
     last: Last | None = None
-    """The last thing it waits for, if that says more."""
+    """The last cause of the wait, if it differs from the first."""
     waits: Sequence[WaitFor] = ()
     """The waits that the text names, as data."""
 
@@ -112,8 +115,9 @@ class TaskNote(NamedTuple):
         return printable(f"in the end {self.last}") if self.last else ""
 
     def within(self, room: int | None, time: float) -> str:
-        """As much of it at a *time* as there is room for: first goes for how long it waits, and
-        last its last cause.
+        """Return the note at a *time*, shortened to *room* columns.
+
+        The duration is left out first, and the last cause last.
         """
         lasted = lasting(self.age, time) if self.text else ""
         whole = _joined("; ", self.text + lasted, self.end)
@@ -128,29 +132,29 @@ class TaskNote(NamedTuple):
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
-    """The reason why a task waits, for how long, and its last cause; or how it ended if not well.
+    """Return why a task waits, for how long, and the last cause; or its outcome if not "done".
 
-    Looking for the end may lead through all that waits at that moment, though through each only
-    once: *within* at most so many waits, else nothing is said of it.
+    The search for the last cause visits each wait of that moment at most once. If it needs more
+    than *within* waits, the last cause is left out.
     """
     return note_of(at, task, within).within(None, at.time)
 
 
 def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "waits") -> TaskNote:
-    """The parts of a task's note. The *verb* goes before the things that it waits for."""
+    """Return the parts of a task's note. *verb* stands before the causes of the wait."""
     if task.state in OVER:
         return TaskNote(failure_line(task.failure) or _why_killed(at, task))
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
-    told = named_waits_now(at, task, waits)
+    named = told_now(at, task, waits)
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
         failed = _joined(": ", "killed", _why_killed(at, task))
     text, age = "; ".join(coming(at, task)), age_of(waits)
-    said = _joined("; ", failed, _life(task))
+    state = _joined("; ", failed, _life(task))
     if waits:
         ahead = coming(at, task) if task.state is not TaskState.ENDING else []
-        text = f"{how(task, verb)} {several_in_words(told)}".lstrip() + (
+        text = f"{how(task, verb)} {several_in_words(named)}".lstrip() + (
             f" ({'; '.join(ahead)})" if ahead else ""
         )
     elif task.suspension and task.handling:
@@ -160,28 +164,26 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     elif queries := asked(at, task):
         since = task.asking[0].received
         age = Age(since, since)
-        text = f"goes on while it waits {several_in_words(queries)}"
-    text = _joined("; ", said, printable(text))
-    return TaskNote(text, age, last, told)
+        text = f"continues while it waits {several_in_words(queries)}"
+    text = _joined("; ", state, printable(text))
+    return TaskNote(text, age, last, named)
 
 
 def _life(task: TaskAt) -> str:
-    """What a client has asked for, while that is open, and the newest progress: ``cancel requested,
-    progress: 0.4``.
-    """
-    if not task.record.life:  # as most
+    """Return a client's open request and the progress: ``cancel requested, progress: 0.4``."""
+    if not task.record.life:  # the common case
         return ""
     life = task.life
-    told = [life.state] * life.is_telling
+    parts = [life.state] * life.is_telling
     if state := task.machine_state:
-        told.append(f"in the state '{state}'")
+        parts.append(f"in the state '{state}'")
     elif progress := _in_brief(life.progress):
-        told.append(f"progress: {cut(progress, _LONGEST_PROGRESS)}")
-    return printable(", ".join(told))
+        parts.append(f"progress: {cut(progress, _LONGEST_PROGRESS)}")
+    return printable(", ".join(parts))
 
 
 def _in_brief(progress: bytes) -> str:
-    """An intermediate result; of one with a field *text* that, and its numbers."""
+    """Return an intermediate result: if it has a field *text*, only that and its numbers."""
     data = plain_data(progress)
     text = data.get("text") if isinstance(data, dict) else None
     if not text or not isinstance(text, str):
@@ -191,41 +193,42 @@ def _in_brief(progress: bytes) -> str:
 
 
 def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
-    """A note behind the task's state: ``held, waits until ...``, ``failed: slip``."""
-    told = note.within(None, at.time)
-    if not told:
+    """Return a task's state with its note: ``held, waits until ...``, ``failed: slip``."""
+    text = note.within(None, at.time)
+    if not text:
         return task.standing
     if task.state in (TaskState.RESOLVED, TaskState.FAILED, TaskState.KILLED, TaskState.ENDING):
-        return f"{task.standing}: {told}"
-    says_how = task.failure and task.state is not TaskState.RECOVERING
-    return f"{task.state}, failed: {told}" if says_how else f"{task.state}, {told}"
+        return f"{task.standing}: {text}"
+    has_failed = task.failure and task.state is not TaskState.RECOVERING
+    return f"{task.state}, failed: {text}" if has_failed else f"{task.state}, {text}"
 
 
 def _why_killed(at: RunAt, task: TaskAt) -> str:
-    """Why, if that is not said of what it is under."""
+    """Return the reason of its kill; "" if its parent was killed for the same reason."""
     above = at.tasks.get(task.parent)
     if above and above.why_killed == task.why_killed:
         return ""
     return printable(task.why_killed or "")
 
 
-def lasting(its_age: Age | None, time: float) -> str:
-    """``, for 3.4 s`` and, if it waited for something else before, `` (8 s in all)``."""
-    if its_age is None or time - its_age.begun < _SHORTEST:
+def lasting(age: Age | None, time: float) -> str:
+    """Return ``, for 3.4 s``; with earlier waits, ``, for 3.4 s (8 s in all)``."""
+    if age is None or time - age.begun < _SHORTEST:
         return ""
-    since, begun = its_age
+    since, begun = age
     in_all = f" ({duration(time - begun)} in all)" if since - begun >= _SHORTEST else ""
     return f", for {duration(time - since)}{in_all}"
 
 
 def failure_line(text: str) -> str:
-    """A failure in one line: of a traceback, what comes before it."""
+    """Return the first line of a failure's text, without a traceback."""
     return cut(printable(first_line(text)), _LONGEST_FAILURE)
 
 
 def data(task: TaskAt) -> str:
-    """Its data and result, or the data of its failure: ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2}
-    failed with 5``.
+    """Return a task's data with its result or its failure's data.
+
+    For example ``{"leg": 2} -> {"z": 1.2}``, ``{"leg": 2} failed with 5``.
     """
     result, failed = data_text(task.result), data_text(task.failure_data)
     result, failed = result and f"-> {result}", failed and f"failed with {failed}"
@@ -233,13 +236,13 @@ def data(task: TaskAt) -> str:
 
 
 def tooltip(at: RunAt, task: TaskAt) -> str:
-    """All there is to say about a task, in lines."""
+    """Return a task's name and state, its note and its data, in lines."""
     head = f"{called(task)}: {task.standing}"
     return _joined("\n", head, note(at, task), data(task))
 
 
 def folded(row: Row) -> str:
-    """The text of a row that stands for several tasks."""
+    """Return the text of a row of folded tasks."""
     tasks = f"+ {counted(row.folded, 'task')}"
     if row.is_rest:
         return f"{tasks if row.folded else 'and more'} further down"
@@ -249,13 +252,13 @@ def folded(row: Row) -> str:
 
 
 def _counts(states: Counter[str]) -> str:
-    """``2 held, 1 achieving``."""
-    there = [standing for standing in STANDINGS if states[standing]]
-    return ", ".join(f"{states[standing]:,} {standing}" for standing in there)
+    """Return ``2 held, 1 achieving``."""
+    present = [standing for standing in STANDINGS if states[standing]]
+    return ", ".join(f"{states[standing]:,} {standing}" for standing in present)
 
 
 def summary(at: Forest, *, is_live: bool = False) -> str:
-    """``4.00 s, 8 tasks: 2 held, 1 achieving``; of a run that goes on, as of when."""
+    """Return ``4.00 s, 8 tasks: 2 held, 1 achieving``, and whether the run continues."""
     counts = Counter(task.standing for task in at.tasks.values())
     states = _counts(counts)
     total = counted(len(at.tasks), "task")

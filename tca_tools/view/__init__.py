@@ -1,3 +1,1 @@
-"""A run in the browser: its task tree and its Gantt chart at any moment, live and afterwards the
-same.
-"""
+"""``tca view``: a run in the browser, with its task tree and Gantt chart at any moment."""

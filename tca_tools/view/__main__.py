@@ -17,10 +17,10 @@ from tca_wire.endpoint import VARIABLE
 @click.option(
     "--central",
     metavar="ADDRESS",
-    help=f"Where central listens that is steered [default: ${VARIABLE}].",
+    help=f"The address of the central to steer [default: ${VARIABLE}].",
 )
 @click.option(
-    "--read-only", is_flag=True, help="Only look: nothing is killed, suspended, resumed or retried."
+    "--read-only", is_flag=True, help="Do not let the page kill, suspend, resume or retry tasks."
 )
 def view(
     log_path: Path | None,
@@ -33,10 +33,10 @@ def view(
 ) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is shown, and when
-    central is started anew, that run. A run that goes on is followed, and whoever opens the address
-    that is printed can kill, suspend, resume and retry its tasks. With --host the page only looks,
-    for those who have the address. It is served until interrupted.
+    LOG is a journal directory or one of its segments. Without it, the newest run is shown, and each
+    run that central starts later. The page follows a live run. With the printed address it can
+    kill, suspend, resume and retry tasks. With --host the page is read-only, and needs the printed
+    address. It is served until interrupted.
     """
     with extra("view", "tca view"):
         from tca_tools.view.app import Steering, application  # noqa: PLC0415 - the viewer is an extra
@@ -49,7 +49,7 @@ def view(
     with listening(host, port) as door:
         steering = Steering(central) if host == LOCAL and not read_only else None
         runs.show(None)
-        notes = ["it is empty: what central writes to it will be shown"] * log.is_empty
+        notes = ["it is empty: the page will show what central writes to it"] * log.is_empty
         try:
             serve_page(
                 door,

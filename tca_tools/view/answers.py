@@ -1,7 +1,6 @@
-"""The answers that a page asks for as it needs them: one task, notes on those in sight, messages
-around a moment.
+"""The answers to a page's requests: one task, notes on visible tasks, messages around a moment.
 
-All sentences are made here; tasks stand in them as ``name {7}``, of which the page makes links.
+All sentences are composed here. The page turns each ``name {7}`` in them into a link.
 """
 
 from collections.abc import Iterable, Iterator
@@ -37,22 +36,20 @@ _MOST_NOTES = 500
 _LONGEST_DATA = 300
 _LONGEST_STORY = 1000
 _LONGEST_FAILURE = 2000
-"""Characters that a tooltip has of it."""
+"""Characters of a failure in a tooltip."""
 _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
-"""Facts that nobody likes to see."""
+"""The kinds of facts that are marked as bad."""
 
 
 def message_answer(reading: Reading, message_id: int, moment: float) -> Data | None:
-    """All there is to say about a message or task, as it was at *moment*; None if there is none of
-    that number.
-    """
+    """Return the details of a message or task at *moment*; None if there is no such number."""
     with reading:
         run = reading.feed.history
         message = run.messages.get(message_id)
         if message is None:
             return None
         at = reading.at(moment)
-        told = story(run, message_id, at.moment)
+        sentences = story(run, message_id, at.moment)
         answer = {
             "id": message.id,
             "name": message.name,
@@ -63,8 +60,8 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             "result": data_text(message.was("result", at.moment)),
             "failureData": data_text(message.was("failure_data", at.moment)),
             **_failure_answer(run, message, at.moment),
-            "story": [_sentence(one, at.moment) for one in told[-_LONGEST_STORY:]],
-            "untold": max(len(told) - _LONGEST_STORY, 0),
+            "story": [_sentence(one, at.moment) for one in sentences[-_LONGEST_STORY:]],
+            "untold": max(len(sentences) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
             answer |= _chain_answer(run, message, at.moment)
@@ -76,7 +73,7 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
 
 
 def _chain_answer(run: Run, task: Task, moment: float) -> Data:
-    """The steps of its failure."""
+    """Return the steps of a task's failure."""
     links = failure_chain(run, TaskId(task.id), moment)
     shown = links[-_LONGEST_STORY:]
     chain = [
@@ -86,7 +83,7 @@ def _chain_answer(run: Run, task: Task, moment: float) -> Data:
 
 
 def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
-    """The relations of a message to others: a heading and words for each."""
+    """Return the relations of a message to others: a heading and a text for each."""
     origin = at.run.delivered(message.origin)
     sender = message.sender + (f" while handling {origin}" if origin else "")
     found = [("sent by", sender)]
@@ -104,9 +101,7 @@ def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
 
 
 def _sentence(one: Sentence, moment: float) -> Data:
-    """The sentence as known at the moment; one about the future is whole, since the page marks it
-    as such.
-    """
+    """Return a sentence as known at the moment. The page marks later sentences as future."""
     if one.time <= moment:
         one = one.known(moment)
     return {
@@ -118,7 +113,7 @@ def _sentence(one: Sentence, moment: float) -> Data:
 
 
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
-    """Its failure as it stood, whether the run went on after it, and who was told."""
+    """Return a message's failure, whether the run continued after it, and the notified asker."""
     failure, time = message.was("failure", moment), message.written("failure", moment)
     became = fate(run, message, time, moment) if failure else None
     return {
@@ -134,14 +129,14 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
     why = task.why_killed
     if task.failure and task.record.killed_for == task.id:
         why = NOT_HANDLED
-    groups = [list(some) for _, some in groupby(waits, attrgetter("kind"))]
-    told = []
-    for some in groups:
-        text = f"{how(task)} {several_in_words(named_waits_now(at, task, some))}"
-        told.append({"text": text, "since": max(one.start for one in some)})
+    groups = [list(group) for _, group in groupby(waits, attrgetter("kind"))]
+    rows = []
+    for group in groups:
+        text = f"{how(task)} {several_in_words(told_now(at, task, group))}"
+        rows.append({"text": text, "since": max(wait.start for wait in group)})
     age = age_of(waits) or note.age
     if age and not waits:
-        told = [{"text": note.text, "since": age.since}]
+        rows = [{"text": note.text, "since": age.since}]
     constraints = [_constraint(at, hold) for hold in task.holds]
     for above, hold in held_above(at, task.id):
         constraints.append(_constraint(at, hold, f", by way of {at.describe(above)}"))
@@ -149,7 +144,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "state": task.standing,
         **_life_answer(task),
         "isSuspended": task.suspension is not None,
-        "waits": told,
+        "waits": rows,
         "start": age.begun if age else None,
         "end": note.end,
         "ahead": coming(at, task),
@@ -160,16 +155,14 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
 
 
 def _life_answer(task: TaskAt) -> Data:
-    """How it stands for its clients and its server, its newest progress, and the goal that is asked
-    for.
-    """
+    """Return a task's state in its life cycle, its newest progress, and the requested goal."""
     life = task.life
-    told = f"{life.state}, {counted(life.serial, 'change')}"
-    return {"life": told, "progress": data_text(life.progress), "asked": data_text(life.asked)}
+    state = f"{life.state}, {counted(life.serial, 'change')}"
+    return {"life": state, "progress": data_text(life.progress), "asked": data_text(life.asked)}
 
 
 def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
-    """``start achieving not before 3 s after step {3} end achieving``."""
+    """Return ``start achieving not before 3 s after step {3} end achieving``, and whether met."""
     constraint, delay = hold.constraint, hold.constraint.delay
     before, after = constraint.before, constraint.after
     text = run_time(delay)
@@ -185,9 +178,7 @@ def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
 
 
 def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, Data]:
-    """For tasks: what keeps each waiting and since when, what it waits for in the end, or how it
-    ended if not well.
-    """
+    """Return a note on each task: its wait with its start and last cause, or its bad outcome."""
     with reading:
         at = reading.at(moment)
         tasks = [at.tasks[number] for number in ids[:_MOST_NOTES] if number in at.tasks]
@@ -195,14 +186,14 @@ def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, D
 
 
 def _note(at: RunAt, task: TaskAt) -> Data:
-    """Its parts; and what it names, since it holds until one of these ends."""
+    """Return the parts of a note, and the messages in it: it is valid until one of them ends."""
     note = note_of(at, task, verb="")
     text, failure = note.text, printable_lines(task.failure[:_LONGEST_FAILURE])
     whole = [text, failure]
     if task.state in OVER:
         text = ": ".join(filter(None, (task.standing, note.text)))
         if task.failure and not task.failure.words and (data := data_text(task.failure_data)):
-            text += f" {data[:_LONGEST_DATA]}"  # it is all that was said of it
+            text += f" {data[:_LONGEST_DATA]}"  # the failure has no text but its data
         whole = [failure or text]
     return {
         "text": text,
@@ -221,9 +212,7 @@ def _numbers(waits: Iterable[WaitFor]) -> Iterator[int]:
 
 
 def causes_answer(reading: Reading, moment: float) -> Data:
-    """How many tasks wait, for how many things in the end, and the things that most of them wait
-    for.
-    """
+    """Count the waiting tasks and their last causes, and return the most frequent causes."""
     with reading:
         at = reading.at(moment)
         waiting, things, found = causes(at)
@@ -231,8 +220,9 @@ def causes_answer(reading: Reading, moment: float) -> Data:
 
 
 def _cause(at: RunAt, cause: Cause) -> Data:
-    """Of several messages of one name, that name. The way to a lock is by the first task that waits
-    for it.
+    """Return a cause as text. Several messages of one name are shown as that name.
+
+    A lock has no number that a page can show, so its link leads to the first task that waits.
     """
     end = cause.ends[0]
     last = last_of(at, end)
@@ -242,7 +232,7 @@ def _cause(at: RunAt, cause: Cause) -> Data:
 
 
 def messages_answer(reading: Reading, place: int, before: int, after: int) -> list[dict[str, Any]]:
-    """The facts of the entries around the one at *place*, a line each."""
+    """Return the facts of the entries around the one at *place*, one line each."""
     first = max(place - min(before, _MOST_LINES), 0)
     entries = reading.entries_between(first, place + min(after, _MOST_LINES) + 1)
     lines: list[dict[str, Any]] = []
@@ -264,7 +254,7 @@ def messages_answer(reading: Reading, place: int, before: int, after: int) -> li
 
 
 def picture_answer(reading: Reading, message_id: int) -> dict[str, str] | None:
-    """The picture that a message gave a variable as its value; None if it is none."""
+    """Return the picture that a message set as a variable's value; None if it is not a picture."""
     with reading:
         message = reading.feed.history.messages.get(message_id)
     return picture_in(message) if message is not None and is_picture(message) else None

@@ -1,6 +1,7 @@
-"""The HTTP server of the page. It answers from a Reading, and fetches nothing; to a task of a live
-run it does the same as ``tca kill`` and its like, after the same questions. Starlette calls what is
-no coroutine in a thread, where it may wait.
+"""The HTTP server of the page.
+
+It answers from a Reading. To steer a task of a live run, it calls the same functions as ``tca
+kill``. Handlers that wait are plain functions: Starlette calls these in a thread.
 """
 
 import math
@@ -34,13 +35,13 @@ from tca_wire.points import TaskId
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
-"""Seconds that a page's question for news may stay open."""
-_OF_OTHERS = 2.0
-"""Seconds of patience for a run that does not go on: another one may begin."""
+"""Seconds that a request for new rows may stay open."""
+_PATIENCE_ENDED = 2.0
+"""The same for a run that has ended: a new run may start."""
 
 
 class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a page asks to be done."""
+    """A page's request to steer a task."""
 
     run: str
     """The address of the run that it shows."""
@@ -51,9 +52,7 @@ class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Steering:
-    """The central that pages may steer, by its address (None: as all commands find it), and the key
-    for that.
-    """
+    """The address of the central that pages may steer (None: the default), and the key for it."""
 
     central: str | None
     key: PageKey = field(default_factory=partial(PageKey, "tca view"))
@@ -62,8 +61,13 @@ class Steering:
 def application(
     runs: Runs, hosts: list[str], steering: Steering | None = None, token: str = ""
 ) -> Starlette:
-    """The server of one page, which answers to these host names; without *steering* the page can
-    only look. With a *token* only those get an answer who have opened the address that has it.
+    """Create the server of the page.
+
+    Args:
+        runs: the runs to show.
+        hosts: the host names that it answers to.
+        steering: the central to steer; None: the page is read-only.
+        token: the token that requests must have; "": none.
     """
     routes: list[BaseRoute] = [
         Route("/", lambda _request: FileResponse(PAGE / "index.html")),
@@ -81,9 +85,11 @@ def application(
 
 
 def _runs(runs: Runs, _request: Request) -> Response:
-    """Those that can be chosen, newest first."""
+    """Return the runs that can be chosen, newest first."""
     found = runs.all()
-    last = runs.newest.address if runs.follows else found[-1].address if found else ""
+    last = found[-1].address if found else ""
+    if runs.follows:
+        last = runs.newest.address
     rows = [
         {"run": one.address, "name": one.name, "began": one.began, "isNewest": one.address == last}
         for one in reversed(found)
@@ -92,28 +98,27 @@ def _runs(runs: Runs, _request: Request) -> Response:
 
 
 def _outcome(outcomes: Outcomes, request: Request) -> Response:
-    """What became of a run, whether the page shows it or not."""
+    """Return the outcome of a run, whether the page shows it or not."""
     address = request.query_params.get("run", "")
     found = outcomes.of(address)
     return _no_run(address) if found is None else JSONResponse(found)
 
 
 def _frame(runs: Runs, request: Request) -> Response:
-    """The news since the page last asked; without ``wait=0`` it waits a while if the page has all
-    there is.
+    """Return the rows since the page's last request.
+
+    If there are none, wait a while for new ones, unless the request has ``wait=0``.
     """
     asked = request.query_params
     since, token = _lengths(asked.get("since", "{}")), asked.get("token")
     if (shown := runs.show(asked.get("run"))) is None:
         return _no_run(asked.get("run"))
     if since and token is not None and token != shown.token:
-        return JSONResponse(
-            {"error": "this is read anew: what was told before does not count"}, 410
-        )
+        return JSONResponse({"error": "the journal is read again: discard the earlier rows"}, 410)
     reading = shown.reading
-    if since and asked.get("wait") != "0":  # a page that has nothing yet gets what there is
+    if since and asked.get("wait") != "0":  # a page without rows gets an answer at once
         with reading:
-            patience = _PATIENCE if reading.state == "live" else _OF_OTHERS
+            patience = _PATIENCE if reading.state == "live" else _PATIENCE_ENDED
             reading.wait_for_more(since.get("entry", 0), patience)
     with reading:
         frame = reading.feed.columns.frame(since, _head(runs, shown))
@@ -121,7 +126,7 @@ def _frame(runs: Runs, request: Request) -> Response:
 
 
 def _head(runs: Runs, shown: Shown) -> dict[str, Any]:
-    """All that a frame says of its run beside the columns."""
+    """Return the fields of a frame besides the columns."""
     run, newest = runs.names(shown)
     reading = shown.reading
     return {
@@ -145,7 +150,7 @@ def _head(runs: Runs, shown: Shown) -> dict[str, Any]:
 
 
 async def _steer(runs: Runs, steering: Steering, request: Request) -> Response:
-    """Do something to a task of a live run, and say what became of it."""
+    """Steer a task of a live run, and return the result as a sentence."""
     headers = request.headers
     try:
         steering.key.check(headers)
@@ -169,9 +174,7 @@ def _no_run(address: str | None) -> Response:
 
 
 def _asked(runs: Runs, answer: Callable[[Reading, Request], Any], request: Request) -> Response:
-    """The answer to a question about the run that the page shows; "not found" where there is
-    none.
-    """
+    """Return the answer to a request about the run that the page shows, or "not found"."""
     address = request.query_params.get("run")
     if (shown := runs.show(address)) is None:
         return _no_run(address)
@@ -196,7 +199,7 @@ def _id(request: Request) -> int:
 
 
 def _numbers(request: Request, name: str) -> list[int]:
-    """The numbers of a list such as "3,17": what is none is left out."""
+    """Return the numbers of a list such as "3,17", without other parts."""
     parts = request.query_params.get(name, "").split(",")
     return [TaskId(int(part)) for part in parts if part.isdecimal() and len(part) < 16]
 
@@ -221,7 +224,7 @@ _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
 
 
 def _lengths(text: str) -> dict[str, int]:
-    """How much of each table the page has; nothing, if it does not say so properly."""
+    """Return the number of rows that the page has of each table; empty if the text is invalid."""
     try:
         return msgspec.json.decode(
             text, type=dict[str, Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]]

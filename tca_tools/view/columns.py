@@ -1,6 +1,4 @@
-"""Columns that only grow, and frames with what was added to them since somebody last looked, as
-JSON.
-"""
+"""Columns that only grow, and frames with the rows added since a page's last request, as JSON."""
 
 from array import array
 from collections.abc import Mapping
@@ -10,17 +8,18 @@ import msgspec
 
 
 class _Places(dict[str, int]):
-    """The place of each text; one that is new gets the next."""
+    """The place of each text; a new text gets the next place."""
 
     def __missing__(self, text: str) -> int:
-        place = self[str(text)] = len(self)  # nothing of a class of its own: JSON has no such texts
+        place = self[str(text)] = len(self)  # a plain str, not a subclass, which JSON can't encode
         return place
 
 
 class Columns:
-    """Columns by table and name, each with its kind behind its name, as in "id:i": "d" (64-bit
-    floats), "i" (32-bit integers), "B" (bytes) or "t" (texts, of which it has the places among all
-    texts). Those of one table grow together.
+    """Columns by table and name. The columns of one table grow together.
+
+    Each name ends with its kind, as in "id:i": "d" (64-bit floats), "i" (32-bit integers), "B"
+    (bytes) or "t" (texts, stored as places among all texts).
     """
 
     def __init__(self, tables: Mapping[str, str]) -> None:
@@ -31,14 +30,14 @@ class Columns:
         self._texts = _Places()
 
     def add(self, table: str, *values: float | str) -> int:
-        """A new row of a table, in the order of its columns; its number."""
+        """Add a row to a table, with values in the order of its columns. Return its number."""
         first, *_ = columns = [*self._tables[table].values()]
         for column, value in zip(columns, values, strict=True):
             column.append(self._texts[value] if isinstance(value, str) else value)
         return len(first) - 1
 
     def frame(self, since: Mapping[str, int], more: Mapping[str, Any]) -> bytes:
-        """All rows behind those places, with *more*."""
+        """Return all rows from the places *since* on, with the fields of *more*, as JSON."""
         rows = {
             table: {
                 name: _encoded(column[since.get(table, 0) :]) for name, column in columns.items()
@@ -54,5 +53,5 @@ class Columns:
 
 
 def _encoded(column: "array[Any]") -> msgspec.Raw:
-    """JSON of one column: as Python's numbers all of them would take much more memory."""
+    """Encode one column on its own: Python numbers of all columns would take much more memory."""
     return msgspec.Raw(msgspec.json.encode(column.tolist()))

@@ -1,4 +1,4 @@
-"""Where a page's server listens."""
+"""The options and the socket of a page's server."""
 
 import socket
 from collections.abc import Callable
@@ -15,31 +15,31 @@ _OPTIONS = (
         "--port",
         type=click.IntRange(0, 65535),
         default=0,
-        help="Where to serve the page (0: where there is room).",
+        help="The port to serve the page on (0: any free port).",
     ),
     click.option(
         "--host",
         default=LOCAL,
         show_default=True,
-        help="The address to serve on: by default only for this machine.",
+        help="The address to serve on; the default serves only this machine.",
     ),
     click.option("--browser/--no-browser", default=True, help="Open the page in the browser."),
 )
 
 
 def page_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of a page in the browser: port, host and browser."""
+    """Add the options of a page in the browser to a command: port, host and browser."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """A socket that listens there; with port 0 where there is room. Raises ToolError."""
+    """Return a listening socket; port 0 stands for any free port. Raises ToolError."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
     except OSError as error:
         raise ToolError(
-            f"{host}:{port}: can't serve there ({error.strerror or error}): give another --port"
+            f"can't serve on {host}:{port} ({error.strerror or error}): give another --port"
         ) from None

@@ -1,9 +1,7 @@
-"""The rows from which a page draws any moment of a run by itself: tasks, their states, and spans of
-time by resource.
+"""The rows from which a page draws any moment of a run: tasks, their states, spans by resource.
 
-Rows are only ever added, as the history grows, so a page that follows a run is told what is new and
-nothing else. What is asked for of one task (its data, its story, why it waits) is not here: see
-answers.py.
+Rows are only added while the history grows, so a page that follows a run receives only new rows.
+The details of one task (its data, its story, its waits) are in answers.py.
 """
 
 from enum import StrEnum
@@ -42,20 +40,20 @@ _ID = attrgetter("id")
 TABLES = {
     "entry": "time:d",
     "task": "id:i parent:i name:t sender:t role:t form:t time:d",
-    "message": "id:i name:t time:d",  # one that is no task
-    "picture": "message:i name:t time:d",  # of the message that gave a variable its value
+    "message": "id:i name:t time:d",  # a message that is not a task
+    "picture": "message:i name:t time:d",  # message: it set the variable
     "state": "task:i time:d state:t",
     "suspended": "span:i by:t",  # by: " by legs"
-    # message: 0 of what came directly; span: the handling that ended with it, or what it was raised
-    # beside, or -1
+    # message: 0 if it was direct; span: the handling that failed or was running, or -1;
+    # beside: whether it was raised while the handler ran on
     "failure": "message:i time:d span:i beside:B",
-    "verdict": "failure:i good:B time:d",  # whether the run went on after that failure
+    "verdict": "failure:i good:B time:d",  # good: whether the run continued after that failure
     "change": "span:i time:d text:t",  # a request of a task's client, or its answer
-    "preview": "task:i time:d role:t",  # of a task that a coordinator sent
-    "said": "message:i time:d text:t kill:B",  # how it failed, or why it was killed
+    "preview": "task:i time:d role:t",  # the role of a coordinator's task
+    "said": "message:i time:d text:t kill:B",  # the text of its failure, or the reason of its kill
     "hold": "task:i before:i kind:t time:d",
-    "row": "label:t module:t",  # module: "" of what is no module's
-    # within: the span in which it lies, or -1; lane: free of others of its kind in its row
+    "row": "label:t module:t",  # module: "" for a row without a module
+    # within: the span that contains it, or -1; lane: no other span of its kind overlaps it there
     "span": "row:i kind:t name:t message:i within:i lane:i start:d",
     "end": "span:i time:d outcome:t",
     **TRAFFIC_TABLES,
@@ -81,13 +79,11 @@ LANES_OF = {
     SpanKind.HELD: "held",
     SpanKind.SUSPENDED: "queued",
 }
-"""Which spans of a row lie beside each other. What lies within a span, or is behind all, needs no
-lane.
-"""
+"""The kinds of spans that share lanes in a row. Nested and background spans need no lane."""
 
 
 _OpenSpan = tuple[int, Lanes | None, int]
-"""The number of a span that has not ended, and where it lies."""
+"""The number of an open span, its lanes and its lane."""
 
 
 class Feed:
@@ -98,19 +94,23 @@ class Feed:
         self.columns = Columns(TABLES)
         self._add = self.columns.add
         self._rows: dict[str, int] = {}
-        self._open: dict[object, _OpenSpan] = {}  # by the identity of a record, or what it is of
-        self._newest: dict[
-            int, int
-        ] = {}  # by message the span in which it was handled or queued last
-        self._lanes: dict[tuple[int, str], Lanes] = {}  # by row, and what lies in them
-        self._states: dict[
-            int, int
-        ] = {}  # how many states and constraints of a task have been told
+        #: By the identity of a record, or by another key.
+        self._open: dict[object, _OpenSpan] = {}
+        #: By message, its last span of handling or queueing.
+        self._newest: dict[int, int] = {}
+        #: By row and group of kinds.
+        self._lanes: dict[tuple[int, str], Lanes] = {}
+        #: By task, the numbers of its states and constraints in the columns.
+        self._states: dict[int, int] = {}
         self._holds: dict[int, int] = {}
-        self._watching: set[int] = set()  # the monitors that do
-        self._names: dict[str, None] = {}  # of messages, as they came
-        self._direct: dict[str, int] = {}  # of those without central, with the row of the first one
-        self._ended_badly: list[tuple[Handling, int]] = []  # in the newest entry, with their spans
+        #: The monitors that watch now.
+        self._watching: set[int] = set()
+        #: The names of messages, in the order of their arrival.
+        self._names: dict[str, None] = {}
+        #: The names of direct messages, with the row of the first one.
+        self._direct: dict[str, int] = {}
+        #: The failed handlings of the newest entry, with their spans.
+        self._failed_runs: list[tuple[Handling, int]] = []
         self._verdicts = Verdicts(self.history)
         self._traffic = Traffic(self.history, self.columns)
 
@@ -119,15 +119,13 @@ class Feed:
         return self.history.time
 
     def colours(self) -> dict[str, str]:
-        """The colour of each message, as in other charts of the run: by its place among the
-        names.
-        """
+        """Return the colour of each message, the same as in other charts of the run."""
         direct = sorted(self._direct, key=self._direct.__getitem__)
         names = dict.fromkeys([*self._names, *direct])
         return {name: dark(number) for number, name in enumerate(names)}
 
     def apply(self, entry: Entry) -> None:
-        """Take in what one event caused."""
+        """Add the rows of one event."""
         history = self.history
         entries = len(history.times)
         history.apply(entry)
@@ -135,16 +133,17 @@ class Feed:
             self._add("entry", history.time)
         news = {id(record): record for record in history.news}.values()
         for task in sorted([record for record in news if type(record) is Task], key=_ID):
-            self._tell_task(task)  # a parent before what is under it
+            self._add_task(task)  # a parent before its children
         others = [record for record in news if type(record) is not Task]
-        for record in sorted(others, key=self._is_new):  # what ends leaves its lane to what begins
-            _TELL[type(record)](self, record)
+        # ended records first: they release their lanes for new ones
+        for record in sorted(others, key=self._is_new):
+            _ADD_RECORD[type(record)](self, record)
         for fact in entry.facts:
-            if tell := _TELL_FACT.get(type(fact)):
-                tell(self, fact)
-        for run, span in self._ended_badly:  # of which there is no such fact
-            self._tell_failure(failing(history, run), (0, run.end or history.time, span, False))
-        self._ended_badly.clear()
+            if add_fact := _ADD_FACT.get(type(fact)):
+                add_fact(self, fact)
+        for run, span in self._failed_runs:  # of direct messages: they have no fact Failed
+            self._add_failure(failing(history, run), (0, run.end or history.time, span, False))
+        self._failed_runs.clear()
         for row, is_good in self._verdicts.changed(news):
             self._add("verdict", row, is_good, history.time)
 
@@ -153,42 +152,43 @@ class Feed:
 
     # --- facts ------------------------------------------------------------------------------------
 
-    def _tell_received(self, fact: Received) -> None:
+    def _add_received(self, fact: Received) -> None:
         """Add the name of a message, for the search."""
         if (message := self.history.messages.get(fact.id)) is None:
             return
         self._names.setdefault(fact.message)
-        self._traffic.tell_message(message)
+        self._traffic.add_message(message)
         if not isinstance(message, Task) and message.received == self._now:
             self._add("message", message.id, message.name, message.received)
             if is_picture(message):
                 self._add("picture", message.id, message.name, message.received)
 
-    def _tell_killed(self, fact: Killed) -> None:
-        self._tell_said(fact.task, kill_reason(fact.why, fact.by), is_kill=True)
+    def _add_killed(self, fact: Killed) -> None:
+        self._add_text(fact.task, kill_reason(fact.why, fact.by), is_kill=True)
 
-    def _tell_said(self, message: int, text: str, *, is_kill: bool = False) -> None:
+    def _add_text(self, message: int, text: str, *, is_kill: bool = False) -> None:
         """Add the text of a failure or kill, for the search."""
         self._add("said", message, self._now, text[:_LONGEST_SAID], is_kill)
 
-    def _tell_failed(self, fact: Failed) -> None:
-        """A failure was raised on a message, or on what the fact names by its delivery."""
+    def _add_failed(self, fact: Failed) -> None:
+        """Add a failure of a message, which the fact may name by its delivery."""
         number = self.history.message_of.get(fact.id, fact.id)
-        self._tell_said(number, f"{fact.failure}: {fact.text}")
+        self._add_text(number, f"{fact.failure}: {fact.text}")
         failed, span = self.history.messages.get(number), -1
         if fact.is_beside:
             failed, span = self.history.tasks.get(number), self._newest.get(number, -1)
         else:
-            for one in self._ended_badly:
-                if fact.id in (one[0].delivery, one[0].message_id):
-                    self._ended_badly.remove(one)
-                    span = one[1]
+            for failed_run in self._failed_runs:
+                if fact.id in (failed_run[0].delivery, failed_run[0].message_id):
+                    self._failed_runs.remove(failed_run)
+                    span = failed_run[1]
                     break
-        self._tell_failure(failed, (number, self._now, span, fact.is_beside))
+        self._add_failure(failed, (number, self._now, span, fact.is_beside))
 
-    def _tell_changed(self, fact: StateChanged) -> None:
-        """Add a mark to the newest bar of a task; not for an intermediate result, of which there
-        are many. That of a coordinator tells what other tasks are to it.
+    def _add_changed(self, fact: StateChanged) -> None:
+        """Add a mark to the newest bar of a task, and the new roles of a coordinator's tasks.
+
+        Intermediate results have no marks: they are too many.
         """
         task, span = self.history.tasks.get(fact.task), self._newest.get(fact.task)
         if task is None:
@@ -200,33 +200,35 @@ class Feed:
                     self._add("preview", news.task, self._now, news.role)
         if span is None:
             return
-        told = (fact.transition, fact.state, fact.serial)
-        change = next(one for one in reversed(task.life) if one[1:4] == told)
+        wanted = (fact.transition, fact.state, fact.serial)
+        change = next(one for one in reversed(task.life) if one[1:4] == wanted)
         if change.effect is not Effect.RESULT:
             self._add("change", span, change.time, changed(task, change))
 
-    def _tell_failure(self, failed: Failing | None, row: tuple[int, float, int, bool]) -> None:
-        """Add a failure, with message, time, span, and whether it was raised beside the handler."""
+    def _add_failure(self, failed: Failing | None, row: tuple[int, float, int, bool]) -> None:
+        """Add a failure: its message, time, span, and whether its handler ran on."""
         number = self._add("failure", *row)
         if failed is not None:
             self._verdicts.follow(number, failed, row[1])
 
     # --- tasks ------------------------------------------------------------------------------------
 
-    def _tell_task(self, task: Task) -> None:
-        if (told := self._states.get(task.id, 0)) == 0:
+    def _add_task(self, task: Task) -> None:
+        if (known := self._states.get(task.id, 0)) == 0:
             self._names.setdefault(task.name)
             kind = task.message_class
-            form = "monitor" if kind.is_monitor else "goal" if kind.is_goal else ""
+            form = "goal" if kind.is_goal else ""
+            if kind.is_monitor:
+                form = "monitor"
             sent = task.sender, task.role, form, task.received
             self._add("task", task.id, task.parent, task.name, *sent)
         is_monitor = task.message_class.is_monitor
         if is_monitor:
-            self._tell_watching(task, has_changed=told < len(task.stages))
-        for time, state in map(task.stage, range(told, len(task.stages))):
+            self._add_watching(task, has_changed=known < len(task.stages))
+        for time, state in map(task.stage, range(known, len(task.stages))):
             if not is_monitor:
                 self._add("state", task.id, time, state)
-            self._tell_suspension(task, state, time)
+            self._add_suspension(task, state, time)
         self._states[task.id] = len(task.stages)
         if not task.holds:
             return
@@ -235,17 +237,17 @@ class Feed:
             self._add("hold", task.id, hold.constraint.before.task, kind_of_hold, hold.added)
         self._holds[task.id] = len(task.holds)
 
-    def _tell_suspension(self, task: Task, state: TaskState, time: float) -> None:
+    def _add_suspension(self, task: Task, state: TaskState, time: float) -> None:
         key = ("suspended", task.id)
-        self._end(key, time)
+        self._close_span(key, time)
         if state is TaskState.SUSPENDED:
             suspended = [one.by for one in task.suspensions if one.start <= time]
             row = self._row("", SUSPENDED)
-            span = self._begin(key, SpanKind.SUSPENDED, row, task.name, task.id, time)
+            span = self._open_span(key, SpanKind.SUSPENDED, row, task.name, task.id, time)
             self._add("suspended", span, by_whom(suspended[-1] if suspended else ""))
 
-    def _tell_watching(self, monitor: Task, *, has_changed: bool) -> None:
-        """A monitor watches, and goes on when it does no longer, in one state of its task."""
+    def _add_watching(self, monitor: Task, *, has_changed: bool) -> None:
+        """Add the state "watching" of a monitor: its task's own state does not show it."""
         state = monitor.stage(-1)[1]
         is_watching = watches(monitor, state)
         if has_changed or is_watching != (monitor.id in self._watching):
@@ -254,26 +256,26 @@ class Feed:
 
     # --- spans of the chart -----------------------------------------------------------------------
 
-    def _tell_handling(self, record: Handling) -> None:
+    def _add_handling(self, record: Handling) -> None:
         row = self._row(record.module, record.resource)
         if not record.message_id:
             self._direct.setdefault(record.name, row)
         if self._is_new(record):
-            self._traffic.tell_handling(record)
+            self._traffic.add_handling(record)
         about = record.name, record.message_id, record.start
-        span = self._begin(id(record), SpanKind.HANDLING, row, *about)
+        span = self._open_span(id(record), SpanKind.HANDLING, row, *about)
         if record.outcome is Outcome.FAILED and record.end is not None:
-            self._ended_badly.append((record, span))
-        self._end(id(record), record.end, record.outcome or "")
+            self._failed_runs.append((record, span))
+        self._close_span(id(record), record.end, record.outcome or "")
 
-    def _tell_queueing(self, record: Queueing) -> None:
+    def _add_queueing(self, record: Queueing) -> None:
         row = self._row(record.module, record.resource)
         about = self.history.name(record.message_id), record.message_id, record.start
-        self._begin(id(record), SpanKind.QUEUED, row, *about)
-        self._end(id(record), record.end)
+        self._open_span(id(record), SpanKind.QUEUED, row, *about)
+        self._close_span(id(record), record.end)
 
-    def _tell_wait(self, record: HandlerWait) -> None:
-        """Add a wait, unless its answer was there at once."""
+    def _add_wait(self, record: HandlerWait) -> None:
+        """Add a wait, unless its answer arrived at once."""
         if record.end == record.start:
             return
         within = -1
@@ -284,33 +286,31 @@ class Feed:
         else:
             row = self._row(record.by, "")
         about = self.history.name(record.awaited), record.awaited, record.start
-        self._begin(id(record), SpanKind.WAITING, row, *about, within)
-        self._end(id(record), record.end)
+        self._open_span(id(record), SpanKind.WAITING, row, *about, within)
+        self._close_span(id(record), record.end)
 
-    def _tell_claim(self, record: Claim) -> None:
+    def _add_claim(self, record: Claim) -> None:
         if record.granted is not None and record.granted == self._now:
             row = self._row(record.module, record.resource)
             message = record.by.message_id if record.by else 0
-            self._begin(id(record), SpanKind.HELD, row, record.sender, message, record.granted)
-        self._end(id(record), record.end)
+            self._open_span(id(record), SpanKind.HELD, row, record.sender, message, record.granted)
+        self._close_span(id(record), record.end)
 
-    def _tell_module(self, record: ModuleRecord) -> None:
-        """A module that offers to handle something has rows from the beginning, whether it handles
-        anything or not.
-        """
+    def _add_module(self, record: ModuleRecord) -> None:
+        """Add the rows of a module with handlers when it joins, before it handles anything."""
         if not record.joined:
             return
         start, end = record.joined[-1]
         if end is not None:
             for resource in record.resources:
-                self._end((record.name, resource), end)
+                self._close_span((record.name, resource), end)
             return
-        self._row(record.name, "")  # rows stand in the order in which modules joined
+        self._row(record.name, "")  # rows are in the order in which modules joined
         for resource, capacity in record.resources.items():
             if capacity:
                 row = self._row(record.name, resource)
                 key = (record.name, resource)
-                self._begin(key, SpanKind.CONNECTED, row, record.name, 0, start)
+                self._open_span(key, SpanKind.CONNECTED, row, record.name, 0, start)
 
     def _row(self, module: str, resource: str) -> int:
         label = place(module, resource) if module else resource or NO_HANDLER
@@ -318,7 +318,7 @@ class Feed:
             row = self._rows[label] = self._add("row", label, module)
         return row
 
-    def _begin(
+    def _open_span(
         self,
         key: object,
         kind: SpanKind,
@@ -328,7 +328,7 @@ class Feed:
         start: float,
         within: int = -1,
     ) -> int:
-        """Add a span, unless it has begun; its number."""
+        """Add a span, unless it is open already. Return its number."""
         if key in self._open:
             return self._open[key][0]
         lanes, lane = None, 0
@@ -341,8 +341,8 @@ class Feed:
             self._newest[message] = number
         return number
 
-    def _end(self, key: object, time: float | None, outcome: str = "") -> None:
-        """End a span, if it has begun and *time* says when it ended."""
+    def _close_span(self, key: object, time: float | None, outcome: str = "") -> None:
+        """Close a span, if it is open and *time* is known."""
         if time is not None and key in self._open:
             number, lanes, lane = self._open.pop(key)
             self._add("end", number, time, outcome)
@@ -350,5 +350,5 @@ class Feed:
                 lanes.release(lane, time)
 
 
-_TELL = takers(Feed, parameter="record")
-_TELL_FACT = takers(Feed)
+_ADD_RECORD = takers(Feed, parameter="record")
+_ADD_FACT = takers(Feed)

@@ -1,10 +1,9 @@
 """The guards of a page's server.
 
-The page comes from this machine only, and the server answers only to its own address: a foreign
-page that a browser shows can't read anything through it (DNS rebinding). Where other machines reach
-it, it asks for a token. Only a page opened with the address that the command printed may change
-anything: its key is known to nobody else. So neither a page of another site, nor another user of
-this machine, who may look, can.
+The server listens on this machine only, and answers only to its own host name. A page of another
+site can't read from it in the user's browser (DNS rebinding). A server that other machines can
+reach requires a token. Changes require a key, which is part of the address that the command
+printed. Without it, neither a page of another site nor another user of this machine can steer.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -23,11 +22,12 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from tca_tools.errors import ToolError
 
 TOKEN = "access"  # noqa: S105 - the name of it
-"""The parameter of the address, and the cookie, that has the token."""
+"""The parameter of the address, and the cookie, with the token."""
 
-_LOOKS = {
-    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:;"
-    " frame-ancestors 'none'",  # nobody's click on another page is one on this one
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline';"
+    " img-src 'self' data:;"
+    " frame-ancestors 'none'",  # against clickjacking
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
@@ -35,11 +35,11 @@ _LOOKS = {
 
 
 class NotAllowed(ToolError):
-    """The page may only look."""
+    """The page may not change anything."""
 
 
 class PageKey:
-    """What a page must have to change anything."""
+    """The key that a page needs to change anything."""
 
     def __init__(self, command: str) -> None:
         self._command = command
@@ -52,34 +52,38 @@ class PageKey:
             raise NotAllowed(f"a page of {origin} may not steer")
         if not compare_digest(headers.get("X-TCA-Key", "").encode(), self.text.encode()):
             raise NotAllowed(
-                f"this page may only look: to steer, open the address that '{self._command}' printed"
+                f"this page is read-only: to steer, open the address that '{self._command}' printed"
             )
 
 
 def guards(hosts: list[str], token: str, command: str) -> list[Middleware]:
-    """The guards of a server that answers to these host names, and where there is a *token* only to
-    those who have opened the address that has it.
+    """Return the guards of a server.
+
+    Args:
+        hosts: the host names that it answers to.
+        token: the token that it requires; "": none.
+        command: the command that printed the address, for errors.
     """
     made = [Middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)]
-    made.append(Middleware(BaseHTTPMiddleware, dispatch=_with_looks))
+    made.append(Middleware(BaseHTTPMiddleware, dispatch=_with_headers))
     if token:
-        ask = partial(_with_token, token, command)
-        made.append(Middleware(BaseHTTPMiddleware, dispatch=ask))
+        check = partial(_with_token, token, command)
+        made.append(Middleware(BaseHTTPMiddleware, dispatch=check))
     return [*made, Middleware(GZipMiddleware, compresslevel=3)]
 
 
-async def _with_looks(
-    request: Request, go_on: Callable[[Request], Awaitable[Response]]
+async def _with_headers(
+    request: Request, proceed: Callable[[Request], Awaitable[Response]]
 ) -> Response:
-    response = await go_on(request)
-    response.headers.update(_LOOKS)
+    response = await proceed(request)
+    response.headers.update(_HEADERS)
     return response
 
 
 async def _with_token(
-    token: str, command: str, request: Request, go_on: Callable[[Request], Awaitable[Response]]
+    token: str, command: str, request: Request, proceed: Callable[[Request], Awaitable[Response]]
 ) -> Response:
-    """Answer those who know the token; a browser keeps it, and it leaves the address."""
+    """Answer a request that has the token. Move a token from the address into a cookie."""
     shown = request.query_params.get(TOKEN, "") if request.url.path == "/" else ""
     if shown and compare_digest(shown.encode(), token.encode()):
         response: Response = RedirectResponse("/", 303)
@@ -89,4 +93,4 @@ async def _with_token(
         return PlainTextResponse(
             f"open the address that '{command}' has printed: it has a token\n", 403
         )
-    return await go_on(request)
+    return await proceed(request)

@@ -1,6 +1,4 @@
-"""State machines of tasks: a picture that the page gets once, and its active and foreseen states at
-a moment.
-"""
+"""State machines of tasks: a picture, and the active and foreseen states at a moment."""
 
 from functools import lru_cache
 from typing import Any
@@ -17,19 +15,17 @@ from tca_wire.coordination import read_report
 from tca_wire.text.early_work import why_not_early
 
 _MOST_STATES = 200
-"""Of a larger machine nobody could read the picture."""
+"""A picture of a larger machine would not be readable."""
 
 
 def machine_answer(at: RunAt, task: TaskAt) -> dict[str, Any]:
-    """The active states of a task that is a machine, and those that it foresees; nothing of other
-    tasks.
-    """
+    """Return the active and foreseen states of a task that is a state machine; else nothing."""
     if (chart := _machine(at.run, task.record)) is None:
         return {}
-    told = b"" if task.state in OVER else task.life.progress
+    progress = b"" if task.state in OVER else task.life.progress
     if not chart.is_coordinated:
-        return {"machine": {"active": _known(chart, read_active(told).active)}}
-    if (report := read_report(told)) is None:
+        return {"machine": {"active": _known(chart, read_active(progress).active)}}
+    if (report := read_report(progress)) is None:
         return {"machine": {"active": [], "foreseen": [], "likely": {}}}
     foreseen = _known(chart, [one.state for one in report.preview])
     return {
@@ -47,7 +43,7 @@ def _known(chart: MachineChart, numbers: list[int]) -> list[int]:
 
 
 def machine_picture(reading: Reading, task_id: int) -> dict[str, str] | None:
-    """The picture of a machine, or why there is none; None if the task is no machine."""
+    """Return a machine's picture, or why it can't be drawn; None if the task is not a machine."""
     with reading:
         run = reading.feed.history
         task = run.tasks.get(task_id)

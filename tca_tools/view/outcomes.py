@@ -1,5 +1,6 @@
-"""What became of each run that can be chosen: counted when a page asks, and kept until its journal
-grows.
+"""The outcomes of the runs that can be chosen, counted on request and cached.
+
+A cached outcome is valid until the run's journal grows.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from tca_tools.view.runs import Runs
 from tca_wire.text.printable import printable_lines
 
 _LONGEST = 64 << 20
-"""Bytes of a journal that is counted: six seconds' work."""
+"""Bytes: a larger journal is not counted, since this size already takes six seconds."""
 
 
 class Outcomes:
@@ -22,7 +23,7 @@ class Outcomes:
         self._known: dict[str, tuple[int, RunOutcome, str]] = {}
 
     def of(self, address: str) -> dict[str, Any] | None:
-        """That of a run; None if there is no such run."""
+        """Return the outcome of a run; None if there is no such run."""
         run = next((one for one in self._runs.all() if one.address == address), None)
         if run is None:
             return None

@@ -1,5 +1,6 @@
-"""Pictures that modules publish: shared variables with a name like "picture of the arm": SVG text,
-or PNG bytes.
+"""Pictures that modules publish as shared variables with a name such as "picture of the arm".
+
+The value is SVG as text, or PNG as bytes.
 """
 
 from base64 import b64encode
@@ -10,20 +11,18 @@ import msgspec
 from tca_tools.journal.records import Message
 
 PICTURE_OF = "picture of "
-"""The beginning of the names."""
+"""The start of the names."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def is_picture(message: Message) -> bool:
-    """Whether a message gave a variable a value that is a picture by its name."""
+    """Whether a message set a variable whose name announces a picture."""
     return message.message_class.keeps_value and message.name.startswith(PICTURE_OF)
 
 
 def picture_in(message: Message) -> dict[str, str]:
-    """The picture that came with a message, as the address of an image; or why it can't be
-    shown.
-    """
+    """Return the picture in a message as a data URL, or why it can't be shown."""
     with suppress(msgspec.MsgspecError):
         match msgspec.msgpack.decode(message.body):
             case str() as text if "<svg" in text:

@@ -1,6 +1,4 @@
-"""A journal that is read in the background while pages already look at what has been read, and
-followed at its end.
-"""
+"""Read a journal in the background, and follow it at its end, while pages show the part read."""
 
 import gc
 import threading
@@ -20,20 +18,20 @@ from tca_wire.journal.facts import Closed, Entry
 from tca_wire.journal.records import JournalReader
 
 _AT_ONCE = 2000
-"""Entries that are taken in while nobody can look."""
+"""Entries that are applied without releasing the lock."""
 _POLL_SECONDS = 0.1
 _WHILE_READING = 1.0
-"""Seconds between two looks at a long journal that is being read."""
-_WHO_WRITES = 1.0
-"""Seconds between two looks whether central still has the journal open."""
+"""Seconds between two answers to a page while a long journal is being read."""
+_WRITER_CHECK = 1.0
+"""Seconds between two checks whether central still has the journal open."""
 
 
 class _Stopped(Exception):
-    """Nobody wants to know more."""
+    """The reading was stopped."""
 
 
 class Reading:
-    """The part of a journal that has been read. Look at it only inside of ``with reading:``."""
+    """The part of a journal that has been read. Access it only inside ``with reading:``."""
 
     def __init__(self, log: Log) -> None:
         self.log = log
@@ -41,26 +39,24 @@ class Reading:
         """Remarks on the folder or file: other journals in it, and missing parts."""
         self.feed = Feed()
         self.caught_up = False
-        """Whether all has been read that there is; more may come."""
+        """Whether the present end of the journal has been reached; it may still grow."""
         self.closed = False
-        """Whether central ended of its own will: nothing more comes."""
+        """Whether central has closed the run: the journal does not grow."""
         self.problem = ""
         """Why nothing more can be read."""
         self._lost: EntryPlace | None = None
         """The place where a removed or cut file ended the reading; nothing more can be read."""
         self.cut = ""
-        """The remark on a last entry that is not whole."""
-        self._worked_out: tuple[tuple[int, float], dict[object, Any]] | None = None
-        """The number of entries until the moment that was looked at last, that moment, and results
-        for it.
-        """
+        """The remark on an incomplete last entry."""
+        self._memo: tuple[tuple[int, float], dict[object, Any]] | None = None
+        """The last requested moment, with the number of its entries, and cached results for it."""
         self._grown = threading.Condition()
         self._is_written = False
-        """Whether a central had the journal open before what was read last."""
-        self._wrote = False
-        self._look_again = 0.0
-        self._known = (0.0, 0.0)
-        """A time of this machine's clock, and what the run's clock showed then."""
+        """Whether a central had the journal open before the last read."""
+        self._has_writer = False
+        self._next_writer_check = 0.0
+        self._clock_pair = (0.0, 0.0)
+        """A time of this machine's clock, and the run's clock at that time."""
         self._places: list[EntryPlace] = []
         self._pending: list[tuple[Entry, EntryPlace]] = []
         self._stopped = threading.Event()
@@ -74,23 +70,23 @@ class Reading:
         self._grown.release()
 
     def start(self) -> None:
-        """Begin to read, in a thread of its own."""
+        """Start to read, in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Read no more, and let nobody wait for it."""
+        """Stop reading, and wake all waiting callers."""
         self._stopped.set()
         with self:
             self._grown.notify_all()
 
     @property
     def entries(self) -> int:
-        """How many entries have been read."""
+        """The number of entries read."""
         return len(self._places)
 
     @property
     def state(self) -> str:
-        """How the run stands, in a word or two."""
+        """The state of the run: damaged, reading, ended, live or not closed."""
         if self.problem:
             return "damaged"
         if not self.caught_up:
@@ -101,11 +97,11 @@ class Reading:
 
     @property
     def now(self) -> float | None:
-        """The present on the run's clock, while it is live: never before the last entry."""
+        """The present time of the run's clock, never before the last entry; None if not live."""
         if self.state != "live" or not self.entries:
             return None
-        at, showed = self._known
-        return showed + monotonic() - at
+        at, run_time = self._clock_pair
+        return run_time + monotonic() - at
 
     @property
     def is_over(self) -> bool:
@@ -114,7 +110,7 @@ class Reading:
 
     @property
     def is_back(self) -> bool:
-        """Whether what was removed or cut short is there again: then all is to be read anew."""
+        """Whether a removed or shortened file is there again, so the journal must be read again."""
         try:
             lost = self._lost
             return lost is not None and lost.segment.stat().st_size >= lost.offset
@@ -122,8 +118,9 @@ class Reading:
             return False
 
     def wait_for_more(self, entries: int, seconds: float) -> None:
-        """Wait, inside of ``with``, for more than so many entries, another state of the run, or the
-        end of the time. While a long journal is being read, news are told together.
+        """Wait for more than *entries* entries, another state, or *seconds*. Call inside ``with``.
+
+        While a long journal is being read, a page gets many entries at once.
         """
         known = self.state, self.cut
         if not self.caught_up:
@@ -137,34 +134,32 @@ class Reading:
         self._grown.wait_for(has_news, seconds)
 
     def wait_until_read(self) -> None:
-        """Wait until all has been read that there is. Not to be called inside of ``with``."""
+        """Wait until the present end of the journal has been read. Do not call inside ``with``."""
         with self:
             self._grown.wait_for(lambda: self.caught_up or self.is_over)
 
     def at(self, moment: float) -> RunAt:
-        """The run as it was at a moment, with what was worked out of it already. Only inside of
-        ``with``.
-        """
+        """Return the run at a moment, with cached results. Call only inside ``with``."""
         history = self.feed.history
         at = RunAt(history, moment)
         key = bisect_right(history.times, at.moment), at.moment
-        if self._worked_out is None or self._worked_out[0] != key:
-            self._worked_out = key, {}
-        _, at.memo = self._worked_out
+        if self._memo is None or self._memo[0] != key:
+            self._memo = key, {}
+        _, at.memo = self._memo
         return at
 
     def entries_between(self, first: int, last: int) -> list[Entry]:
-        """Entries by their numbers from the first on, read anew from the disk. Not to be called
-        inside of ``with``.
-        """
+        """Read the entries *first* to *last* - 1 again from disk. Do not call inside ``with``."""
         with self:
             places = self._places[max(first, 0) : last]
         found: list[Entry] = []
         for segment, together in groupby(places, attrgetter("segment")):
             offsets = [place.offset for place in together]
-            with segment.open("rb") as stream, suppress(JournalDamaged):  # behind the last of them
+            with segment.open("rb") as stream, suppress(JournalDamaged):  # after the last one
                 for entry in JournalReader(stream, str(segment), offsets[0]):
-                    if found and entry.number == found[-1].number:  # one event of so many facts
+                    if (
+                        found and entry.number == found[-1].number
+                    ):  # an event may have several records
                         found[-1] = Entry(
                             entry.number, entry.time, [*found[-1].facts, *entry.facts]
                         )
@@ -176,43 +171,45 @@ class Reading:
         return found
 
     def _read(self) -> None:
-        gc.disable()  # as in journal/fold.py, until all has been read that there is
-        self._look_who_writes()
+        gc.disable()  # as in journal/fold.py, until the journal has been read
+        self._check_writer()
         try:
             for entry, place in self.log.follow_places(self._pause):
                 self._pending.append((entry, place))
                 if len(self._pending) >= _AT_ONCE:
-                    self._take()
+                    self._apply_pending()
                 if self._stopped.is_set():
                     raise _Stopped  # noqa: TRY301
-            self._take()
+            self._apply_pending()
             self.log.check()
             self._catch_up()
         except _Stopped:
             gc.enable()
         except ToolError as error:
-            self._take()
+            self._apply_pending()
             self._catch_up(error.message)
 
     def _pause(self) -> None:
-        self._take()
-        if (news := (self._wrote, self.log.cut)) != (self._is_written, self.cut):
+        self._apply_pending()
+        if (news := (self._has_writer, self.log.cut)) != (self._is_written, self.cut):
             with self:
                 self._is_written, self.cut = news
                 self._grown.notify_all()
         if not self.caught_up:
             self._catch_up()
-        self._look_who_writes()
+        self._check_writer()
         if self._stopped.wait(_POLL_SECONDS):
             raise _Stopped
 
-    def _look_who_writes(self) -> None:
-        """Counts only when what was written until now has been read: central's last word may be
-        among it.
+    def _check_writer(self) -> None:
+        """Check whether central has the journal open.
+
+        `_pause` uses the result only after the next read, which may find that central closed the
+        run.
         """
-        if monotonic() >= self._look_again:
-            self._wrote = self.log.is_being_written
-            self._look_again = monotonic() + _WHO_WRITES
+        if monotonic() >= self._next_writer_check:
+            self._has_writer = self.log.is_being_written
+            self._next_writer_check = monotonic() + _WRITER_CHECK
 
     def _catch_up(self, problem: str = "") -> None:
         gc.freeze()
@@ -223,34 +220,31 @@ class Reading:
             )
         with self:
             last = self.feed.history.time
-            self._known = monotonic(), self.log.present(last) or last
+            self._clock_pair = monotonic(), self.log.present(last) or last
             self.problem, self.caught_up = problem, True
-            self._tell_remarks()
+            self._update_remark()
             self._grown.notify_all()
 
-    def _tell_remarks(self) -> None:
-        """Update the remarks, which each entry may change: damaged ones before it have been passed
-        over.
-        """
-        with suppress(UnusableLog):  # its folder is gone: of that the problem tells
+    def _update_remark(self) -> None:
+        """Update the remark: the reader may have skipped damaged entries."""
+        with suppress(UnusableLog):  # the folder was removed: `problem` says so
             self.remark = "; ".join(self.log.remarks)
 
-    def _take(self) -> None:
-        """Let those who look see what has been read."""
+    def _apply_pending(self) -> None:
+        """Apply the entries read, so that pages can see them."""
         if not self._pending:
             return
         with self:
-            if self._worked_out and self._worked_out[0][0] == len(self.feed.history.times):
-                self._worked_out = None  # more of the same entry may come
+            if self._memo and self._memo[0][0] == len(self.feed.history.times):
+                self._memo = None  # more records of the same entry may follow
             for entry, place in self._pending:
                 known = len(self.feed.history.times)
                 self.feed.apply(entry)
-                if (
-                    len(self.feed.history.times) > known
-                ):  # or it is another record of the same entry
+                # a further record of the same entry adds no place
+                if len(self.feed.history.times) > known:
                     self._places.append(place)
                 self.closed = any(isinstance(fact, Closed) for fact in entry.facts)
-            self._known = monotonic(), self.feed.history.time
-            self._tell_remarks()
+            self._clock_pair = monotonic(), self.feed.history.time
+            self._update_remark()
             self._pending.clear()
             self._grown.notify_all()

@@ -1,9 +1,10 @@
-"""Which runs a page can show, and their readings. Without a LOG those in central's folder of
-journals; of a LOG those that lie in it, and those beside it if it lies in that folder.
+"""The runs that a page can show, and their readings.
 
-A run has an *address*, by which pages ask for it: folder and epoch, the same whatever comes to lie
-beside it. People see its *name*, which tells it from the others there are now: of a folder with one
-run "FOLDER", else "FOLDER#2".
+Without a LOG, these are the runs in central's folder of journals. With a LOG, these are its runs,
+and the others of that folder if it contains the LOG.
+
+Pages request a run by its *address*: folder and epoch, which never change. Users see its *name*,
+which differs from the names of the other runs: "FOLDER" if the folder has one run, else "FOLDER#2".
 """
 
 import threading
@@ -21,19 +22,19 @@ from tca_tools.view.reading import Reading
 from tca_wire.endpoint import by_number, default_journals
 
 _KEPT = 4
-"""Runs that stay read, though nobody has asked for them for a while."""
-_UNASKED = 60.0
-"""Seconds."""
-_KNOWN = 1.0
-"""Seconds until it is looked again which runs there are."""
+"""Readings that are retained after their last request."""
+_UNREQUESTED = 60.0
+"""Seconds after its last request for which a reading is always retained."""
+_SCAN_SECONDS = 1.0
+"""Seconds for which a list of the runs is valid."""
 
 
 class RunName(NamedTuple):
-    """How a run is asked for, and what people call it."""
+    """The address of a run, and its name for users."""
 
     address: str
-    """As LOG names it: "FOLDER#EPOCH" with the whole path; while its journal is empty, and of a
-    file, the path.
+    """As LOG accepts it: "FOLDER#EPOCH" with the full path; for an empty journal or a file, the
+    path.
     """
     name: str
 
@@ -44,10 +45,10 @@ class ListedRun(NamedTuple):
     address: str
     name: str
     path: Path
-    """Of the folder, or the file, itself: links to it come and go."""
+    """The resolved folder or file, since links to it may change."""
     epoch: str | None
     began: float | None
-    """Wall-clock time, if its journal tells."""
+    """Wall-clock time of its start, if its journal has it."""
 
 
 class Shown(NamedTuple):
@@ -56,109 +57,111 @@ class Shown(NamedTuple):
     place: Path
     reading: Reading
     token: str
-    """Another one for each reading: what a page has of one does not go on in another."""
+    """Identifies this reading: rows of an earlier one do not continue in it."""
 
     @property
     def address(self) -> str:
-        """The address now; a journal that was empty had none with an epoch."""
+        """The present address; it gets an epoch when the journal is no longer empty."""
         return _address(self.place, self.reading.log.run)
 
 
 class Runs:
-    """All runs there are, as they come. May be asked by several threads, also by one that looks at
-    a reading: who has the lock waits for no reading. A signal may stop it in the midst of anything.
+    """All present runs. Several threads may use it, also while they access a reading.
+
+    To avoid a deadlock, the lock's holder never waits for a reading. A signal handler may call
+    `stop` at any time, so the lock is re-entrant.
     """
 
     def __init__(self, log: Log, *, follows: bool) -> None:
         self.follows = follows
-        """Whether the newest one is shown, whichever that is."""
+        """Whether the newest run is shown."""
         self._own = log.path.resolve()
         self._shown: OrderedDict[str, tuple[Shown, float]] = OrderedDict()
         self._folders: dict[Path, tuple[tuple[int, int], Folder]] = {}
-        """What is known of folders, as long as no file comes to them or goes."""
+        """Scanned folders, valid until a file is added or removed."""
         self._places = {self._own: None}
-        """Where runs lie that are to be found though no link leads there (any more)."""
+        """The places of runs that remain known without a link to them."""
         self._lock = threading.RLock()
         self._is_stopped = False
         self._given: Log | None = log
         self._names: dict[str, str] = {}
-        """Of all runs that there were, by address."""
+        """The names of all runs ever listed, by address."""
         self._first = self._newest = _address(self._own, log.run)
-        self._look_again = 0.0
+        self._next_scan = 0.0
         self.all()
         self.newest_at_start = self._newest
-        """By address: what a page that shows the run of a LOG need not be told of."""
+        """By address: a page that shows a LOG announces only newer runs."""
 
     def all(self) -> list[ListedRun]:
-        """Those there are now, oldest first; what they are called is known from now on, and which
-        is the newest.
-        """
+        """List the present runs, oldest first, and remember their names and the newest one."""
         newest = self._own
         with self._lock:
             if self.follows:
                 try:
                     newest = newest_journal().resolve()
-                except UnusableLog:  # its folder is gone
+                except UnusableLog:  # its folder was removed
                     newest = Path()
                 else:
                     self._places.setdefault(newest)
-            places = _told_apart(self._all_places())
+            places = _distinct_names(self._all_places())
             found = [run for place, name in places.items() for run in self._in(place, name)]
             self._names.update((run.address, run.name) for run in found)
             self._newest = next(
                 (run.address for run in reversed(found) if run.path == newest), self._newest
             )
-            self._look_again = monotonic() + _KNOWN
+            self._next_scan = monotonic() + _SCAN_SECONDS
         return found
 
     @property
     def first(self) -> RunName:
-        """The one to begin with."""
+        """The run to show first."""
         return self.newest if self.follows else self._named(self._first)
 
     @property
     def newest(self) -> RunName:
-        """The one that began last; of a LOG the last that lies in it. Known for a while."""
+        """The run that started last, or the last run of a LOG. It is cached for a second."""
         with self._lock:
-            if monotonic() >= self._look_again:
+            if monotonic() >= self._next_scan:
                 self.all()
         return self._named(self._newest)
 
     def names(self, shown: Shown) -> tuple[RunName, RunName]:
-        """Of a run that is being read, and of the newest one, at one time."""
+        """Return the names of a run that is being read, and of the newest one, consistently."""
         newest, address = self.newest, shown.address
-        if newest.address.startswith(
-            f"{address}#"
-        ):  # it was empty until now: its reading will learn it
+        # its journal was empty until now, and its reading does not know the epoch yet
+        if newest.address.startswith(f"{address}#"):
             return newest, newest
         return self._named(address), newest
 
     def show(self, address: str | None) -> Shown | None:
-        """A run by its address (None: the one to begin with); None if there is none."""
+        """Return a run by its address (None: the first one), and start to read it if necessary.
+
+        Returns None if there is no such run.
+        """
         address = address or self.first.address
         with self._lock:
-            kept = self._being_read(address)
+            known = self._known_address(address)
             if (
-                not self._is_read(kept)
+                not self._is_read(known)
                 and not self._is_stopped
-                and (log := self._open(kept)) is not None
+                and (log := self._open(known)) is not None
             ):
                 reading = Reading(log)
                 reading.start()
                 shown = Shown(log.path.resolve(), reading, token_hex(8))
-                self._shown[kept] = shown, 0.0
-            if kept not in self._shown:
+                self._shown[known] = shown, 0.0
+            if known not in self._shown:
                 return None
-            shown, _ = self._shown.pop(kept)
-            # the last one that was asked for is the last in it
-            self._shown[kept] = shown, monotonic()
-            forgotten = self._forget()
-        for one in forgotten:
+            shown, _ = self._shown.pop(known)
+            # ordered by the last request
+            self._shown[known] = shown, monotonic()
+            unused = self._remove_unused()
+        for one in unused:
             one.reading.stop()
         return shown
 
     def stop(self) -> None:
-        """Read no more, and let nobody wait for it."""
+        """Stop all readings, and wake all waiting callers."""
         with self._lock:
             self._is_stopped = True
             readings = [shown.reading for shown, _ in self._shown.values()]
@@ -168,28 +171,26 @@ class Runs:
     def _named(self, address: str) -> RunName:
         return RunName(address, self._names.get(address) or called(Path(address.partition("#")[0])))
 
-    def _being_read(self, address: str) -> str:
-        """By which address it was asked for first: a journal that was empty then had no epoch."""
+    def _known_address(self, address: str) -> str:
+        """Return the address of its first request, which has no epoch if the journal was empty."""
         if address not in self._shown:
-            for kept, (shown, _) in self._shown.items():
+            for known, (shown, _) in self._shown.items():
                 if address == shown.address:
-                    return kept
+                    return known
         return address
 
-    def _is_read(self, kept: str) -> bool:
-        """Whether it is being read; not if its journal was removed or cut short, and is there
-        again.
-        """
-        if kept not in self._shown:
+    def _is_read(self, known: str) -> bool:
+        """Whether a run is being read; not if its removed or shortened journal is there again."""
+        if known not in self._shown:
             return False
-        shown, _ = self._shown[kept]
+        shown, _ = self._shown[known]
         if not shown.reading.is_back:
             return True
         self._folders.pop(shown.place, None)  # another run may lie there
         return False
 
     def _open(self, address: str) -> Log | None:
-        if address == self._first and self._given:  # it is open
+        if address == self._first and self._given:  # it is open already
             log, self._given = self._given, None
             return log
         runs = self.all()
@@ -203,8 +204,9 @@ class Runs:
             return None
 
     def _all_places(self) -> list[Path]:
-        """Folders with a run, and the file that was named as LOG; of links to one folder the last
-        counts.
+        """Return the folders with runs, and the file given as LOG.
+
+        If several links lead to a folder, the last one determines its place in the order.
         """
         journals = default_journals()
         beside: list[Path] = []
@@ -218,7 +220,7 @@ class Runs:
         return list(reversed(last_first))
 
     def _folder(self, place: Path) -> Folder:
-        """One that knows nothing yet if files came, went or were replaced."""
+        """Return a scanned folder, or a new one if its files were added, removed or replaced."""
         stat = place.stat()
         now = stat.st_ino, stat.st_mtime_ns
         if place not in self._folders or self._folders[place][0] != now:
@@ -236,17 +238,15 @@ class Runs:
             one = name if len(epochs) == 1 else f"{name}#{number}"
             yield ListedRun(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
 
-    def _forget(self) -> list[Shown]:
-        """Those that nobody looks at any more, but the last few: they are to be stopped."""
-        since, shown = monotonic() - _UNASKED, list(self._shown.items())[:-_KEPT]
-        unasked = [address for address, (_, asked) in shown if asked < since]
-        return [self._shown.pop(address)[0] for address in unasked]
+    def _remove_unused(self) -> list[Shown]:
+        """Remove runs without a recent request, except the last few. Return them to be stopped."""
+        since, shown = monotonic() - _UNREQUESTED, list(self._shown.items())[:-_KEPT]
+        unused = [address for address, (_, requested) in shown if requested < since]
+        return [self._shown.pop(address)[0] for address in unused]
 
 
-def _told_apart(places: list[Path]) -> dict[Path, str]:
-    """A name for each place, as in titles; if several have the same, with as much of the path as
-    they differ in.
-    """
+def _distinct_names(places: list[Path]) -> dict[Path, str]:
+    """Return a name for each place; equal names get as much of the path as they differ in."""
     names = {place: called(place) for place in places}
     while len(count := Counter(names.values())) < len(names):
         for place, name in names.items():

@@ -31,13 +31,12 @@ def serve_page(
     Args:
         door: where the server listens.
         host: the host that the user named.
-        key: the key with which the page may change anything; "" if it only looks.
-        application: makes the application, of the names to which it answers and the token that it
-            asks for.
+        key: the key that allows the page to change anything; "" for a read-only page.
+        application: creates the application, from its host names and the token that it requires.
         name: the title of what the page shows.
         notes: lines to print below the address.
         browser: whether the page is opened.
-        stop: ends what pages wait for, or they would be waited for.
+        stop: ends all open requests of pages, so that the server can end at once.
     """
 
     class Server(uvicorn.Server):
@@ -46,9 +45,11 @@ def serve_page(
             super().handle_exit(sig, frame)
 
     token = "" if host == LOCAL else token_urlsafe(16)
-    asked = f"?key={key}" if key else f"?{TOKEN}={token}" if token else ""
+    query = f"?{TOKEN}={token}" if token else ""
+    if key:
+        query = f"?key={key}"
     named = f"[{host}]" if ":" in host else host
-    address = f"http://{named}:{door.getsockname()[1]}/{asked}"
+    address = f"http://{named}:{door.getsockname()[1]}/{query}"
     hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
     config = uvicorn.Config(
         application(hosts, token), log_level="warning", timeout_graceful_shutdown=1

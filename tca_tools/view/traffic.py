@@ -1,37 +1,38 @@
-"""Who sent what to whom, and when: columns from which a page counts for any moment. Pure."""
+"""Senders, messages and handlers of a run: columns that a page counts for any moment. Pure."""
 
 from tca_tools.journal.records import Handling, Message
 from tca_tools.journal.whole_run import Run
 from tca_tools.view.columns import Columns
 
 TRAFFIC_TABLES = {
-    # kind: the message's class, or "direct" of what came without central; handler: "" until one has
-    # begun with it
+    # kind: the message's class, or "direct" for a direct message; handler: "" until a handler
+    # has started
     "link": "sender:t message:t kind:t handler:t",
-    "sent": "link:i time:d less:B",  # less: it is one less, its handler has begun
+    "sent": "link:i time:d less:B",  # less: the count decreases, since a handler has started
 }
 
 
 class Traffic:
-    """A link is a sender, a message and the module that handles it; a row is sent for each run of a
-    handler.
+    """Fills the columns of links and sent messages.
+
+    A link is a sender, a message and the handling module. Each run of a handler adds one row.
     """
 
     def __init__(self, run: Run, columns: Columns) -> None:
         self._run, self._columns = run, columns
         self._links: dict[tuple[str, str, str, str], int] = {}
         self._unhandled: dict[int, int] = {}
-        """The links of messages with which no handler has begun."""
+        """The links of messages whose handler has not started."""
 
-    def tell_message(self, message: Message) -> None:
-        """A message was sent. One for many handlers is counted with each that takes it."""
+    def add_message(self, message: Message) -> None:
+        """Count a sent message. One for several handlers is counted when each handler starts."""
         kind = message.message_class
         if not (kind.is_monitor or kind.fans_out or message.handlings):
             link = self._unhandled[message.id] = self._link(message.sender, message.name, kind, "")
             self._columns.add("sent", link, self._run.time, False)
 
-    def tell_handling(self, handling: Handling) -> None:
-        """A handler has begun."""
+    def add_handling(self, handling: Handling) -> None:
+        """Count a message whose handler has started."""
         if (link := self._unhandled.pop(handling.message_id, None)) is not None:
             self._columns.add("sent", link, self._run.time, True)
         message = self._run.messages.get(handling.message_id)

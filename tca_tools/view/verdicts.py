@@ -1,6 +1,4 @@
-"""Whether the run went on after each failure, told anew whenever that changes. Pure;
-journal/fates.py decides.
-"""
+"""Track whether the run continued after each failure. Pure; journal/fates.py decides."""
 
 from collections.abc import Iterable, Iterator
 
@@ -9,47 +7,44 @@ from tca_tools.journal.whole_run import Run
 
 
 class Verdicts:
-    """Failures by their numbers. Each is looked at again only when something changes on which its
-    verdict undecided_by.
+    """The failures by their numbers.
+
+    A verdict is computed again only when a record changes that can change it.
     """
 
     def __init__(self, run: Run) -> None:
         self._run = run
         self._failures: dict[int, tuple[Failing, float]] = {}
-        """Those of which it is not settled: what failed, and when."""
+        """The failures without a final verdict: the failed message or handler, and the time."""
         self._good: set[int] = set()
-        """Those of them after which the run went on, as it was told last."""
+        """The failures among them after which the run continued, by the last verdict."""
         self._on_change: dict[int, dict[int, None]] = {}
-        """Which failures hinge on a record, by its identity."""
+        """The failures whose verdict depends on a record, by the record's identity."""
         self._new: dict[int, None] = {}
 
     def follow(self, number: int, failed: Failing, time: float) -> None:
-        """From now on, a failure that has just been raised; until told otherwise the run did not go
-        on after it.
-        """
+        """Track a new failure. Its first verdict is that the run did not continue."""
         self._failures[number] = failed, time
         self._new[number] = None
 
     def changed(self, news: Iterable[object]) -> Iterator[tuple[int, bool]]:
-        """The failures of which it is otherwise than it was, now that so many records have
-        changed.
-        """
-        again, self._new = self._new, {}
+        """Yield the failures whose verdict differs after a change of the given records."""
+        affected, self._new = self._new, {}
         for record in news:
             if id(record) in self._on_change:
-                again |= self._on_change.pop(id(record))
-        for number in again:
+                affected |= self._on_change.pop(id(record))
+        for number in affected:
             if number in self._failures:
-                yield from self._look_at(number, *self._failures[number])
+                yield from self._update(number, *self._failures[number])
 
-    def _look_at(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
-        is_good = run_continued(self._run, failed, time)
+    def _update(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
+        is_good = went_on(self._run, failed, time)
         if is_good != (number in self._good):
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
-        open_still = undecided_by(self._run, failed, time)
-        for record in open_still:
+        undecided = hinges(self._run, failed, time)
+        for record in undecided:
             self._on_change.setdefault(id(record), {})[number] = None
-        if not open_still:
+        if not undecided:
             del self._failures[number]
             self._good.discard(number)

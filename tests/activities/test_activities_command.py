@@ -40,7 +40,7 @@ def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
             assert said(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )
-            assert "can't serve there" in said(daemon.address, "arm", "--host", "192.0.2.1")
+            assert "can't serve on" in said(daemon.address, "arm", "--host", "192.0.2.1")
     assert "does not answer" in said(daemon.address)
 
 

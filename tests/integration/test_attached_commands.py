@@ -34,12 +34,12 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
     assert (code, fields[1][0]) == (0, str(fell.id))
     assert [words[1:] for words in fields[1:4]] == [
-        ["fell", "all walk", "fix", "2", "user", "nobody"],
-        ["any failure", "the root", "fix", "user", "nobody"],
-        ["fell", f"walk {{{walk.id}}}", "fix", "user", "nobody"],
+        ["fell", "all walk", "fix", "2", "user", "-"],
+        ["any failure", "the root", "fix", "user", "-"],
+        ["fell", f"walk {{{walk.id}}}", "fix", "user", "-"],
     ]
     assert [words[1:] for words in fields[6:8]] == [
-        ["before handling", "all move", "later", "other script, user", "nobody"],
+        ["before handling", "all move", "later", "other script, user", "-"],
         ["while handling", f"walk {{{walk.id}}}", "look", "user", "central"],
     ]
     assert fields[9:] == [
@@ -85,7 +85,7 @@ def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_
     text = tca(attached)[1]
     listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert listed == [first.id, *(ref.id for ref in refs[:-1])]
-    assert text.endswith("these are only the first: there are 21 monitors\n")
+    assert text.endswith("only the first are listed: there are 21 monitors\n")
     assert tca(detach, "look")[2].startswith("there are 21 monitors, and central names only")
     last = refs[-1].id
     assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
@@ -121,11 +121,11 @@ def test_what_outlives_its_module_is_detached(
     )
     there = f"attached are wiretap look {{{watched.id}}} of all walk: see 'tca attached'\n"
     for what, why in (
-        (str(check.id), f"{check.id} is not attached, or not any more"),
-        ("9999", "nothing has had the number 9999 yet"),
+        (str(check.id), f"{check.id} is not attached, or was removed"),
+        ("9999", "there is no number 9999 yet"),
         (str(walk.id), f"walk {{{walk.id}}} is not attached: 'tca kill {walk.id}' ends it"),
         ("fxi", "nothing called 'fxi' is attached"),
-        ("0", "0 is not attached, or not any more"),
+        ("0", "0 is not attached, or was removed"),
     ):
         assert tca(detach, what) == (1, "", f"{why}; {there}")
     assert user.detach(watched.id)
@@ -133,7 +133,7 @@ def test_what_outlives_its_module_is_detached(
     assert tca(detach, "look") == (
         1,
         "",
-        "nothing called 'look' is attached; nothing at all is attached\n",
+        "nothing called 'look' is attached; there are no attachments\n",
     )
     with pytest.raises(Refused, match="is a goal, which is not attached: kill it to end it"):
         user.detach(walk.id)
@@ -207,7 +207,7 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
                 gone = f"wiretap say move {{{check}}} of all move, which 'guard' had attached in an earlier run: detached\n"
                 assert tca(detach, "--stale") == (0, gone, "")
                 assert [*listed("wiretaps")] == ["later"]
-                assert tca(detach, "--stale") == (0, "nothing is left of earlier runs\n", "")
+                assert tca(detach, "--stale") == (0, "nothing is left from earlier runs\n", "")
             process.communicate(timeout=SOON)
         until(
             lambda: "guard" not in {one["module"] for one in user.status("modules")},

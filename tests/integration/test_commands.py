@@ -98,7 +98,7 @@ def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> Non
     assert (code, text) == (1, f"walk {{{task}}}\n")
     assert (
         error
-        == f"walk {{{task}}} has not ended within 0.1 s, and goes on: 'tca kill {task}' ends it\n"
+        == f"walk {{{task}}} has not ended within 0.1 s, and continues: 'tca kill {task}' ends it\n"
     )
 
 
@@ -124,27 +124,27 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
     code, _, error = tca(send, "later")
     assert (code, error) == (
         0,
-        "nobody handles command 'later' now: it waits until a module does\n",
+        "command 'later' has no handler now: it waits for one\n",
     )
-    assert tca(send, "tick")[2] == "nobody handles broadcast 'tick' now: it reaches nobody\n"
+    assert tca(send, "tick")[2] == "broadcast 'tick' has no handler now: it reaches no module\n"
 
 
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [
-        (["walkk", "3"], 1, "no module has declared a message 'walkk': did you mean 'walk'?"),
-        (["xyz"], 1, "no module has declared a message 'xyz': see 'tca messages', and start the module that declares it"),
-        (["walk"], 2, "goal 'walk' wants data (integer), and none were given"),
-        (["walk", "five"], 2, "goal 'walk' wants data of type integer: the data must be a whole number, not \"five\""),
-        (["walk", "3", "4"], 2, "goal 'walk' takes one value (integer), and 2 were given"),
+        (["walkk", "3"], 1, "nobody has declared a message 'walkk': did you mean 'walk'?"),
+        (["xyz"], 1, "nobody has declared a message 'xyz': see 'tca messages', and start who declares it"),
+        (["walk"], 2, "goal 'walk' wants data (integer), but none were given"),
+        (["walk", "five"], 2, "goal 'walk' wants data of type integer: the data must be a whole number, and \"five\" is not"),
+        (["walk", "3", "4"], 2, "goal 'walk' takes one value (integer), but 2 were given"),
         (["move", "leg=1"], 2, "command 'move' wants data of type Move: field 'to' is missing: it must be an object with x, y"),
         (["move", "leg=1", "to.z=1", "to.x=1"], 2, "command 'move' wants data of type Move: field 'to.z' is unknown: the fields are x, y"),
         (["move", "leg=1", "leg=2"], 2, "field 'leg' is given twice: give it once"),
-        (["move", "to={}", "to.x=2"], 2, "field 'to.x' is given, and so is 'to' as a whole: give one of them"),
-        (["move", "leg=1", "x"], 2, "'x' is no field of command 'move': write key=value"),
-        (["move", "-"], 2, "the standard input holds no JSON: Expecting value: line 1 column 1 (char 0)"),
-        (["tick", "5"], 2, "broadcast 'tick' takes no data, and '5' was given"),
-        (["tick", "--wait"], 2, "broadcast 'tick' has no end to wait for: leave --wait and --timeout out"),
+        (["move", "to={}", "to.x=2"], 2, "fields 'to.x' and 'to' exclude each other: give one of them"),
+        (["move", "leg=1", "x"], 2, "'x' is not a field of command 'move': write key=value"),
+        (["move", "-"], 2, "the standard input is not JSON: Expecting value: line 1 column 1 (char 0)"),
+        (["tick", "5"], 2, "broadcast 'tick' takes no data, but '5' was given"),
+        (["tick", "--wait"], 2, "broadcast 'tick' has no end to wait for: leave out --wait and --timeout"),
         (["mode", "x"], 2, "variable 'mode' is not sent: set it with 'tca set'"),
         (["fix", "1"], 2, "exception handler 'fix' is not sent: raise its failure with 'tca raise'"),
         (["look"], 2, "'look' is a polling monitor: declare it in Python to start it"),
@@ -180,10 +180,14 @@ def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
         user.execute_if_handled(message)
     code, text, error = tca(query, "silent", "--timeout", "0.1")
     assert (code, text) == (1, "")
-    why = "no module handles it; to wait longer give --timeout"
+    why = "no module handles it; to wait longer, give --timeout"
     assert error.endswith(f"query 'silent' was not answered within 0.1 s: {why}\n")
     assert tca(query, "nobody")[0] == 1
-    assert tca(query, "walk", "1") == (2, "", "goal 'walk' is no query: send it with 'tca send'\n")
+    assert tca(query, "walk", "1") == (
+        2,
+        "",
+        "goal 'walk' is not a query: send it with 'tca send'\n",
+    )
     assert tca(query, "where", "x=1", "--maximum", "2")[0] == 2
 
 
@@ -227,7 +231,7 @@ def test_a_task_is_killed_by_its_number_or_its_name(
     assert tca(kill, "walk") == (
         1,
         "",
-        f"no living task is called 'walk': no task lives in central at {address}\n",
+        f"no living task is called 'walk': central at {address} has no living tasks\n",
     )
     rest = user.goal(WALK, 1)
     assert tca(kill, "work")[2].startswith(
@@ -318,7 +322,7 @@ def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
         assert tca(unlock, "other") == (0, "resource 'other': free again\n", "")
         assert tca(unlock, "other", "--module", "other") == (
             0,
-            "resource 'other': nobody had it\n",
+            "resource 'other': it had no holder\n",
             "",
         )
         waiting.lock("other", timeout=0)
@@ -344,13 +348,13 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
         (
             "0",
             1,
-            "task 0 is the root, which never ends: give the number of a task; no task lives in central at ADDRESS",
+            "task 0 is the root, which never ends: give the number of a task; central at ADDRESS has no living tasks",
         ),
-        ("999", 1, "there is no task 999: no task lives in central at ADDRESS"),
+        ("999", 1, "there is no task 999: central at ADDRESS has no living tasks"),
         ("9" * 30, 2, f"task(): task_id must be a number, as in the journal, not {'9' * 30}"),
-        ("nobody", 1, "no living task is called 'nobody': no task lives in central at ADDRESS"),
-        ("", 2, "'' is no task: give the number of a task, or its message's name"),
-        ("\udcff", 2, "'\\udcff' is no task: give the number of a task, or its message's name"),
+        ("nobody", 1, "no living task is called 'nobody': central at ADDRESS has no living tasks"),
+        ("", 2, "'' is not a task: give the number of a task, or its message's name"),
+        ("\udcff", 2, "'\\udcff' is not a task: give the number of a task, or its message's name"),
     ],
 )
 def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:

@@ -186,7 +186,7 @@ def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> N
         step.result(timeout=0.3)
     assert robot.begun()[2] == 0
     said = tca("status", "--central", robot.central.address).stdout
-    assert "no task starts since central was restarted" in said
+    assert "central was restarted, and starts no tasks yet" in said
     assert tca("resume", "--central", robot.central.address).stdout == "tasks start again\n"
     assert step.result(timeout=20) == 4
 

@@ -80,8 +80,8 @@ def test_a_central_that_goes_away_and_comes_back(
         screen.shows(f"central at {address} is away: no answer for")
         with central(folders[0], "--quiet", bind=address):
             first = screen.shows(r"run \w+,")
-            screen.shows("nobody waits")
-        screen.shows("central is away: no answer for .* This is how it was:")
+            screen.shows("nothing waits")
+        screen.shows("central is away: no answer for .* Its last answer:")
         with central(folders[1], "--quiet", bind=address):
             assert screen.shows(r"run (?!" + first[4:-1] + r")\w+,") != first
             screen.type(b"Q")
@@ -103,9 +103,9 @@ def test_wrong_usage_is_one_line(
 ) -> None:
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)
     for options, code, why in (
-        (("--json",), 2, "ask for --once, too"),
+        (("--json",), 2, "add --once"),
         (("--every", "0"), 2, "--every"),
-        ((), 2, "tca top needs a terminal: ask for --once"),
+        ((), 2, "tca top needs a terminal: use --once"),
         (("--once", "--central", f"ipc://{tmp_path}/nobody"), 1, "does not answer"),
     ):
         ended = CliRunner(env={"TCA_CENTRAL": address}).invoke(top, options)

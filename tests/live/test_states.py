@@ -100,8 +100,8 @@ def arm(central: LocalCentral) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("message", "code", "said"),
     [
-        (WALK, 0, "walk {1}: told to end; it does when the handlers that run have returned"),
-        (STAND, 1, "stand {1} goes on: the handler of 'stand' takes no 'cancel'"),
+        (WALK, 0, "walk {1}: ends when its running handlers have returned"),
+        (STAND, 1, "stand {1} continues: the handler of 'stand' takes no 'cancel'"),
         (LATER, 0, "later {1}: cancelled"),
         (
             DRIFT,
@@ -161,7 +161,7 @@ def test_task_is_updated_and_cancelled(sent: SentTask[float]) -> None:
     ("words", "code", "error"),
     [
         (["grasp", "wide=1"], 2, "command 'grasp' wants data of type Grasp: field 'wide' is unknown: did you mean 'width'?"),
-        (["1", "width=1", "--no-wait", "--timeout", "1"], 2, "--no-wait and --timeout are given: leave one of them out"),
+        (["1", "width=1", "--no-wait", "--timeout", "1"], 2, "--no-wait and --timeout exclude each other: leave one of them out"),
         (["walk", "width=1"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
     ],
 )  # fmt: skip

@@ -14,7 +14,7 @@ def test_output_lines_are_whole_or_cut() -> None:
     lines = Lines(told.append)
     for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
         lines.feed(data)
-    lines.end()
+    lines.close()
     assert told == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
 
 
@@ -32,8 +32,8 @@ def test_output_lines_have_their_program_name(tmp_path: Path) -> None:
         with (tmp_path / "screen").open("wb") as screen:
             output = Output(["run", "legs"], screen.fileno(), in_colour=in_colour)
             output.start()
-            output.put("run", b"hello")
-            output.put("legs", b"x\xff")
+            output.show("run", b"hello")
+            output.show("legs", b"x\xff")
             output.close(10)
         assert (tmp_path / "screen").read_bytes().startswith(first)
 
@@ -44,7 +44,7 @@ def test_stalled_reader_blocks_no_program_and_learns_its_gap() -> None:
     output.start()
     line, sent = b"x" * 1000, 0
     while not output._dropped:
-        output.put("run", line)
+        output.show("run", line)
         sent += 1
     assert sent < 2 * MOST_WAITING / len(line) + 200
     heard = bytearray()
@@ -53,7 +53,7 @@ def test_stalled_reader_blocks_no_program_and_learns_its_gap() -> None:
     )
     reader.start()
     until(lambda: not output._waiting, "all is taken")
-    output.put("run", b"again")
+    output.show("run", b"again")
     output.close(10)
     os.close(write)
     reader.join()

@@ -51,7 +51,7 @@ def test_the_help_lists_every_command_in_a_line(tca: Tca) -> None:
     lines = tca("--help").stdout.splitlines()
     assert "  hello       Say hello." in lines
     assert "  lost        (can't be loaded)" in lines
-    assert "  completion  Print the code that makes a shell complete 'tca'." in lines
+    assert "  completion  Print the shell code that completes 'tca' commands." in lines
 
 
 def test_a_command_runs_without_importing_the_others(

@@ -104,7 +104,7 @@ def test_a_moment_that_is_none_is_refused(
 ) -> None:
     result = tca(command, run, option, moment)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert f"'{option}': '{moment}' is no time: give seconds, such as 12.5\n" in result.stderr
+    assert f"'{option}': '{moment}' is not a time: give seconds, such as 12.5\n" in result.stderr
 
 
 @pytest.mark.slow

@@ -145,7 +145,7 @@ def test_a_run_is_shortened_though_each_life_is_short(
     before, newest = numbers(tmp_path, ".tcas")
     assert min(numbers(tmp_path, ".tcai")) == before
     told = tca("log", "prune", tmp_path, "--keep-bytes", "1")
-    assert "of what had ended by" in told.stdout, told.output
+    assert "of tasks and messages that had ended by" in told.stdout, told.output
     if is_torn:
         os.truncate(tmp_path / f"{newest:08d}.tcas", 100)
     daemon = short_life(tmp_path)
@@ -276,7 +276,7 @@ def test_the_newest_run_without_a_goodbye_stays(
     told = tca("log", "prune", folder, *options)
     assert told.exit_code == 0
     assert left(folder) == [path.name for path in crashed]
-    assert "it may go on" in told.stdout
+    assert "it may continue" in told.stdout
 
 
 def test_a_robot_that_learns_the_time_late_keeps_what_came_last(tca: Tca, tmp_path: Path) -> None:
@@ -328,11 +328,11 @@ def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ((), "say what to keep"),
+        ((), "give the age or size to keep"),
         (("--keep", "30"), "with one of min, h, d, w"),
         (("--keep", "30m"), "with one of min, h, d, w"),
         (("--keep-bytes", "-1G"), "with one of K, M, G, T"),
-        (("--keep", "1d"), "no runs lie there"),
+        (("--keep", "1d"), "no runs are stored there"),
     ],
 )
 def test_wrong_usage(tca: Tca, tmp_path: Path, arguments: tuple[str, ...], complaint: str) -> None:

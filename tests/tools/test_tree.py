@@ -503,4 +503,4 @@ def test_a_picture_of_very_many_rows_says_what_it_leaves_out(tca: Tca, tmp_path:
         picture = (tmp_path / name).read_text()
         assert max(picture.count('class="name"'), picture.count(" [label=<")) < 250
         assert re.search(r"\+ [23],\d+ tasks: [\d,]+ achieved, \d+ failed, [\d,]+ killed", picture)
-        assert "folded up; a part of the tree (--task, --module, --from, --to)" in picture
+        assert "folded tasks; a part of the tree (--task, --module, --from, --to)" in picture

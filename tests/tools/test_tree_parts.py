@@ -225,7 +225,7 @@ def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
         parent = story.goal("take steps", "planner", parent)
     result = tca("tree", story.write(tmp_path / "run"), "--all", "-o", tmp_path / "tree.png")
     assert result.exit_code == 1
-    assert "3100 tasks are too many for a picture: ask for a part with --task" in result.stderr
+    assert "3100 tasks are too many for a picture: choose a part with --task" in result.stderr
 
 
 def hasty() -> list[Entry]:
@@ -324,7 +324,7 @@ def test_lines_of_all_that_are_waited_for_by_the_same_are_one() -> None:
     picture = drawn(brothers((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
     assert set(picture.pairs) == {*product([2, 3, 4, 5], [6, 7]), (7, 8)}
     assert len(picture.strokes) == 2
-    assert any("one that begins at several tasks" in words for words in picture.words)
+    assert any("a line from several tasks" in words for words in picture.words)
 
 
 def test_what_has_no_room_is_said_in_words() -> None:

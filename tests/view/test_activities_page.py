@@ -228,7 +228,7 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
     enable = {"message": "tell joint", "data": "enable"}
     assert post("wrong", enable) == (
         403,
-        "this page may only look: to steer, open the address that 'tca activities' printed",
+        "this page is read-only: to steer, open the address that 'tca activities' printed",
     )
     assert post(town.key, enable) == (200, "tell joint: done")
     assert post(town.key, [])[0] == 400

@@ -83,7 +83,7 @@ def test_failure_is_shown_under_the_task_killed_for_it(look: Look, tmp_path: Pat
     assert [step.inner_text().split("\t")[-1] for step in page.locator("#chain tr").all()] == [
         "heat {63} failed: burnt: to coal",
         "bake cake {61} was killed: failure 'burnt' of heat {63} was not handled",
-        "heat {63}: nobody dealt with its failure",
+        "heat {63}: its failure was not dealt with",
     ]
     page.locator("#task .lead.bad .link").filter(has_text="heat {63}").click()
     expect(page.locator("#task h2")).to_have_text("heat {63}")

@@ -57,8 +57,8 @@ def test_live_page_moves_to_the_run_of_a_restarted_central(
     task(page, "rest")
     expect(page.locator("#status")).to_have_text("live")
     expect(page.locator("#newer")).to_be_hidden()
-    expect(page.locator("#over")).to_contain_text("A new run has begun, and is shown now: ")
-    expect(page.locator("#over")).to_contain_text(", begun ")
+    expect(page.locator("#over")).to_contain_text("A new run has started, and is shown now: ")
+    expect(page.locator("#over")).to_contain_text(", started ")
     page.locator("#over button").first.click()  # the way back
     task(page, "walk")
     expect(page.locator("#over")).to_be_hidden()
@@ -102,7 +102,7 @@ def test_chooser_names_the_shown_run_when_a_newer_exists(
     expect(page.locator("#name")).to_have_text("arm/journal")
     begun_anew_after_a_kill(first, start)
     chosen = page.locator("#runs option:checked")
-    expect(page.locator("#newer")).to_contain_text("a newer run has begun: arm/journal#2 ")
+    expect(page.locator("#newer")).to_contain_text("a newer run has started: arm/journal#2 ")
     expect(page.locator("#runs option")).to_have_text(["arm/journal#2 (newest)", "arm/journal#1"])
     expect(chosen).to_have_text("arm/journal#1")
     expect(page).to_have_title("arm/journal#1 – tca view")
@@ -125,7 +125,7 @@ def test_back_button_returns_to_a_run_in_the_same_folder(
     task(page, "walk")
     begun_anew_after_a_kill(first, start)
     task(page, "rest")
-    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, begun ")
+    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, started ")
     page.get_by_role("button", name="back to arm/journal#1").click()
     task(page, "walk")
     expect(page.locator("#runs option:checked")).to_have_text("arm/journal#1")
@@ -139,9 +139,7 @@ def test_deleted_run_stays_on_the_page(look: Look, serve: Callable[..., str], st
     second.stop()
     shutil.rmtree(second.journal)
     page.locator("#runs").focus()
-    expect(page.locator("#runs option:checked")).to_have_text(
-        "leg/journal, which is not there any more"
-    )
+    expect(page.locator("#runs option:checked")).to_have_text("leg/journal (removed)")
     expect(page.locator("#runs option")).to_have_count(2)
     first.stop()
 
@@ -223,7 +221,7 @@ def test_page_of_a_log_announces_a_newer_run_when_opened(
     expect(page.locator("#counts")).to_contain_text("1 handling")
     begin_another_in(folder)
     for where in ("", "#t=1.4&task=7"):
-        expect(page.locator("#newer")).to_contain_text("a newer run has begun: walk#2")
+        expect(page.locator("#newer")).to_contain_text("a newer run has started: walk#2")
         expect(page.locator("#runs option:checked")).to_have_text("walk#1")
         page = look(address, where)
     page.locator("#newer button").click()

@@ -175,7 +175,10 @@ def test_empty_journal_is_reported_as_empty(tmp_path: Path, is_folder: bool) -> 
         assert ("?key=" in found[1]) != is_folder
         get(found[1])  # it serves: what it has to say it has said
         process.terminate()
-        assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
+        assert (
+            process.communicate()[0]
+            == "it is empty: the page will show what central writes to it\n"
+        )
 
 
 def test_live_view_waits_for_an_empty_journal(serve: Callable[[Path], str], tmp_path: Path) -> None:

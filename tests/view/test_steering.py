@@ -112,7 +112,7 @@ def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: 
     ask(page, "kill", task.id, rows=3)
     page.locator("#steer input").fill("the battery is low")
     page.locator("#steer input").press("Enter")
-    expect(told(page)).to_contain_text("told to end")
+    expect(told(page)).to_contain_text("ends when its running handlers")
     robot.go_on.set()
     assert task.wait(30) is Outcome.KILLED
     expect(page.locator("#task .lead").last).to_contain_text(
@@ -128,7 +128,9 @@ def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: 
     expect(page.locator("[data-steer]")).to_have_count(0)
     assert other.info() is not None
     epoch = robot.user.status()["epoch"]
-    assert "told to end" in steer(robot.daemon.address, epoch, "cancel", other.id, "enough")
+    assert "ends when its running handlers" in steer(
+        robot.daemon.address, epoch, "cancel", other.id, "enough"
+    )
 
 
 def read(address: str, what: str) -> bytes:
@@ -175,7 +177,7 @@ def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_p
         assert post(address, wrong, X_TCA_Key=key)[0] == 400
     assert task.info() is not None
     told = post(address, wish, X_TCA_Key=key, Origin=address.rstrip("/"))
-    assert told == (200, "patrol {1}: killed") or "told to end" in told[1]
+    assert told == (200, "patrol {1}: killed") or "ends when" in told[1]
     assert post(serve(robot.daemon.journal), wish, X_TCA_Key=key)[0] == 404  # it only looks
     ended = serve(walking().write(tmp_path / "walk"), steering)
     told = post(ended, {"run": "", "task": 1, "what": "kill"}, X_TCA_Key=key)
@@ -185,4 +187,4 @@ def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_p
         address = serve(robot.daemon.journal, other)
         read(address, "frame")
         status, why = post(address, wish, X_TCA_Key=other.key.text)
-        assert (status, "runs another run than the one shown" in why) == (400, True)
+        assert (status, "has another run than the one shown" in why) == (400, True)

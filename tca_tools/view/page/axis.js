@@ -1,4 +1,4 @@
-// The chart's axis and, over all that is drawn, the cursor with what is to come.
+// The chart's axis, and the cursor with a veil over the future.
 
 import { css } from "./dom.js";
 
@@ -6,7 +6,7 @@ export const AXIS = 20;
 const DISTANCE = 90; // pixels between two labels, at least
 const STEPS = [60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400];
 
-// `x` tells where a time is; bars begin at `left`.
+// `x` returns the place of a time; bars start at `left`.
 export function drawAxis(context, [from, to], { x, left, width, height }) {
   context.strokeStyle = css("--line");
   context.fillStyle = css("--faint");
@@ -21,7 +21,7 @@ export function drawAxis(context, [from, to], { x, left, width, height }) {
   }
 }
 
-// `x`: where it is; what is behind it was not yet so.
+// `x`: its place. Everything right of it is in the future.
 export function drawCursor(context, x, { left, width, height }) {
   const veiled = Math.max(x, left);
   context.fillStyle = css("--paper");
@@ -54,7 +54,7 @@ export function ticks(start, end, most) {
   return found.map(({ time }) => ({ time, label: onAxis(time, digits, isLong) }));
 }
 
-// As the clock says it, as exactly as the axis needs; all of one axis in seconds, or in minutes.
+// Labels with the precision that the axis needs; all labels of an axis are in seconds, or in minutes.
 function onAxis(time, digits, isLong) {
   if (!isLong) return `${time.toFixed(digits)} s`;
   const minutes = Math.floor(Number(time.toFixed(digits)) / 60), hours = Math.floor(minutes / 60);

@@ -1,11 +1,11 @@
-// All there is to say about one task or message: state, why it waits or failed, times, data, constraints, its story.
+// The details of one task or message: state, causes of a wait or failure, times, data, constraints, story.
 
 import { age, ages, element, soon } from "./dom.js";
 import { Machines } from "./machine.js";
 import { duration, numbered, parted, seconds } from "./words.js";
 
-const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are laid out unasked
-const MET = 3, UNMET = 12; // constraints that are shown unasked
+const LONGEST = 1500, LONGEST_DATA = 20000; // characters that are shown at first
+const MET = 3, UNMET = 12; // constraints that are shown at first
 
 export class Details {
   constructor(store, { choose, setTime, ask, answered }) {
@@ -49,7 +49,7 @@ export class Details {
       yield element("table", { id: "constraints" }, ...this.#constraints(about));
     }
     yield* this.#data("newest progress", about.progress);
-    yield* this.#data("goal asked for", about.asked);
+    yield* this.#data("requested goal", about.asked);
     yield* this.#data("data", about.data);
     yield* this.#data("result", about.result);
     yield* this.#data("data of the failure", about.failureData);
@@ -102,7 +102,7 @@ export class Details {
     yield element("pre", { text: shown }, shown.length < whole.length ? rest(whole) : null);
   }
 
-  // What holds it first; of many the first ones, and the others when they are asked for.
+  // Unmet constraints first. Of many only the first are shown, and the others on request.
   *#constraints({ id, constraints }) {
     const met = constraints.filter((one) => one.isMet), unmet = constraints.filter((one) => !one.isMet);
     for (const [group, most, said] of [[unmet, UNMET, "not met"], [met, MET, "met"]]) {
@@ -112,7 +112,7 @@ export class Details {
       const rest = group.slice(shown), more = element("button", { class: "link", text: `and ${rest.length} more that are ${said}` });
       const row = element("tr", {}, element("td"), element("td", {}, more));
       more.addEventListener("click", () => {
-        this.unfolded.add(key); // also in answers to come
+        this.unfolded.add(key); // for later answers, too
         row.replaceWith(...rest.map((one) => this.#constraint(one)));
       });
       yield row;
@@ -142,7 +142,7 @@ export class Details {
     return when;
   }
 
-  // A text in which tasks are links; of a very long one the beginning, and the rest when that is asked for.
+  // A text with links to its tasks. Of a very long text only the start is shown, and the rest on request.
   *#linked(text) {
     const shown = withoutCarets(text), { byId } = this.store;
     for (const part of parted(shown.slice(0, LONGEST), (number) => byId.get(number)?.name)) yield part.number ? this.#link(part.number, part.text) : part;
@@ -156,7 +156,7 @@ export class Details {
   }
 }
 
-// A button that shows all of a text, in a frame of its own.
+// A button that shows a whole text, in a frame of its own.
 function rest(text) {
   const made = element("button", { class: "link", text: `show all ${text.length} characters` });
   made.addEventListener("click", () => made.replaceWith(element("textarea", { class: "whole", readOnly: true, rows: 16, value: text })));

@@ -1,4 +1,4 @@
-// Puts the page together: one cursor in time and one chosen task for all its parts, and what is new from the server.
+// Connects the parts of the page: they share one cursor in time and one chosen task, and get new rows from the server.
 
 import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
@@ -15,17 +15,17 @@ import { Store } from "./store.js";
 import { Traffic } from "./traffic.js";
 import { Tree } from "./tree.js";
 
-const BEAT = 250; // milliseconds between two pictures of time that goes on
-const AGAIN = 2000; // milliseconds until the server is asked again that does not answer, or can't read on
+const BEAT = 250; // milliseconds between two frames while time passes
+const AGAIN = 2000; // milliseconds until the next request to a server that does not answer, or can't read on
 const LATELY = 30; // seconds
 const TABS = ["task", "messages", "traffic"];
-const SLOW = 900; // milliseconds between two counts of how long waits have lasted
+const SLOW = 900; // milliseconds between two updates of the durations of waits
 
 const store = new Store();
 let cursor = Infinity; // Infinity: the end, wherever it is
 let drawing = false;
-let counted = 0; // when that was last counted
-let recalled = false; // whether the page is where its address wants it
+let counted = 0; // the time of the last such update
+let recalled = false; // whether the moment and task of the address have been applied
 
 async function ask(what, parameters = {}) {
   const known = Object.entries(parameters).filter(([, value]) => value !== Infinity);
@@ -37,12 +37,12 @@ async function ask(what, parameters = {}) {
   }
 }
 
-// With `keepUp` the tree comes along to what is current then, whatever the reader looked at before.
+// With `keepUp` the tree scrolls to the current task.
 function setTime(time, { keepPlaying = false, keepUp = time === Infinity && !keepPlaying } = {}) {
   if (!keepPlaying) slider.stop();
   if (keepUp) tree.keepsUp = true;
   cursor = time >= store.end ? Infinity : Math.max(time, store.start);
-  slider.time = Math.min(cursor, store.end); // at once: the next key may come before the next picture
+  slider.time = Math.min(cursor, store.end); // at once: the next key may be pressed before the next frame
   if (!keepPlaying) reveal(cursor);
   draw();
 }
@@ -51,7 +51,7 @@ function reveal(time) { chart.reveal(Math.min(time, store.end)); }
 
 function keepUp() { tree.keepsUp = true; }
 
-// A bit on, while the run is played.
+// Advance while the run is played.
 function playTo(time) {
   if (store.place(time) !== store.place(tree.time)) return setTime(time, { keepPlaying: true });
   cursor = time;
@@ -86,7 +86,7 @@ const search = new Search(store, { tree, choose, setTime, changed: draw });
 new Outcomes(store);
 const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id !== null || search.input.value !== "" });
 
-// Draw all parts, once before the next picture however often it is asked for.
+// Draw all parts, at most once a frame.
 function draw() {
   if (drawing) return;
   drawing = true;
@@ -116,7 +116,7 @@ function goOn() {
   glide(store.end);
 }
 
-// Between two messages nothing changes but the time: the cursor moves, the chart grows, and waits last longer.
+// Between two messages only the time changes: move the cursor, extend the chart, update durations.
 function glide(time) {
   slider.show(time, cursor === Infinity);
   chart.show(time);
@@ -152,9 +152,9 @@ function openTab(name) {
   if (name === "traffic") traffic.show(Math.min(cursor, store.end));
 }
 
-// The address names moment and task, so that it can be sent to somebody.
+// Write moment and task into the address, so that the user can share it.
 function remember() {
-  if (!recalled) return; // what the address says comes first
+  if (!recalled) return; // the address is applied first
   const parts = [];
   if (cursor !== Infinity) parts.push(`t=${cursor}`);
   if (details.id !== null) parts.push(`task=${details.id}`);
@@ -171,9 +171,9 @@ function recall(hash, otherwise) {
 // --- news ------------------------------------------------------------------------------------------------------------
 
 const MEANINGS = {
-  live: "central is running: what comes is shown",
+  live: "central is running: the page follows the run",
   ended: "central ended this run",
-  "not closed": "central does not run any more, and did not say that the run ends: it was killed, or the journal is a copy of one that goes on",
+  "not closed": "this run is unfinished: central was killed, or the journal is a copy of a live one",
 };
 
 function showStatus(away = "") {
@@ -194,7 +194,7 @@ function showStatus(away = "") {
 async function follow() {
   for (let isAway = false; ;) {
     try {
-      await store.more(isAway); // whether it is back is wanted at once
+      await store.more(isAway); // after a failure, request an answer at once
       isAway = false;
       showStatus();
       runs.update();
@@ -208,7 +208,7 @@ async function follow() {
     } catch (error) {
       isAway = true;
       store.stand();
-      showStatus(`The server does not answer (${error.message}); what was read before is shown. Start 'tca view' again.`);
+      showStatus(`The server does not answer (${error.message}). The page shows the part read before. Start 'tca view' again.`);
       await pause(AGAIN);
       if (error instanceof RangeError || error instanceof TypeError && !navigator.onLine) continue;
     }
@@ -247,14 +247,14 @@ function goToFailure(by) {
 }
 
 document.addEventListener("keydown", (event) => {
-  if (document.querySelector("dialog[open]")) return; // its keys are its own
+  if (document.querySelector("dialog[open]")) return; // the dialog handles its keys
   const kind = event.target.tagName, isButton = kind === "BUTTON" && ["Enter", " "].includes(event.key);
   if (isButton || ["INPUT", "SELECT"].includes(kind) || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
   event.preventDefault();
   KEYS[event.key]();
 });
 document.addEventListener("click", (event) => {
-  if (event.detail && event.target.closest("button")) event.target.closest("button").blur(); // keys are the page's again
+  if (event.detail && event.target.closest("button")) event.target.closest("button").blur(); // return the keyboard focus to the page
 });
 for (const tab of TABS) document.getElementById(`tab-${tab}`).addEventListener("click", () => openTab(tab));
 document.getElementById("help").addEventListener("click", KEYS["?"]);
@@ -272,5 +272,5 @@ document.getElementById("divider").addEventListener("pointerdown", (down) => {
 document.addEventListener("visibilitychange", draw);
 window.addEventListener("hashchange", ({ newURL }) => recalled && recall(new URL(newURL).hash, Infinity)); // pasted into an open page
 setInterval(goOn, BEAT);
-window.tca = { store, tree, chart, slider }; // for a look from the browser's console
+window.tca = { store, tree, chart, slider }; // for the browser's console
 follow();

@@ -1,19 +1,19 @@
-// Which rows of the tree are shown: open subtrees, with long runs of tasks that are achieved folded up.
+// The rows of the tree: open subtrees, with long runs of tasks in one state folded.
 
 import { isOver } from "./store.js";
 
-const SMALL = 60; // a run of no more tasks is shown whole
-const BESIDE = 24; // of more tasks side by side, runs in one state are folded
+const SMALL = 60; // a run of at most this many tasks is shown whole
+const BESIDE = 24; // if a task has more children, runs of children in one state are folded
 const RUN = 8;
 const KEPT = 2;
 
 export class Outline {
   constructor(store) {
     this.store = store;
-    this.opened = new Map(); // what the reader opened or closed
-    this.unfolded = new Set(); // whose folded runs he opened
+    this.opened = new Map(); // whether the reader has opened or closed a task
+    this.unfolded = new Set(); // tasks whose folded runs the reader has opened
     this.chosen = null;
-    this.kept = new Set(); // the chosen task and what it lies under: never folded
+    this.kept = new Set(); // the chosen task and its ancestors: never folded
   }
 
   choose(task) {
@@ -32,12 +32,12 @@ export class Outline {
 
   toggle(task, time) { this.opened.set(task, !this.isOpen(task, time)); }
 
-  // Open what a task lies under, so that it has a row.
+  // Open the ancestors of a task, so that it has a row.
   reveal(task) {
     for (let above = task.parent; above; above = above.parent) this.opened.set(above, true);
   }
 
-  // Open tasks from the top down, as long as the rows have room.
+  // Open tasks from the top down while the rows have room.
   openInto(room, time) {
     for (const tried = new Set(); ;) {
       const closed = this.rows(time).filter(({ task, children, open }) => task && children && !open && !tried.has(task));
@@ -49,7 +49,7 @@ export class Outline {
     }
   }
 
-  // The rows at a moment: { task } or, for a run that is folded, { folded, state, parent }; each with its depth.
+  // The rows at a moment: { task } or, for a folded run, { folded, state, parent }; each with its depth.
   rows(time) {
     const rows = [], stack = [...this.#below(null, this.store.top, time, 0)].reverse();
     while (stack.length) {
@@ -98,7 +98,7 @@ export class Outline {
     return this.store.stateAt(task, time) === state && !this.kept.has(task) && !this.#hasFailed(task, time);
   }
 
-  // Whether it failed, or something under it did.
+  // Whether it or one of its descendants failed.
   #hasFailed(task, time) {
     return task.failedBelow <= time || this.store.stateAt(task, time) === "failed";
   }

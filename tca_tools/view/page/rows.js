@@ -1,17 +1,17 @@
-// The rows of the chart: what lies in each, in which order they stand, how tall they are, and how many wait in one.
+// The rows of the chart: their spans, order and heights, and the curves of queue lengths.
 
 export const LANE = 18, THIN = 7, NAMED = 14, BETWEEN = 9; // pixels
 const CURVE = 18;
 const MOST_LANES = 12, MOST_HELD = 3;
-const MOST_WAIT = 6, FIRST = 5; // of more that wait the first are drawn, and how many there are (as in `tca gantt`)
-const FEW = 3, FIRST_OF_FEW = 2; // the same of what is no module's: it may stay for long
-const HATCHED = 14; // pixels: of bars that wait and are mostly narrower the number is drawn, too
+const MOST_WAIT = 6, FIRST = 5; // of a longer queue only the first bars are drawn, and a curve (as in `tca gantt`)
+const FEW = 3, FIRST_OF_FEW = 2; // the same for a row without a module, whose bars may last long
+const HATCHED = 14; // pixels: if most waiting bars are narrower, the curve is drawn, too
 
-// Spans of one kind in a row, by their lanes: in none of these do two overlap.
+// Spans of one kind in a row, by lane. Spans of one lane do not overlap.
 class Lanes {
   constructor() {
     this.lists = [];
-    this.begun = []; // when they did, in that order; and when they ended
+    this.begun = []; // the sorted times of their starts, and of their ends
     this.ended = [];
   }
 
@@ -24,8 +24,7 @@ class Lanes {
 
   end(span) { this.ended.push(span.end); }
 
-  // The most that go on at a time between each of these times and the next one. What is over as soon as it began counts
-  // nowhere.
+  // The greatest number of open spans between each of these times and the next one. Spans of no length do not count.
   peaks(times) {
     const { begun, ended } = this, found = [];
     let began = firstWith(begun, (time) => time > times[0]), over = firstWith(ended, (time) => time > times[0]);
@@ -44,7 +43,7 @@ class Lanes {
     return found;
   }
 
-  // Whether most of the time lies in spans that are shorter than `narrow`; what has not ended does at `now`.
+  // Whether spans shorter than `narrow` have most of the total time. Open spans count until `now`.
   areNarrow(narrow, now) {
     const asked = [narrow, now, this.begun.length, this.ended.length].join();
     if (this.narrow?.asked === asked) return this.narrow.found;
@@ -59,7 +58,7 @@ class Lanes {
   }
 }
 
-// The first place of a list, from `start` on, from which the condition holds; it holds for all behind it.
+// The first place of a list, from `start` on, for which the condition holds. It must then hold for all later places.
 export function firstWith(list, holds, start = 0) {
   let low = start, high = list.length;
   while (low < high) {
@@ -69,14 +68,14 @@ export function firstWith(list, holds, start = 0) {
   return low;
 }
 
-// A row of the chart; of no module's the module is "".
+// A row of the chart. `module` is "" for a row without a module.
 export function newRow(label, module) {
   const lanes = { handled: new Lanes(), queued: new Lanes(), held: new Lanes() };
   return { label, module, ...lanes, connected: [], failed: [], raised: [], changes: [], suspends: false };
 }
 
-// The rows in which there is anything, in the order in which they stand: those of a module together, the modules as they
-// came; below them what is suspended, and what nobody handles.
+// The rows that are not empty, grouped by module in the order of joining. The rows of suspended tasks and of messages
+// without a handler are last.
 export function inOrder(rows) {
   const shown = rows.filter((row) => row.handled.length || row.queued.length || row.held.length || row.connected.length);
   const modules = new Map();
@@ -86,15 +85,16 @@ export function inOrder(rows) {
   return [...modules.values()].flat().concat(others.filter((row) => row.suspends), others.filter((row) => !row.suspends));
 }
 
-// Where each of them stands, from 0 on; and how tall they are together. `scale`: pixels a second where all of the run is
-// seen, until now; it does not change as the reader zooms.
+// The place of each row, from 0 on, and the total height. `scale`: pixels a second if the whole run is shown; it does not
+// change when the reader zooms.
 export function placed(rows, { scale, now }) {
   let top = 0;
   const layout = rows.map((row) => {
-    const waiting = row.queued.length, isNobodys = !row.module; // there is nothing else in it
-    const [most, first] = isNobodys ? [FEW, FIRST_OF_FEW] : [MOST_WAIT, FIRST], isLong = waiting > most, thin = isLong ? first : waiting;
-    const isCurve = isLong || waiting > 1 && row.queued.areNarrow(HATCHED / scale, now); // one is nothing to compare
-    const lanes = isNobodys ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES), step = isNobodys ? NAMED : THIN;
+    const waiting = row.queued.length, isWithoutModule = !row.module; // it has only waiting bars
+    const [most, first] = isWithoutModule ? [FEW, FIRST_OF_FEW] : [MOST_WAIT, FIRST], isLong = waiting > most, thin = isLong ? first : waiting;
+    const isCurve = isLong || waiting > 1 && row.queued.areNarrow(HATCHED / scale, now); // one bar needs no curve
+    const lanes = isWithoutModule ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES);
+    const step = isWithoutModule ? NAMED : THIN;
     const held = Math.min(row.held.length, MOST_HELD), curve = isCurve ? CURVE : 0, tall = lanes * LANE + thin * step + held * THIN + curve;
     const place = { row, top, bottom: top + tall, lanes, thin, held, step, curve };
     top += tall + BETWEEN;
@@ -103,8 +103,7 @@ export function placed(rows, { scale, now }) {
   return { layout, tall: top };
 }
 
-// How many wait, where not all bars are drawn or can be seen: a curve, in each column of pixels the most that waited at a
-// time in it, and the most of all that is in sight.
+// Draw the queue length as a curve: in each column of pixels its maximum, and as text the maximum in sight.
 export function drawCurve(context, counts, { left, y, tall, ink, paper, how }) {
   const most = counts.reduce((one, other) => Math.max(one, other), 0);
   if (!most) return;
@@ -116,7 +115,7 @@ export function drawCurve(context, counts, { left, y, tall, ink, paper, how }) {
   context.textAlign = "left";
   context.lineJoin = "round";
   context.lineWidth = 3;
-  context.strokeStyle = paper; // around the letters: the curve is seen between and behind them
+  context.strokeStyle = paper; // an outline around the letters
   context.strokeText(text, begin, y + tall / 2 + 0.5);
   context.lineWidth = 1;
   context.fillText(text, begin, y + tall / 2 + 0.5);

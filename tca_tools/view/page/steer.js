@@ -1,20 +1,20 @@
-// What can be done to a task of a live run: it is cancelled, killed, suspended, resumed or retried, after a question.
+// Steer a task of a live run: cancel, kill, suspend, resume or retry it, after a confirmation.
 
 import { element } from "./dom.js";
 import { ofRun } from "./runs.js";
 import { isOver } from "./store.js";
 import { counted, numbered } from "./words.js";
 
-const KEY = "key"; // of the address that the command printed: without it a page only looks
+const KEY = "key"; // part of the address that the command printed: without it the page is read-only
 const CHANGES = {
-  cancel: "Its handler is asked to end it, and decides. If it knows of no cancels, the task is killed.",
-  kill: "It ends, and all that is under it. Handlers that run are told, not interrupted.",
-  suspend: "Nothing more of it is started, nor of what is under it, until it is resumed. Handlers that run are told.",
-  resume: "It goes on, and all that is under it.",
-  retry: "All that is under it is killed, and it is handled again from the beginning.",
+  cancel: "Its handler is asked to end it, and may refuse. If the handler does not accept cancels, the task is killed.",
+  kill: "It ends with everything under it. Running handlers are notified, not interrupted.",
+  suspend: "Nothing of it or under it is started until it is resumed. Running handlers are notified.",
+  resume: "It continues with everything under it.",
+  retry: "Everything under it is killed, and it is handled again from the start.",
 };
 
-// Out of the address, which may be sent to others.
+// Remove the key from the address, which the user may send to others.
 function takeKey() {
   const address = new URL(location.href), given = address.searchParams.get(KEY);
   if (given === null) return;
@@ -29,8 +29,8 @@ export class Steering {
   constructor(store, { toEnd }) {
     Object.assign(this, { store, toEnd });
     this.panel = document.getElementById("steering");
-    this.shown = ""; // what is pressed just now stays there
-    this.told = null; // what became of what was asked last: { id, text, isBad }
+    this.shown = ""; // unchanged buttons are not replaced: one may be pressed just now
+    this.result = null; // of the last request: { id, text, isBad }
     this.dialog = document.getElementById("steer");
     document.getElementById("steer-not").addEventListener("click", () => this.dialog.close(""));
     this.dialog.addEventListener("close", () => {
@@ -39,17 +39,17 @@ export class Steering {
     });
   }
 
-  // What can be done to a task that lives now, if the page may steer and shows the present. `about`: as the pane knows it.
+  // Show the buttons for a living task, if the page may steer and shows the present. `about`: the server's answer about it.
   show(about, isPresent) {
     this.about = [about, isPresent];
     const { store } = this, task = store.byId.get(about.id), state = task && store.stateAt(task, store.end);
     const isAlive = task && !isOver(state) && store.isLive && sessionStorage.getItem(KEY) !== null;
     const can = !isAlive || !isPresent || state === "ending" ? [] : ["cancel", "kill", about.isSuspended ? "resume" : "suspend", "retry"];
-    const told = this.told?.id === about.id ? this.told : null, shown = JSON.stringify([about.id, isAlive, can, told]);
+    const result = this.result?.id === about.id ? this.result : null, shown = JSON.stringify([about.id, isAlive, can, result]);
     if (shown === this.shown) return;
     this.shown = shown;
     this.panel.replaceChildren(...can.map((what) => this.#button(what, task)), ...isAlive && !isPresent ? this.#present() : [],
-      ...told ? [element("span", { class: told.isBad ? "bad" : "", role: "status", text: told.text })] : []);
+      ...result ? [element("span", { class: result.isBad ? "bad" : "", role: "status", text: result.text })] : []);
   }
 
   #present() {
@@ -80,7 +80,7 @@ export class Steering {
 
   async #do(what, task, why) {
     const asked = JSON.stringify({ ...ofRun(this.store.head), task, what, why });
-    this.told = { id: task, ...await sent(asked) };
+    this.result = { id: task, ...await sent(asked) };
     this.show(...this.about);
   }
 }
@@ -96,7 +96,7 @@ async function sent(body) {
   }
 }
 
-// How many tasks under one have not ended.
+// The number of living descendants of a task.
 function living({ children }, store) {
   let count = 0;
   for (const left = [...children]; left.length;) {

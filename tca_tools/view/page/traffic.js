@@ -32,7 +32,7 @@ export class Traffic {
   }
 
   *#parts(groups) {
-    if (!groups.length) return yield element("p", { class: "faint", text: "Nobody has sent anything yet." });
+    if (!groups.length) return yield element("p", { class: "faint", text: "No messages have been sent yet." });
     const heads = [["message", ""], ["number", "until the moment shown"], ["per s", `in the last ${LATELY} s of that`]];
     yield element("table", {},
       element("tr", {}, ...heads.map(([text, title]) => element("th", { text, title }))),
@@ -60,5 +60,5 @@ function line(kind, name, number, rate) {
 // As in tca stats.
 function perSecond(rate) { return rate < 100 ? String(Number(rate.toPrecision(2))) : rate.toFixed(0); }
 
-// How many of a link there were; of what no handler has begun with, how many there are.
+// The number of messages of a link; of a link without a handler, the number that still wait.
 function upTo({ times, less }, time) { return lastNotAfter(times, time) - lastNotAfter(less, time); }

@@ -1,4 +1,4 @@
-// Times, counts and links in words, and what the chart says of its spans. All other sentences are made by the server.
+// Times, counts and links in words, and descriptions of the chart's spans. The server composes all other sentences.
 
 import { wasHandled } from "./store.js";
 
@@ -29,7 +29,7 @@ export function duration(time) {
   return minutes < 120 ? `${minutes}:${two(whole % 60)} min` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)} h`;
 }
 
-// A text that the server made, in parts: a task stands in it as "name {7}"; other braces are the user's. `nameOf` knows the tasks.
+// Split a text of the server at its tasks, such as "name {7}". `nameOf` returns a task's name: other braces are the user's.
 export function parted(text, nameOf) {
   const [first, ...pieces] = text.split("{"), parts = [first];
   for (const piece of pieces) {
@@ -45,7 +45,7 @@ export function parted(text, nameOf) {
 
 const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspended: "suspended", waiting: "waits in" };
 
-// What is known of it at a time; what is to come is said to come later.
+// Describe a span as known at a time. Later events are marked as later.
 export function spanWords({ span: one, wait, row, failure, change }, store, time) {
   const shown = wait ?? one, later = ((failure ?? change)?.time ?? shown.start) > time ? "later: " : "";
   if (failure) {
@@ -66,7 +66,7 @@ function what(one, store) {
   return one.message && one.kind === "held" ? `${one.name}, handling ${numbered(store.byId.get(one.message)?.name ?? "message", one.message)},` : called(one);
 }
 
-// From when until when, and how it ended; of what goes on at a time that apart.
+// The start, end, duration and outcome of a span. If it is open at `time`, its end is marked as later.
 function went({ start, end: over }, how, store, time) {
   const isWhole = over <= time || start > time, last = `${seconds(over)} (${duration(Math.min(over, store.end) - start)})`;
   if (isWhole && over < Infinity) return `${how}: ${seconds(start)} – ${last}`;
