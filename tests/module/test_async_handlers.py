@@ -32,9 +32,7 @@ from tca_wire.packets.codec import unpack_to_central
 from tca_wire.packets.headers import Await
 
 
-def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(
-    legs: Module, user: Client
-) -> None:
+def test_slot_event_loop_runs_background_tasks_between_handlers(legs: Module, user: Client) -> None:
     loops, went_on = [], threading.Event()
 
     @legs.handles(REST)
@@ -55,7 +53,7 @@ def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(
     assert loops[0].is_closed()
 
 
-def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Client) -> None:
+def test_plain_and_async_handlers_share_one_slot(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         awaited, waited_for = (
@@ -77,7 +75,9 @@ def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Clien
         assert user.command(MOVE_LEG, 1).result(SOON) == Footfall(36, 0.0)
 
 
-def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: LocalCentral) -> None:
+def test_awaited_task_yields_its_result_or_failure(
+    legs: Module, eyes: Module, user: Client, central: LocalCentral
+) -> None:
     eyes.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
 
     @legs.handles(WALK)
@@ -100,7 +100,7 @@ def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: Lo
     assert [fact.parent for fact in moves] == [1, 1, 1]
 
 
-def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
+def test_coroutine_queries_its_own_slot(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return [int(radius), *await task.query_send(STANCE, radius - 1)] if radius > 1 else [1]
@@ -109,9 +109,7 @@ def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
         assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
 
 
-def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
-    legs: Module, user: Client
-) -> None:
+def test_blocking_query_of_own_slot_fails_in_coroutine(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return task.query(STANCE, radius - 1, timeout=SOON) if radius > 1 else [1]
@@ -123,7 +121,7 @@ def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
         user.query(STANCE, 2.0, timeout=SOON)
 
 
-def test_an_answer_may_be_awaited_only_so_long(
+def test_awaited_query_is_given_up_after_asyncio_timeout(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     @legs.handles(STANCE)
@@ -145,7 +143,7 @@ def test_an_answer_may_be_awaited_only_so_long(
 
 
 @pytest.mark.parametrize("ends_well", [False, True])
-def test_a_killed_task_is_cancelled_where_it_awaits(
+def test_killed_task_is_cancelled_at_its_await(
     legs: Module,
     user: Client,
     central: LocalCentral,
@@ -199,7 +197,7 @@ def cancels_itself() -> None:
         (cancels_itself, "cancelled", ""),
     ],
 )
-def test_a_coroutine_fails_as_a_function_does(
+def test_error_in_coroutine_fails_its_task(
     legs: Module, user: Client, error: Callable[[], object], failure: str, text: str
 ) -> None:
     @legs.handles(REST)
@@ -217,7 +215,7 @@ def test_a_coroutine_fails_as_a_function_does(
             assert "tca_module" not in failed.value.text
 
 
-def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user: Client) -> None:
+def test_lone_failure_in_task_group_is_unwrapped(legs: Module, user: Client) -> None:
     async def look(number: int) -> None:
         await asyncio.sleep(0)
         if number == 1:
@@ -244,9 +242,7 @@ def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user
             user.command(STOP).result(SOON)
 
 
-def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(
-    legs: Module, user: Client
-) -> None:
+def test_background_tasks_are_cancelled_when_module_ends(legs: Module, user: Client) -> None:
     ends = queue.Queue[str]()
 
     @legs.handles(REST)
@@ -267,9 +263,7 @@ def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(
     assert ends.get(timeout=SOON) == "cleaned"
 
 
-def test_a_module_ends_when_something_in_its_loop_wants_to_leave(
-    legs: Module, user: Client
-) -> None:
+def test_system_exit_in_event_loop_ends_module(legs: Module, user: Client) -> None:
     @legs.handles(REST)
     async def rest(task: Task) -> None:
         asyncio.get_running_loop().call_soon(lambda: sys.exit(7))
@@ -284,7 +278,7 @@ def test_a_module_ends_when_something_in_its_loop_wants_to_leave(
     assert left.value.code == 7
 
 
-def test_only_async_handlers_await(user: Client) -> None:
+def test_await_outside_async_handler_is_misuse(user: Client) -> None:
     async def script() -> float:
         return await user.query_send(TEMPERATURE)
 
@@ -295,7 +289,7 @@ def test_only_async_handlers_await(user: Client) -> None:
         asyncio.run(script())
 
 
-def test_a_coroutine_does_not_await_a_central_that_is_silent(
+def test_await_fails_when_central_is_silent(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     ended = queue.Queue[str]()
@@ -315,7 +309,7 @@ def test_a_coroutine_does_not_await_a_central_that_is_silent(
         assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)
 
 
-def test_who_awaits_many_tells_central_so_in_one_packet(
+def test_gathered_awaits_reach_central_in_one_packet(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     asked, count, began = Query("asked", int, reply=int), 100, threading.Event()
@@ -422,7 +416,7 @@ class Circle:
 
 
 @pytest.mark.parametrize("how", [alone, gathered, in_a_group, in_a_task, as_the_first, in_time])
-def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(
+def test_one_await_of_deadlock_is_refused_and_other_completes(
     how: How, central: LocalCentral, user: Client
 ) -> None:
     text, outcomes = Circle(central, how).outcomes(user)
@@ -495,7 +489,7 @@ def told(central: LocalCentral) -> set[str]:
 @pytest.mark.parametrize(
     "how", [beside_a_device, for_the_first_of_both, for_the_device, with_a_shield]
 )
-def test_a_handler_that_something_else_may_bring_on_is_not_refused(
+def test_await_beside_external_event_is_no_deadlock(
     how: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
     central: LocalCentral,
     user: Client,
@@ -545,7 +539,7 @@ def test_a_handler_that_something_else_may_bring_on_is_not_refused(
     assert not [fact for fact in central.facts if isinstance(fact, RequestRefused)]
 
 
-def test_what_is_awaited_only_so_long_is_given_up(central: LocalCentral, user: Client) -> None:
+def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: Client) -> None:
     """And who waited so is no longer taken to wait."""
     eyes, maps, go_on = Module("eyes", central), Module("maps", central), threading.Event()
     ended: list[bool] = []

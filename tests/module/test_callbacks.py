@@ -69,7 +69,7 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
+def test_delay_counts_from_module_start(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.after(2.0, lambda: called.append(clock.now))
     clock.pass_by(50.0)
@@ -85,7 +85,7 @@ def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
     assert not clock.callbacks
 
 
-def test_a_default_argument_stays_when_a_callback_may_do_without(clock: Clock) -> None:
+def test_default_arguments_of_callback_are_kept(clock: Clock) -> None:
     called: list[object] = []
     for n in (1, 2):
         clock.callbacks.every(1.0, lambda n=n: called.append(n))
@@ -96,7 +96,7 @@ def test_a_default_argument_stays_when_a_callback_may_do_without(clock: Clock) -
     assert check_function("observes()", lambda change, n=n: (change, n), "(change)", (2, 1)) == 1
 
 
-def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+def test_failing_callback_stops_no_other(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     called: list[str] = []
 
     def fails(callback: Callback) -> None:
@@ -110,12 +110,12 @@ def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -
     clock.pass_by(1.0)
     assert called == ["fails", "works"] * 2
     assert [record.getMessage() for record in caplog.records] == [
-        "callback test_an_error_stops_nobody.<locals>.fails failed"
+        "callback test_failing_callback_stops_no_other.<locals>.fails failed"
     ] * 2
     assert "OSError: hot" in caplog.text
 
 
-def test_cancelling_from_within_and_from_outside(clock: Clock) -> None:
+def test_callback_is_cancelled_from_inside_and_outside(clock: Clock) -> None:
     called: list[str] = []
 
     def thrice(callback: Callback) -> None:
@@ -144,7 +144,7 @@ def test_cancelling_from_within_and_from_outside(clock: Clock) -> None:
     assert called[-1] == "once"
 
 
-def test_one_may_cancel_another_that_is_due_too(clock: Clock) -> None:
+def test_callback_cancels_another_due_callback(clock: Clock) -> None:
     called: list[str] = []
     clock.callbacks.after(1.0, lambda: other.cancel())  # noqa: PLW0108 - not there yet
     other = clock.callbacks.after(1.0, lambda: called.append("other"))
@@ -153,7 +153,7 @@ def test_one_may_cancel_another_that_is_due_too(clock: Clock) -> None:
     assert not called
 
 
-def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
+def test_remaining_callbacks_restart_with_next_run(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.every(1.0, lambda: called.append(clock.now))
     once = clock.callbacks.after(1.5, lambda: called.append(0.0))
@@ -170,9 +170,7 @@ def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
     assert called == [101.0, 107.0, 0.0]
 
 
-def test_a_file_that_was_closed_is_no_longer_waited_for(
-    clock: Clock, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_closed_file_is_no_longer_watched(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     called: list[str] = []
     watch = clock.callbacks.on_readable(77, lambda: called.append("readable"))
     clock.begin()
@@ -186,7 +184,9 @@ def test_a_file_that_was_closed_is_no_longer_waited_for(
     assert called == ["readable"]
 
 
-def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
+def test_second_callback_for_file_is_misuse(
+    legs: Module, line: tuple[socket.socket, socket.socket]
+) -> None:
     near, far = line
     first = legs.on_readable(near, print)
     with pytest.raises(MisuseError, match=r"callback print waits for file .* already: cancel"):
@@ -198,7 +198,7 @@ def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket
         legs.on_readable(far, print)
 
 
-def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) -> None:
+def test_callback_sends_under_root(legs: Module, central: LocalCentral) -> None:
     moved = queue.Queue[tuple[str, Footfall]]()
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
 
@@ -214,7 +214,7 @@ def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) ->
     assert [fact.parent for fact in central.facts if isinstance(fact, Received)] == [0]
 
 
-def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user: Client) -> None:
+def test_callbacks_and_handlers_of_resource_take_turns(legs: Module, user: Client) -> None:
     """One resource is one thread: neither needs locks."""
     threads, go = queue.Queue[str](), threading.Event()
 
@@ -238,7 +238,7 @@ def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user:
             legs.after(0.0, print, resource="leg")
 
 
-def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, user: Client) -> None:
+def test_callback_thread_starts_on_first_use(legs: Module, user: Client) -> None:
     rang = queue.Queue[str]()
 
     @legs.handles(TEMPERATURE)
@@ -252,7 +252,7 @@ def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, us
             assert rang.get(timeout=SOON) == "callbacks 2"
 
 
-def test_files_times_and_coroutines_share_a_thread(
+def test_files_timers_and_coroutines_share_slot_thread(
     legs: Module, user: Client, line: tuple[socket.socket, socket.socket]
 ) -> None:
     near, far = line
@@ -274,7 +274,7 @@ def test_files_times_and_coroutines_share_a_thread(
             assert beats.get(timeout=SOON) == "legs 1"
 
 
-def test_a_closed_file_is_noticed_by_the_thread(
+def test_closed_file_is_noticed_by_waiting_slot(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     """With and without an event loop."""
@@ -302,7 +302,7 @@ def test_a_closed_file_is_noticed_by_the_thread(
 # --- When timers are due, on a clock of the test's own --------------------------------------------
 
 
-def test_what_is_due_once() -> None:
+def test_one_shot_timer_is_due_once() -> None:
     time = DueTime(5.0, is_once=True)
     assert time.due == math.inf
     time.begin(2.0)
@@ -312,7 +312,7 @@ def test_what_is_due_once() -> None:
     assert time.due == math.inf
 
 
-def test_a_period_does_not_drift() -> None:
+def test_period_does_not_drift() -> None:
     time = DueTime(0.1, is_once=False)
     time.begin(100.0)
     for turn in range(1, 1001):
@@ -320,7 +320,7 @@ def test_a_period_does_not_drift() -> None:
         time.was_done(time.due + 0.04)  # always a little late
 
 
-def test_what_was_missed_is_left_out() -> None:
+def test_missed_periods_are_skipped() -> None:
     """After a stall, or a long call, the next is at a multiple of the period again."""
     time = DueTime(1.0, is_once=False)
     time.begin(0.0)
@@ -328,7 +328,7 @@ def test_what_was_missed_is_left_out() -> None:
     assert time.due == 10.0
 
 
-def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice() -> None:
+def test_call_ending_at_next_due_time_is_not_repeated() -> None:
     time = DueTime(0.1, is_once=False)
     time.begin(0.0)
     times: list[float] = []

@@ -70,7 +70,7 @@ class Started:
         assert not self.thread.is_alive()
 
 
-def test_who_is_there_and_handles_what(walkers: Module, user: Client) -> None:
+def test_modules_and_handlers_are_listed(walkers: Module, user: Client) -> None:
     with walkers.running():
         known = {info.name: info for info in user.modules()}
         assert set(known) == {"legs", "user"}
@@ -86,7 +86,7 @@ def test_who_is_there_and_handles_what(walkers: Module, user: Client) -> None:
     assert user.handlers(MOVE_LEG) == []
 
 
-def test_waiting_until_messages_are_handled(walkers: Module, user: Client) -> None:
+def test_wait_until_handled_returns_when_handlers_exist(walkers: Module, user: Client) -> None:
     later = threading.Timer(0.1, lambda: started.append(Started(walkers)))
     started: list[Started] = []
     later.start()
@@ -97,7 +97,7 @@ def test_waiting_until_messages_are_handled(walkers: Module, user: Client) -> No
     user.wait_until_handled(timeout=SOON)  # for nothing
 
 
-def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> None:
+def test_unhandled_messages_are_named_at_timeout(walkers: Module, user: Client) -> None:
     with walkers.running(), pytest.raises(Timeout) as late:
         user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
     assert str(late.value) == (
@@ -105,7 +105,7 @@ def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> 
     )
 
 
-def test_a_module_serves_when_what_it_requires_is_handled(
+def test_module_serves_once_required_messages_are_handled(
     walkers: Module, central: LocalCentral, user: Client
 ) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
@@ -120,14 +120,14 @@ def test_a_module_serves_when_what_it_requires_is_handled(
     assert started.error == []
 
 
-def test_what_a_module_handles_itself_it_need_not_wait_for(central: LocalCentral) -> None:
+def test_own_handler_satisfies_requirement(central: LocalCentral) -> None:
     planner = Module("planner", central, requires=(STANCE,))
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with planner.running():
         assert planner.handlers(STANCE)[0].module == "planner"
 
 
-def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
+def test_waiting_module_names_requirements_and_can_be_stopped(
     central: LocalCentral,
     user: Client,
     monkeypatch: pytest.MonkeyPatch,
@@ -148,7 +148,7 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     assert [info.name for info in user.modules()] == ["user"]
 
 
-def test_modules_that_require_each_other_are_told_at_once(
+def test_mutually_requiring_modules_are_warned_at_once(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Each would wait for the other for ever; one that another module still may handle is not
@@ -172,7 +172,7 @@ def test_modules_that_require_each_other_are_told_at_once(
         assert "'planner' waits for 'move leg', which 'legs' will handle" in record.message
 
 
-def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, walkers: Module) -> None:
+def test_requirement_wait_survives_central_restart(central: LocalCentral, walkers: Module) -> None:
     started = Started(Module("planner", central, requires=[TEMPERATURE]))
     until(lambda: "temperature" in central.core.registry.messages, "it waits")
     central.restart("second")
@@ -194,7 +194,7 @@ def told(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
         yield told
 
 
-def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") -> None:
+def test_notices_reach_listening_module(walkers: Module, told: "queue.SimpleQueue[Any]") -> None:
     with walkers.running():
         pass
     assert {told.get(timeout=SOON) for _ in range(6)} == {
@@ -207,7 +207,7 @@ def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") ->
     }
 
 
-def test_commands_that_people_type_are_not_told_of(
+def test_shell_commands_cause_no_notices(
     central: LocalCentral, told: "queue.SimpleQueue[Any]"
 ) -> None:
     """Who suspends the robot when a module leaves would do so for each ``tca status``."""
@@ -228,7 +228,7 @@ def test_commands_that_people_type_are_not_told_of(
     )
 
 
-def test_notices_are_central_s(user: Client) -> None:
+def test_only_central_may_send_notices(user: Client) -> None:
     sender: Any = user
     with pytest.raises(
         MisuseError, match=r"broadcast\(\) takes messages of class Broadcast, not Notice\('tca: "
@@ -248,7 +248,7 @@ POSE = Variable("pose", Arc)
 MODE = Variable("mode", str)
 
 
-def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) -> None:
+def test_newest_variable_value_is_visible_to_all(central: LocalCentral, user: Client) -> None:
     with connect("sensor", central) as sensor:
         sensor.set_variable(POSE, Arc(1.0, 1))
         sensor.set_variable(POSE, Arc(2.0, 2))
@@ -257,7 +257,7 @@ def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) 
     assert user.get_variable(POSE) == Arc(3.0, 3)
 
 
-def test_a_variable_that_was_never_set(user: Client) -> None:
+def test_unset_variable_raises_or_yields_default(user: Client) -> None:
     with pytest.raises(VariableNotSet) as unset:
         user.get_variable(MODE)
     assert (
@@ -273,9 +273,7 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
 
 
 @pytest.mark.usefixtures("attentive")
-def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(
-    central: LocalCentral, user: Client
-) -> None:
+def test_watcher_gets_missed_value_after_reconnect(central: LocalCentral, user: Client) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()
     view.handles(MODE)(lambda _, mode: seen.put(mode))
     with view.running():
@@ -287,7 +285,7 @@ def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(
             assert mode == "idle"
 
 
-def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
+def test_handler_sets_and_gets_variable(central: LocalCentral, user: Client) -> None:
     legs, done = Module("legs", central), threading.Event()
 
     @legs.handles(POSITION)
@@ -316,7 +314,7 @@ WHERE = Query("where", reply=int)
 ASK = Query("ask", reply=int)
 
 
-def test_while_a_resource_is_locked_nobody_gets_in(
+def test_locked_resource_starts_no_message(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     moved: list[int] = []
@@ -337,7 +335,7 @@ def resources(user: Client) -> list[ResourceInfo]:
     return [resource for module in user.modules() for resource in module.resources]
 
 
-def test_a_reservation_lets_in_what_its_module_sends(
+def test_reservation_admits_messages_of_its_module(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     moved: list[int] = []
@@ -353,7 +351,7 @@ def test_a_reservation_lets_in_what_its_module_sends(
         assert moved == [1, 2]
 
 
-def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
+def test_handler_gets_answer_after_releasing_own_resource(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     legs.handles(WHERE)(lambda *_: 7)
@@ -368,9 +366,7 @@ def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
         assert user.query(ASK, timeout=10) == 7
 
 
-def test_whoever_waits_too_long_is_told_who_has_it(
-    central: LocalCentral, legs: Module, user: Client
-) -> None:
+def test_lock_timeout_names_lock_holder(central: LocalCentral, legs: Module, user: Client) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running(), connect("other", central) as other:
         with user.lock("legs"):
@@ -385,7 +381,7 @@ def test_whoever_waits_too_long_is_told_who_has_it(
 
 
 @pytest.mark.parametrize("in_block", [False, True])
-def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
+def test_release_refused_in_other_thread_keeps_lock(
     central: LocalCentral, legs: Module, user: Client, in_block: bool
 ) -> None:
     legs.handles(MOVE)(lambda *_: None)
@@ -459,9 +455,7 @@ def taken_away(central: LocalCentral) -> None:
 
 
 @pytest.mark.usefixtures("moving")
-def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(
-    eyes: Module, user: Client
-) -> None:
+def test_handler_fails_at_block_end_when_lock_was_taken_away(eyes: Module, user: Client) -> None:
     scans = Scans(eyes)
     with eyes.running():
         scan = user.command(SCAN)
@@ -477,7 +471,7 @@ def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(
 
 
 @pytest.mark.usefixtures("moving")
-def test_an_error_that_leaves_the_block_is_not_replaced(
+def test_error_from_lock_block_is_not_replaced_by_lock_lost(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
@@ -491,7 +485,7 @@ def test_an_error_that_leaves_the_block_is_not_replaced(
 
 
 @pytest.mark.usefixtures("moving")
-def test_who_releases_without_a_block_is_told_once(
+def test_explicit_release_raises_lock_lost_once(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
@@ -509,7 +503,7 @@ def test_who_releases_without_a_block_is_told_once(
 
 
 @pytest.mark.usefixtures("moving")
-def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentral) -> None:
+def test_lock_is_lost_when_connection_breaks(user: Client, central: LocalCentral) -> None:
     """Central frees what those had who are gone, if only for a moment: others have been let in."""
     with connect("other", central) as other:
         claim = other.lock("legs")
@@ -526,7 +520,7 @@ def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentr
             central.cut("other")
 
 
-def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
+def test_lock_is_lost_when_resource_module_leaves(user: Client, legs: Module) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running():
         claim = user.lock("legs")
@@ -536,7 +530,7 @@ def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
 
 
 @pytest.mark.usefixtures("moving")
-def test_central_was_restarted_inside_the_block(user: Client, central: LocalCentral) -> None:
+def test_lock_is_lost_when_central_restarts(user: Client, central: LocalCentral) -> None:
     """A client learns it when it next says something: at the end of the block at the latest."""
     with (
         pytest.raises(LockLost, match="central was restarted and has forgotten it"),

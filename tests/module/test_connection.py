@@ -140,7 +140,7 @@ def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
 
 
 @pytest.mark.parametrize("is_there", [True, False])
-def test_nobody_answers_hello(*, is_there: bool) -> None:
+def test_unanswered_hello_raises_central_lost(*, is_there: bool) -> None:
     central = ScriptedCentral(lambda _: [])
     central.is_there = is_there
     connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
@@ -152,7 +152,7 @@ def test_nobody_answers_hello(*, is_there: bool) -> None:
     assert len(central.heard) == 5 * is_there  # Hello, once a second
 
 
-def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
+def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
     """One from before Hello had its last field says so, without a number: it could not read that,
     either.
     """
@@ -167,7 +167,7 @@ def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
     )
 
 
-def test_a_message_is_declared_once() -> None:
+def test_message_is_declared_once() -> None:
     connection, central = connected()
     connection.declare(WALK)
     connection.declare(WALK)
@@ -176,7 +176,7 @@ def test_a_message_is_declared_once() -> None:
     assert len(central.heard) == 2
 
 
-def test_a_refused_format_is_declared_anew_next_time() -> None:
+def test_refused_format_is_declared_again() -> None:
     connection, central = connected(
         lambda header: (
             [headers.Refused(header.number, Refusal.FORMAT, "two formats")]
@@ -193,7 +193,7 @@ def test_a_refused_format_is_declared_anew_next_time() -> None:
     assert len(central.heard) == 2
 
 
-def test_a_wait_ends_in_time_while_central_lives() -> None:
+def test_wait_ends_at_its_timeout() -> None:
     connection, central = connected()
     central.beat()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
@@ -203,7 +203,7 @@ def test_a_wait_ends_in_time_while_central_lives() -> None:
     assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
 
 
-def test_a_wait_of_no_time_takes_what_is_there() -> None:
+def test_zero_timeout_wait_takes_arrived_answer() -> None:
     connection, central = connected()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     assert not connection.wait(request, 0, "query")
@@ -214,7 +214,7 @@ def test_a_wait_of_no_time_takes_what_is_there() -> None:
     assert central.now == 100.0
 
 
-def test_what_central_does_not_acknowledge_is_given_up() -> None:
+def test_unacknowledged_request_is_given_up() -> None:
     connection, central = connected()
     central.beat()
     with pytest.raises(
@@ -229,7 +229,7 @@ def test_what_central_does_not_acknowledge_is_given_up() -> None:
     assert central.heard == [Send(0, "position")]  # and x is not repeated
 
 
-def test_what_is_delivered_is_handled_within_the_wait() -> None:
+def test_delivery_is_handled_inside_wait() -> None:
     connection, central = connected()
     handled = []
 
@@ -246,7 +246,7 @@ def test_what_is_delivered_is_handled_within_the_wait() -> None:
     assert central.heard[-1] == Reply(8)
 
 
-def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) -> None:
+def test_broken_packet_is_logged_and_skipped(caplog: pytest.LogCaptureFixture) -> None:
     connection, central = connected()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.packets.append((0.0, b"nonsense"))
@@ -255,7 +255,7 @@ def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixt
     assert "sent what is no message" in caplog.text
 
 
-def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
+def test_next_central_gets_unsent_requests_but_not_sent_one() -> None:
     connection, central = connected()
     central.is_there = False
     requests = [
@@ -278,7 +278,7 @@ def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_no
     assert not requests[1].lost
 
 
-def test_what_has_left_is_not_counted_as_lost_though_the_rest_could_not_leave() -> None:
+def test_only_unsent_informs_count_as_dropped() -> None:
     connection, central = connected()
     central.room = 1
     session = connection.session
@@ -289,7 +289,7 @@ def test_what_has_left_is_not_counted_as_lost_though_the_rest_could_not_leave() 
     assert session.dropped == 2
 
 
-def test_an_interrupted_wait_is_not_asked_again() -> None:
+def test_interrupted_wait_gives_up_its_request() -> None:
     connection, central = connected()
     request = connection.request(Send(0, "stance"), wants_answer=True)
 
@@ -342,7 +342,7 @@ class Ear:
 
 
 @pytest.mark.parametrize("is_nested", [False, True])
-def test_what_is_recalled_is_not_begun_though_other_packets_came_before(*, is_nested: bool) -> None:
+def test_recalled_prefetched_message_is_not_begun(*, is_nested: bool) -> None:
     numbers = list(range(9, 20))
     news = [Deliver(number, "note", ahead=number - 8) for number in numbers]
     ear = Ear(*news, Recall(numbers), slow=dict.fromkeys(numbers, 0.1), is_nested=is_nested)
@@ -350,23 +350,21 @@ def test_what_is_recalled_is_not_begun_though_other_packets_came_before(*, is_ne
     assert Recalled(numbers) in ear.central.heard
 
 
-def test_what_is_given_back_does_not_wait_for_the_handler_of_what_is_kept() -> None:
+def test_recall_is_answered_before_kept_message_is_handled() -> None:
     news = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
     ear = Ear(*news, Recall([10, 11]), slow={9: 2.0})
     assert ear.serve() == [8, 9]
     assert ear.told == [False, True]
 
 
-def test_nothing_that_is_ahead_is_begun_when_the_module_ends() -> None:
+def test_prefetched_message_is_not_begun_when_module_ends() -> None:
     assert Ear(
         Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9
     ).serve() == [8, 9]
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
-def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(
-    *, is_forgotten: bool
-) -> None:
+def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: bool) -> None:
     ear = Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={9: STALL + 0.1})
     begun_when_asked: list[list[int]] = []
 
@@ -385,7 +383,7 @@ def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(
 # --- central is gone ------------------------------------------------------------------------------
 
 
-def test_a_silent_central_is_asked_and_then_given_up() -> None:
+def test_silent_central_is_asked_then_given_up() -> None:
     connection, central = connected()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.script = lambda _: []
@@ -405,9 +403,7 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
         (headers.Lock(0, "camera", origin=7), "begin anew"),
     ],
 )
-def test_what_was_lost_with_central_raises_and_says_what_to_do(
-    asked: ToCentral, advice: str
-) -> None:
+def test_request_lost_with_central_raises_with_advice(asked: ToCentral, advice: str) -> None:
     connection, central = connected()
     request = connection.request(asked, wants_answer=True)
     central.script = lambda header: (
@@ -420,7 +416,7 @@ def test_what_was_lost_with_central_raises_and_says_what_to_do(
         connection.wait(request, None, "the answer")
 
 
-def test_a_sender_that_never_waits_still_finds_central_again() -> None:
+def test_sender_that_never_waits_reconnects() -> None:
     connection, central = connected()
     connection.post(Send(0, "position"), b"")
     central.say(Unknown())
@@ -430,7 +426,7 @@ def test_a_sender_that_never_waits_still_finds_central_again() -> None:
     assert connection.session.dropped == 1
 
 
-def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_lost_informs_are_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
     connection, central = connected()
     central.is_there = False
     for _ in range(3):
@@ -441,7 +437,7 @@ def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     ]
 
 
-def test_central_comes_back_for_a_connection_that_serves() -> None:
+def test_serving_connection_reconnects_when_central_returns() -> None:
     connection, central = connected()
     stop = []
     connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
@@ -460,7 +456,7 @@ def test_central_comes_back_for_a_connection_that_serves() -> None:
     assert Hello in map(type, central.heard)
 
 
-def test_hello_is_said_again_soon_after_a_packet_that_did_not_leave() -> None:
+def test_hello_is_repeated_soon_after_unsent_packet() -> None:
     connection, central = connected()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     connection.session.post(Bye())
@@ -479,7 +475,7 @@ def test_hello_is_said_again_soon_after_a_packet_that_did_not_leave() -> None:
 
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
-def test_a_wait_is_not_late_when_central_has_died(timeout: float) -> None:
+def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
     """Neither because what was asked can't be sent, nor because what is given up can't be said."""
     connection, central = connected()
     central.is_there = False
@@ -492,7 +488,7 @@ def test_a_wait_is_not_late_when_central_has_died(timeout: float) -> None:
         assert central.now == pytest.approx(began + timeout)
 
 
-def test_a_central_that_answers_is_not_silent() -> None:
+def test_answering_central_is_not_silent() -> None:
     connection, central = connected()
     assert not connection.silence
     central.now += QUIET
@@ -502,7 +498,7 @@ def test_a_central_that_answers_is_not_silent() -> None:
     assert not connection.silence
 
 
-def test_a_late_answer_names_the_silence_before_it() -> None:
+def test_timeout_names_silence_of_central() -> None:
     connection, central = connected()
     central.script = lambda _: []
     central.say(Beat(), at=central.now + 6.0)  # the network is back
@@ -515,7 +511,7 @@ def test_a_late_answer_names_the_silence_before_it() -> None:
         connection.call(Register(0, []), "the declaration", within=7.0)
 
 
-def test_a_central_that_had_nothing_to_say_is_asked_before_it_counts_as_silent() -> None:
+def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
     """It beats seldom to those who wait for nothing."""
     connection, central = connected()
     central.script = lambda _: []

@@ -92,7 +92,7 @@ def them(central: LocalCentral) -> Iterator[Robot]:
         yield robot
 
 
-def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user: Client) -> None:
+def test_failure_is_retried_with_new_data_then_reissued(them: Robot, user: Client) -> None:
     user.on_failure(None, SHRUG)
     user.on_failure(COLLISION, HIGHER, of=MOVE)
     assert user.command(MOVE, 0.28).result(timeout=5) == pytest.approx(0.33)
@@ -109,9 +109,7 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user
     assert them.said[-5:] == [*attempts, "shrug"]
 
 
-def test_exception_handlers_travel_with_the_task_and_can_be_removed(
-    them: Robot, user: Client
-) -> None:
+def test_exception_handlers_are_sent_with_task_and_removed(them: Robot, user: Client) -> None:
     assert (
         user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5)
         is Outcome.RESOLVED
@@ -125,9 +123,7 @@ def test_exception_handlers_travel_with_the_task_and_can_be_removed(
     assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
-def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(
-    them: Robot, user: Client
-) -> None:
+def test_running_task_sees_suspension_and_queued_task_waits(them: Robot, user: Client) -> None:
     resting = user.command(REST)
     moving = user.command(MOVE, 0.5)
     them.held.acquire(timeout=5)
@@ -143,7 +139,7 @@ def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(
     assert them.said == ["suspended", "move 0.5"]
 
 
-def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None:
+def test_deadline_delay_and_delayed_kill_take_effect(them: Robot, user: Client) -> None:
     late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
     assert them.shrugged.acquire(timeout=5)
     them.go_on.release()
@@ -161,7 +157,7 @@ def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None
     assert doomed.wait(timeout=5) is Outcome.KILLED
 
 
-def test_what_is_to_be_done_on_termination(them: Robot, user: Client) -> None:
+def test_termination_message_runs_after_kill(them: Robot, user: Client) -> None:
     resting = user.command(REST)
     them.held.acquire(timeout=5)
     resting.on_termination(MOVE, 0.9)
@@ -171,7 +167,7 @@ def test_what_is_to_be_done_on_termination(them: Robot, user: Client) -> None:
     assert them.said == ["cancelled", "move 0.9"]
 
 
-def test_a_wiretap_hears_what_others_send_and_is_removed(them: Robot, user: Client) -> None:
+def test_wiretap_reports_messages_until_removed(them: Robot, user: Client) -> None:
     note = Command("note", float)
     watcher = Module("watcher", central=them.legs.central)
 
@@ -190,7 +186,7 @@ def test_a_wiretap_hears_what_others_send_and_is_removed(them: Robot, user: Clie
     assert them.said == ["before handling move 0.5", "move 0.5", "move 0.6"]
 
 
-def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
+def test_each_monitor_kind_sends_its_action(them: Robot, user: Client) -> None:
     acted = threading.Semaphore(0)
     seen: Query[None, float | None] = Query("seen", reply=float | None)
     act, look = Command("act", float), Command("look")
@@ -225,7 +221,7 @@ def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
     assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
-def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
+def test_late_wiretap_fires_once_for_past_events(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     told = Inform("told")
@@ -248,7 +244,7 @@ def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
-def test_monitors_listen_to_wiretaps(them: Robot, user: Client) -> None:
+def test_wiretap_starts_monitors(them: Robot, user: Client) -> None:
     asked = threading.Semaphore(0)
     eye = Module("eye", central=them.legs.central)
 
@@ -293,7 +289,7 @@ def walking(central: LocalCentral) -> Iterator[None]:
         yield
 
 
-def test_relatives_of_a_task(them: Robot, user: Client) -> None:
+def test_task_reports_its_relatives(them: Robot, user: Client) -> None:
     central = them.legs.central
     assert isinstance(central, LocalCentral)
     with walking(central):
@@ -316,7 +312,7 @@ def test_relatives_of_a_task(them: Robot, user: Client) -> None:
         assert waiting.info() is None
 
 
-def test_point_monitors_stand_in_blocks_like_tasks(them: Robot, user: Client) -> None:
+def test_point_monitor_is_ordered_like_task_in_blocks(them: Robot, user: Client) -> None:
     """In parallel they wait for nothing; in a sequence what follows waits for them."""
     central = them.legs.central
     planner = Module("planner", central=central)
@@ -356,9 +352,7 @@ BUMPS = DemonMonitor("bumps", set_up=WATCH)
 NUDGES = DemonMonitor("nudges")
 
 
-def test_a_monitor_is_fired_with_its_action_and_nothing_else(
-    legs: Module, eyes: Module, user: Client
-) -> None:
+def test_monitor_fires_only_its_declared_action(legs: Module, eyes: Module, user: Client) -> None:
     fetched, errors = list[str](), queue.Queue[str]()
     legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
 
@@ -383,9 +377,7 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(
     assert fetched == ["blue"]
 
 
-def test_a_handler_fires_any_monitor_by_its_task_or_by_name(
-    legs: Module, eyes: Module, user: Client
-) -> None:
+def test_handler_fires_monitors_by_task_or_name(legs: Module, eyes: Module, user: Client) -> None:
     asked, fired = queue.Queue[str](), list[bool]()
     watch = PollingMonitor("watch the dark", condition=IS_DARK)
 
@@ -412,7 +404,7 @@ def test_a_handler_fires_any_monitor_by_its_task_or_by_name(
     assert fired == [True, True, False]
 
 
-def test_a_monitor_without_an_action_is_fired_without_one(
+def test_monitor_without_action_is_fired_without_message(
     eyes: Module, central: LocalCentral, user: Client
 ) -> None:
     eyes.handles(WATCH)(lambda _: None)
@@ -426,14 +418,14 @@ def test_a_monitor_without_an_action_is_fired_without_one(
     ]
 
 
-def test_a_monitor_that_has_yet_to_begin_is_not_fired(user: Client) -> None:
+def test_unstarted_monitor_is_not_fired(user: Client) -> None:
     going = user.goal(GO)
     nudges = user.monitor(NUDGES, constraints=[going.handling.start <= this.handling.start])
     assert not nudges.fire()
     assert nudges.info() is not None
 
 
-def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
+def test_monitor_parts_without_data_type_get_no_data(legs: Module, user: Client) -> None:
     """They need not be told what the monitor was."""
     done: queue.SimpleQueue[str] = queue.SimpleQueue()
     begin, end = Command("begin"), Command("end")
@@ -461,9 +453,7 @@ def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
         assert [done.get(timeout=SOON) for _ in range(3)] == ["begin", "cup", "end"]
 
 
-def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(
-    legs: Module, user: Client
-) -> None:
+def test_catch_all_exception_handler_gets_none_without_data(legs: Module, user: Client) -> None:
     caught: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ease: ExceptionHandler[float | None] = ExceptionHandler("ease", float | None)
     legs.handles(ease)(lambda task, force: caught.put((task.trouble.failure, force)))
@@ -482,7 +472,7 @@ BATTERY = Query("battery", reply=bool)
 WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charge"))
 
 
-def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
+def test_monitor_waits_for_condition_handler_and_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     blind = "'watch' sees nothing until a module handles its condition 'battery'"

@@ -75,7 +75,7 @@ def made(kind: type[BaseException]) -> BaseException:
 
 
 @pytest.mark.parametrize("copied", [pickled, copy.copy, copy.deepcopy])
-def test_every_error_is_the_same_when_copied(copied: Callable[[Any], Any]) -> None:
+def test_every_error_survives_copying(copied: Callable[[Any], Any]) -> None:
     for kind in error_classes():
         error = made(kind)
         error.add_note("a note")
@@ -100,7 +100,7 @@ def test_declarations_can_be_copied(copied: Callable[[Any], Any]) -> None:
     assert copied(tca_module.GENERAL) == tca_module.GENERAL
 
 
-def test_handles_say_that_they_cannot_be_pickled(legs: Module, user: Client) -> None:
+def test_pickling_connected_object_is_misuse(legs: Module, user: Client) -> None:
     @legs.handles(MOVE)
     def move(task: Task, _: list[int]) -> float:
         for one in (task, task.ref, user):

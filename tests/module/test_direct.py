@@ -95,7 +95,7 @@ def ask_until_direct(
 pytestmark = pytest.mark.usefixtures("attentive")
 
 
-def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: Client) -> None:
+def test_queries_go_directly_once_route_is_known(central: RealCentral, user: Client) -> None:
     with a_map(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0))
         before = through_central(central)
@@ -118,7 +118,7 @@ def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: C
     assert fact.outcome is Outcome.DONE
 
 
-def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, user: Client) -> None:
+def test_direct_informs_keep_order_and_are_journaled(central: RealCentral, user: Client) -> None:
     seen: list[float] = []
     module = a_map(central)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
@@ -135,7 +135,7 @@ def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, us
     assert not central.facts(LostDirectly)
 
 
-def test_a_handler_asks_directly_and_the_journal_says_for_whom(
+def test_direct_query_of_handler_is_journaled_with_origin(
     central: RealCentral, user: Client
 ) -> None:
     walker = Module("walker", central.address)
@@ -160,7 +160,7 @@ def hear_only_what_wakes(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(where, "STEP", 10 * SOON)
 
 
-def test_coroutines_ask_and_answer_directly(
+def test_coroutines_query_and_answer_directly(
     central: RealCentral, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     walker, eyes = Module("walker", central.address), Module("eyes", central.address)
@@ -184,7 +184,9 @@ def test_coroutines_ask_and_answer_directly(
     until(lambda: direct(central, "depth"), "it was noted")
 
 
-def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -> None:
+def test_direct_queries_are_tapped_until_wiretap_is_removed(
+    central: RealCentral, user: Client
+) -> None:
     heard: list[float] = []
     observer = Module("observer", central.address)
     observer.handles(HEARD)(lambda _, x: heard.append(x))
@@ -199,7 +201,9 @@ def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: Client) -> None:
+def test_newer_handler_gets_direct_queries_until_it_leaves(
+    central: RealCentral, user: Client
+) -> None:
     with a_map(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
         with a_map(central, "better map", lambda x: x + 100).running():
@@ -209,7 +213,9 @@ def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: C
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
 
 
-def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: Client) -> None:
+def test_leaving_module_hands_over_unbegun_direct_queries(
+    central: RealCentral, user: Client
+) -> None:
     """Queries that wait at the entrance of a module which ends are answered by the next one, each
     once.
     """
@@ -242,7 +248,7 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
     assert sorted(x for x in handled if x < 50) == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
+def test_slot_handles_direct_and_central_messages_in_turn(
     central: RealCentral, user: Client
 ) -> None:
     """While a direct handler waits, central, which does not know of it, delivers to its slot."""
@@ -279,7 +285,7 @@ def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
     assert diary == ["height 1", "height 0", "end of 0", "end of 1", "walk", "height 0", "end of 0"]
 
 
-def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Client) -> None:
+def test_later_reply_to_direct_query_keeps_slot_busy(central: RealCentral, user: Client) -> None:
     module, owed = Module("map", central.address), list[LaterReply[float]]()
 
     @module.handles(HEIGHT, direct=True)
@@ -314,7 +320,7 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
         assert two.receive(SOON) == 2.5
 
 
-def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(
+def test_overloaded_receiver_refuses_queries_and_drops_informs(
     central: RealCentral, user: Client
 ) -> None:
     gate, seen = Gate(), list[float]()
@@ -344,7 +350,9 @@ def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(
         until(lambda: (user.status(), said_lost(central) == lost)[1], "central has been told")
 
 
-def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
+def test_direct_query_times_out_and_cancelled_one_is_skipped(
+    central: RealCentral, user: Client
+) -> None:
     go_on, handled = threading.Event(), list[float]()
 
     def slow(x: float) -> float:
@@ -366,7 +374,7 @@ def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
     assert 2.0 not in handled
 
 
-def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
+def test_direct_queries_reach_all_slots(central: RealCentral, user: Client) -> None:
     names: set[str] = set()
     module = Module("map", central.address, capacity=3)
 
@@ -383,7 +391,7 @@ def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
 # --- Direct messages when something breaks, dies or is foreign ------------------------------------
 
 
-def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(
+def test_direct_route_is_relearnt_after_connection_break(
     central: RealCentral, user: Client
 ) -> None:
     with a_map(central).running():
@@ -395,7 +403,7 @@ def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
+def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> None:
     """What is under way when another central comes is lost, as through central; then all is learnt
     anew.
     """
@@ -424,7 +432,7 @@ def entrance(folder: Path) -> Path:
     return path
 
 
-def test_strangers_at_the_entrance_harm_nobody(
+def test_stranger_at_entrance_is_refused_and_harmless(
     central: RealCentral, user: Client, tmp_path: Path
 ) -> None:
     with a_map(central).running():
@@ -447,9 +455,7 @@ def test_strangers_at_the_entrance_harm_nobody(
     until(lambda: not path.exists(), "the entrance is gone")
 
 
-def test_what_killed_modules_left_behind_is_cleared_away(
-    central: RealCentral, tmp_path: Path
-) -> None:
+def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path) -> None:
     with zmq.Context() as context, context.socket(zmq.ROUTER) as alive:
         gone, taken, foreign = (
             tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes")
@@ -466,7 +472,7 @@ def test_what_killed_modules_left_behind_is_cleared_away(
             assert foreign.exists()
 
 
-def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> None:
+def test_tcp_entrance_uses_host_of_central(tmp_path: Path) -> None:
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
         with a_map(central).running():
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
@@ -475,7 +481,7 @@ def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> No
         assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
+def test_too_long_socket_path_only_disables_direct_messages(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path
@@ -488,7 +494,7 @@ def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
         assert "all goes through central" in caplog.text
 
 
-def test_with_a_local_central_all_goes_through_its_core() -> None:
+def test_local_central_routes_direct_queries_itself() -> None:
     with LocalCentral(check=check_invariants) as central, connect("user", central) as user:
         module = Module("map", central)
         module.handles(HEIGHT, direct=True)(lambda _, x: -x)
@@ -508,7 +514,7 @@ def address(tmp_path: Path) -> str:
     return f"ipc://{tmp_path}/central.sock"
 
 
-def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
+def test_transport_refuses_packet_without_peer(address: str) -> None:
     transport = DealerTransport(address)
     assert not transport.send(b"packet", 0.05)
     assert transport.receive(0.01) is None
@@ -516,14 +522,14 @@ def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
     transport.close()
 
 
-def test_an_address_that_is_none(tmp_path: Path) -> None:
+def test_malformed_central_address_is_misuse(tmp_path: Path) -> None:
     with pytest.raises(
         MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"
     ):
         connect("user", "somewhere")
 
 
-def test_coroutines_hear_all_that_arrives(
+def test_coroutines_wake_for_every_arrival(
     central: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must
@@ -559,7 +565,7 @@ def test_coroutines_hear_all_that_arrives(
         assert rested.wait(SOON) is Outcome.KILLED
 
 
-def test_other_threads_timers_and_files_wake_a_slot(
+def test_threads_timers_and_files_wake_slot(
     central: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     legs, jobs = Module("legs", central.address), queue.Queue[LaterReply[Footfall]]()
@@ -592,7 +598,7 @@ def test_other_threads_timers_and_files_wake_a_slot(
             user.command(MOVE_LEG, 1).result(SOON)
 
 
-def test_nothing_stays_of_a_pulse_when_its_last_connection_is_closed(address: str) -> None:
+def test_pulse_ends_with_last_connection_to_central(address: str) -> None:
     """All connections of a process to one central share one."""
     with RealCentral(address), RealCentral(f"{address}-2") as other:
         with connect("first", address):  # what ZeroMQ has once for a process is there from now on

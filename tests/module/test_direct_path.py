@@ -179,7 +179,7 @@ def pair() -> Pair:
     return pair
 
 
-def test_nothing_goes_before_the_greeting_is_answered() -> None:
+def test_path_is_unusable_before_greeting_is_answered() -> None:
     pair = Pair()
     assert not pair.path.is_usable
     pair.path.tend(0.0)
@@ -189,7 +189,7 @@ def test_nothing_goes_before_the_greeting_is_answered() -> None:
     assert pair.path.is_usable
 
 
-def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
+def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
     request = pair.ask(b"how high")
     assert pair.path.tell(Send(0, "pose"), b"here")
     pair.settle()
@@ -199,7 +199,7 @@ def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
     assert not pair.path.requests
 
 
-def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
+def test_leaving_sender_learns_that_informs_arrived(pair: Pair) -> None:
     pair.path.tell(Send(0, "pose"), b"1")
     assert pair.path.unheard == 1
     pair.path.is_asked = True
@@ -207,7 +207,7 @@ def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
     assert (pair.path.unheard, pair.handled) == (0, [])
 
 
-def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
+def test_lost_query_is_resent_and_lost_inform_is_counted(pair: Pair) -> None:
     first = pair.ask(b"1")
     pair.path.tell(Send(0, "pose"), b"2")
     pair.line.cut()
@@ -219,7 +219,7 @@ def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) ->
     assert pair.lost == ["pose"]
 
 
-def test_an_answer_that_was_lost_is_given_again(pair: Pair) -> None:
+def test_lost_answer_is_repeated(pair: Pair) -> None:
     request = pair.ask()
     pair.handle()
     pair.line.cut()
@@ -228,7 +228,7 @@ def test_an_answer_that_was_lost_is_given_again(pair: Pair) -> None:
     assert request.answers
 
 
-def test_an_answer_that_is_kept_no_longer_is_lost_and_not_handled_again(pair: Pair) -> None:
+def test_discarded_answer_is_lost_and_query_not_handled_again(pair: Pair) -> None:
     request = pair.ask(bytes(2 << 20))
     pair.handle()
     pair.line.cut()
@@ -237,7 +237,7 @@ def test_an_answer_that_is_kept_no_longer_is_lost_and_not_handled_again(pair: Pa
     assert request.lost == "the line to the module broke before the answer came"
 
 
-def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
+def test_forgotten_sender_repeats_no_query(pair: Pair) -> None:
     request = pair.ask()
     pair.handle()
     pair.path.socket.receive()  # the answer is lost
@@ -252,7 +252,7 @@ def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
     assert len(pair.handled) == 2
 
 
-def test_too_much_on_its_way_is_refused_at_once(
+def test_direct_query_over_limit_is_refused_at_once(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     requests = [pair.ask() for _ in range(MOST_UNDER_WAY)]
@@ -272,7 +272,7 @@ def test_too_much_on_its_way_is_refused_at_once(
     assert pair.ask(bytes(101)).refused
 
 
-def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
+def test_acknowledged_informs_free_the_path(pair: Pair) -> None:
     for number in range(3 * MOST_UNDER_WAY):
         assert pair.path.tell(Send(0, "pose"), b"%d" % number)
         pair.handle()
@@ -281,7 +281,7 @@ def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
     assert len(pair.handled) == 3 * MOST_UNDER_WAY
 
 
-def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
+def test_leaving_receiver_returns_unbegun_queries(pair: Pair) -> None:
     begun, waiting = pair.ask(b"1"), pair.ask(b"2")
     pair.path.tell(Send(0, "pose"), b"3")
     pair.handle()
@@ -294,7 +294,7 @@ def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
     assert pair.notes.due != FAR
 
 
-def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
+def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
     for number in range(10):
         pair.path.tell(Send(0, "pose"), b"%d" % number)
     for _ in range(4):
@@ -308,7 +308,7 @@ def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
     assert not pair.path.is_needed
 
 
-def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_counted_by_it(
+def test_lost_informs_are_counted_once_when_receiver_leaves(
     pair: Pair,
 ) -> None:
     for number in range(10):
@@ -326,7 +326,7 @@ def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_coun
     assert (len(noted.notes), noted.losses) == (4, [Loss("pose", 6)])
 
 
-def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) -> None:
+def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> None:
     for _ in range(MOST_UNDER_WAY):
         pair.path.tell(Send(0, "pose"), b"")
         pair.handle()
@@ -337,7 +337,7 @@ def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) 
     assert (pair.handled[-1], pair.lost) == (b"next", [])
 
 
-def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
+def test_unanswered_direct_query_fails_when_receiver_dies(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
     pair.handle()  # its answer has arrived, and was not read yet
     pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
@@ -350,7 +350,7 @@ def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
     )
 
 
-def test_who_has_left_may_have_last_words(pair: Pair) -> None:
+def test_late_answer_of_departed_receiver_is_accepted(pair: Pair) -> None:
     answered, silent = pair.ask(), pair.ask()
     pair.path.gone("it said goodbye", pair.now, lost=False)
     pair.handle()
@@ -362,7 +362,7 @@ def test_who_has_left_may_have_last_words(pair: Pair) -> None:
     assert silent.answers[0][0].failure == "module lost"
 
 
-def test_a_query_that_was_given_up_is_not_handled(pair: Pair) -> None:
+def test_abandoned_query_is_not_handled(pair: Pair) -> None:
     pair.path.abandon(pair.ask(b"1"))
     kept = pair.ask(b"2")
     pair.settle()
@@ -370,7 +370,7 @@ def test_a_query_that_was_given_up_is_not_handled(pair: Pair) -> None:
     assert kept.answers
 
 
-def test_a_failure_is_answered_too(pair: Pair) -> None:
+def test_failure_is_returned_to_direct_sender(pair: Pair) -> None:
     request = pair.ask()
     pair.inbox.listen()
     taken = pair.inbox.take()
@@ -411,7 +411,7 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is no sender"),
     ],
 )
-def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
+def test_malformed_packet_at_entrance_is_refused(frames: tuple[bytes, ...], why: str) -> None:
     pair = Pair()
     (answer,) = said(pair, *frames)
     assert answer.refusal is Refusal.PROTOCOL
@@ -421,7 +421,7 @@ def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
     assert pair.inbox.take() is None
 
 
-def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pair: Pair) -> None:
+def test_unhandled_message_is_refused_and_number_gap_is_bounded(pair: Pair) -> None:
     for number in (5, 1 << 61, -1):
         answers = said(pair, pack_item(Direct(number, "move leg")))
         assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
@@ -434,14 +434,14 @@ def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pa
     assert len(greeting.missing) == 2000
 
 
-def test_data_that_are_too_long_are_refused_with_both_sizes(pair: Pair) -> None:
+def test_oversized_direct_data_is_refused_with_both_sizes(pair: Pair) -> None:
     said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
     (answer,) = said(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
     assert answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed"
     assert not pair.inbox.has_message
 
 
-def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_inbox_leaves_packets_in_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_module.direct.inbox.MOST_WAITING", 5)
     for number in range(1, 11):
         pair.line.there.append((pair.line.address, [pack_item(Direct(number, "pose"))]))
@@ -499,7 +499,7 @@ STEPS: dict[str, Callable[[Life, bytes], object]] = {
 
 @settings(max_examples=150)
 @given(st.lists(st.sampled_from(sorted(STEPS)), max_size=60))
-def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str]) -> None:
+def test_direct_messages_are_handled_once_despite_breaks(steps: list[str]) -> None:
     life = Life()
     for number, step in enumerate(steps):
         STEPS[step](life, b"%d" % number)
@@ -520,7 +520,7 @@ def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str])
 
 
 @pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])
-def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, bool]) -> None:
+def test_routes_rotate_over_usable_slots(usable: tuple[bool, bool]) -> None:
     routes = DirectRoutes.__new__(DirectRoutes)
     paths: list[Any] = [SimpleNamespace(is_usable=one) for one in usable]
     routes._routes = {"height": deque(paths)}
@@ -531,7 +531,7 @@ def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, boo
     assert routes._path("unknown") is None
 
 
-def test_a_sender_whose_licence_is_withdrawn_is_heard_no_more() -> None:
+def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     pair = Pair()
     pair.greet()
     pair.handle()
@@ -546,7 +546,7 @@ def test_a_sender_whose_licence_is_withdrawn_is_heard_no_more() -> None:
     assert pair.lost == ["pose"]
 
 
-def test_a_sender_with_a_new_licence_goes_on_where_it_was() -> None:
+def test_sender_with_renewed_licence_continues() -> None:
     pair = Pair()
     pair.greet()
     first = pair.ask(b"1")

@@ -58,7 +58,7 @@ def camera(central: LocalCentral) -> Iterator[list[str]]:
         yield heard
 
 
-def test_requests_and_answers_outlive_breaks(
+def test_task_requests_and_answers_survive_breaks(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -78,7 +78,7 @@ def test_requests_and_answers_outlive_breaks(
     assert camera == ["update 2.0", "update 91.0"] * 4 + ["cancel None"]
 
 
-def test_an_update_is_over_when_the_task_ends_in_a_break(
+def test_pending_update_is_rejected_when_task_ends_in_break(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -96,7 +96,7 @@ def test_an_update_is_over_when_the_task_ends_in_a_break(
 
 
 @pytest.mark.soak
-def test_nobody_is_told_of_what_nobody_follows_any_more(
+def test_unfollowed_task_has_no_observers(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -123,7 +123,7 @@ def test_nobody_is_told_of_what_nobody_follows_any_more(
         assert central.core.observers.count == 0
 
 
-def test_functions_are_called_also_after_a_wait_was_broken_off(
+def test_change_functions_run_after_wait_is_interrupted(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     brain, seen = Module("brain", central), list[str]()
@@ -153,7 +153,7 @@ def test_functions_are_called_also_after_a_wait_was_broken_off(
     assert seen[-1] == "cancelled"
 
 
-def test_a_task_that_is_retried_is_initiated_again(
+def test_retried_task_is_initiated_again(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)

@@ -56,7 +56,7 @@ def in_child(address: str) -> int:
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_a_forked_process_is_told_at_each_use(tmp_path: Path) -> None:
+def test_forked_process_gets_misuse_at_each_inherited_use(tmp_path: Path) -> None:
     owed: list[LaterReply[int]] = []
     with RealCentral(f"ipc://{tmp_path}/central") as central:
         module = Module("legs", central.address)

@@ -47,7 +47,7 @@ def counted() -> tuple[Connection, CountedCentral]:
     return connection, central
 
 
-def test_who_serves_wakes_for_what_central_says_alone() -> None:
+def test_serving_connection_wakes_only_for_packets() -> None:
     connection, central = counted()
     for minute in range(10):
         central.say(Beat(), at=central.now + 30 * minute)
@@ -56,14 +56,14 @@ def test_who_serves_wakes_for_what_central_says_alone() -> None:
     assert not central.heard
 
 
-def test_who_serves_and_hears_nothing_asks_now_and_then() -> None:
+def test_serving_connection_asks_silent_central_periodically() -> None:
     connection, central = counted()
     connection.serve(lambda: central.now >= 100 + 10 * IDLE)
     assert central.heard == [Register(0, [], [])] * 9
     assert central.wakes <= 20  # for the answers, too
 
 
-def test_who_waits_wakes_for_beats_alone() -> None:
+def test_waiting_connection_wakes_only_for_beats() -> None:
     connection, central = counted()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     for beat in range(50):
@@ -74,7 +74,7 @@ def test_who_waits_wakes_for_beats_alone() -> None:
 
 
 @pytest.mark.parametrize("patience", [0.5, 2.0])
-def test_who_has_little_patience_asks_soon(patience: float) -> None:
+def test_impatient_wait_asks_before_central_counts_as_lost(patience: float) -> None:
     """Central has no reason to beat that often."""
     central = ScriptedCentral(friendly)
     connection = Connection(central, Session(HELLO), clock=lambda: central.now, patience=patience)
@@ -83,14 +83,14 @@ def test_who_has_little_patience_asks_soon(patience: float) -> None:
     assert not connection.wait(request, 5.0, "query")
 
 
-def test_nobody_looks_after_a_module_that_has_nothing_to_do() -> None:
+def test_idle_module_is_not_polled() -> None:
     with LocalCentral() as central, Module("legs", central).running() as legs:
         kept = legs._keep_alive
         assert kept is not None
         until(lambda: kept.due > time.monotonic() + 5.0, "nothing is due for a while")
 
 
-def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
+def test_awaiting_coroutine_is_not_polled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
@@ -143,7 +143,7 @@ def central(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RealCen
         yield central
 
 
-def test_central_beats_to_those_who_wait(central: RealCentral) -> None:
+def test_central_beats_only_to_waiting_connections(central: RealCentral) -> None:
     with line_to(central) as idle, line_to(central) as waiting:
         say(waiting, Register(2, [WALK.format]))
         assert heard(waiting) == Accepted(2)
@@ -155,7 +155,7 @@ def test_central_beats_to_those_who_wait(central: RealCentral) -> None:
         assert heard(idle) == Accepted(2)  # and nothing before
 
 
-def test_who_leaves_disturbs_nobody_and_who_is_lost_is_found(central: RealCentral) -> None:
+def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -> None:
     with line_to(central) as idle:
         connect("user", central.address).close()
         until(lambda: central.server._closed == 2, "its line and its pulse have closed")
@@ -169,7 +169,7 @@ def test_who_leaves_disturbs_nobody_and_who_is_lost_is_found(central: RealCentra
         )
 
 
-def test_who_connects_anew_is_asked_who_he_is(central: RealCentral) -> None:
+def test_new_connection_is_asked_to_identify_itself(central: RealCentral) -> None:
     """A module whose central was killed hears at once that there is another one."""
     line = DealerTransport(central.address)
     until(

@@ -55,7 +55,7 @@ def sent(owed: Owed, user: Client, central: LocalCentral) -> SentTask[int]:
     return sent
 
 
-def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
+def test_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
     owed.clear()
     with pytest.raises(TaskFailed, match="until you have called") as failed:
         sent.result(SOON)
@@ -63,9 +63,7 @@ def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> 
 
 
 @pytest.mark.parametrize("is_async", [False, True])
-def test_a_reply_that_is_never_kept_is_forgotten(
-    legs: Module, user: Client, *, is_async: bool
-) -> None:
+def test_unkept_reply_fails_as_forgotten(legs: Module, user: Client, *, is_async: bool) -> None:
     async def move(task: Task, _: int) -> LaterReply[int]:
         await asyncio.sleep(0)
         return task.reply_later()
@@ -75,7 +73,7 @@ def test_a_reply_that_is_never_kept_is_forgotten(
         user.command(MOVE, 1).result(SOON)
 
 
-def test_a_dropped_reply_of_a_killed_task_just_ends(
+def test_dropped_reply_of_killed_task_ends_it(
     sent: SentTask[int], owed: Owed, central: LocalCentral
 ) -> None:
     sent.kill("enough")
@@ -86,7 +84,7 @@ def test_a_dropped_reply_of_a_killed_task_just_ends(
 
 
 @pytest.mark.parametrize("does_reply", [False, True])
-def test_an_accepted_cancel_leaves_nothing_owed(
+def test_accepted_cancel_closes_later_reply(
     sent: SentTask[int], owed: Owed, central: LocalCentral, *, does_reply: bool
 ) -> None:
     sent.cancel("enough")
@@ -99,7 +97,7 @@ def test_an_accepted_cancel_leaves_nothing_owed(
 
 
 @pytest.mark.parametrize("outcome", [Outcome.DONE, Outcome.FAILED])
-def test_reports_come_in_order_when_the_handler_returns_last(
+def test_reports_keep_order_when_handler_returns_last(
     legs: Module, user: Client, outcome: Outcome
 ) -> None:
     @legs.handles(MOVE)
@@ -158,7 +156,7 @@ def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
 
 
 @given(st.lists(BODIES | st.sampled_from([Recalled([1]), Fail(99, "slipped")]), max_size=12))
-def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> None:
+def test_joined_replies_keep_content_and_order(given_: list[Any]) -> None:
     held, items = HeldReplies(), []
     for number, one in enumerate(given_, 1):
         items.append(
@@ -174,7 +172,7 @@ def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> Non
     assert not held.ended
 
 
-def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None:
+def test_joined_header_gives_end_times_and_next_start() -> None:
     held = HeldReplies()
     items = [
         run(held, 1, 10.0, 11.0),
@@ -192,19 +190,19 @@ def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None
     assert (second.ended[0].delivery, second.begun) == (3, 1.0)
 
 
-def test_big_replies_do_not_share_a_header() -> None:
+def test_big_replies_do_not_share_header() -> None:
     held = HeldReplies()
     items = [run(held, number, number, number + 1, bytes(40_000)) for number in range(3)]
     assert [len(body) for _, body in held.joined(items, 9.0)] == [40_000] * 3
 
 
-def test_a_lone_reply_after_which_nothing_has_begun_is_a_plain_one() -> None:
+def test_lone_reply_without_successor_is_plain() -> None:
     held = HeldReplies()
     item = run(held, 1, 10.0, 11.0)
     assert held.joined([item], 11.0) == [item]
 
 
-def test_what_is_not_of_the_turn_is_not_held() -> None:
+def test_only_replies_of_current_turn_are_held() -> None:
     held = HeldReplies()
     held.begin(1, 0.0)
     assert not held.take(Fail(1, "slipped"), 1.0)

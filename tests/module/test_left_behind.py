@@ -13,7 +13,9 @@ from tca_module import Command, Module, Query, Task, Timeout, connect
 STEP, LOOK = Command("step", int), Query("look", int, reply=int)
 
 
-def test_a_handler_that_hangs_is_replaced(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_hung_handler_is_replaced_by_other_thread(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     legs = Module("legs", central := f"ipc://{tmp_path}/central.sock")
     legs.resource("legs", hung="replace", hung_after=0.2)
     hangs, go_on, done = threading.Event(), threading.Event(), list[int]()

@@ -70,7 +70,7 @@ def wrong_data(_task: Task, _distance: list[int]) -> None: ...
 def two(_first: Any, _second: Any) -> None: ...
 
 
-def test_what_is_said_of_a_wrong_call(
+def test_wrong_call_matches_approved_text(
     user: Client, legs: Module, approve: Callable[..., None]
 ) -> None:
     known = {
@@ -89,7 +89,7 @@ def test_what_is_said_of_a_wrong_call(
     approve("misuse.txt", tell)
 
 
-def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, legs: Module) -> None:
+def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Module) -> None:
     said: list[str] = []
 
     def elsewhere() -> None:
@@ -278,13 +278,13 @@ def is_public(kind: type) -> set[str]:
     return {name for name in dir(kind) if not name.startswith("_")}
 
 
-def test_every_call_of_a_sender_is_attacked() -> None:
+def test_every_public_call_is_covered_by_attacks() -> None:
     assert is_public(Client) == ATTACKED.keys() | BY_POSITION | WITHOUT
     assert is_public(SentTask) == OF_TASKS.keys() | ALONE
 
 
 @pytest.mark.parametrize("name", ATTACKED)
-def test_calls_of_a_sender(sender: Client, name: str) -> None:
+def test_sender_call_survives_hostile_arguments(sender: Client, name: str) -> None:
     right = ATTACKED[name]
     for argument in right:
         attack(
@@ -294,7 +294,7 @@ def test_calls_of_a_sender(sender: Client, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OF_TASKS)
-def test_calls_of_a_task(sender: Client, name: str) -> None:
+def test_sent_task_call_survives_hostile_arguments(sender: Client, name: str) -> None:
     waits = sender.command(REST, delay=3600)
     right = OF_TASKS[name] | ({"point": waits.achieving.end} if "point" in OF_TASKS[name] else {})
     for argument in right:
@@ -304,20 +304,20 @@ def test_calls_of_a_task(sender: Client, name: str) -> None:
         )
 
 
-def test_calls_with_any_number_of_arguments(sender: Client) -> None:
+def test_variadic_call_survives_hostile_arguments(sender: Client) -> None:
     attack(sender.constrain)
     attack(lambda wrong: sender.wait_until_handled(wrong, timeout=0))
     attack(lambda wrong: sender.sequence(wrong).__enter__())
     attack(sender.under)
 
 
-def test_what_a_demon_monitor_is_fired_with(sender: Client) -> None:
+def test_fire_survives_hostile_arguments(sender: Client) -> None:
     rocks = sender.monitor(ROCKS)
     attack(rocks.fire)
     attack(lambda wrong: rocks.fire(REST, wrong))
 
 
-def test_points_and_what_is_made_of_them(sender: Client) -> None:
+def test_point_arithmetic_survives_hostile_operands(sender: Client) -> None:
     point = sender.command(REST, delay=3600).achieving.end
     attack(lambda wrong: point + wrong)
     attack(lambda wrong: point <= wrong)
@@ -325,7 +325,7 @@ def test_points_and_what_is_made_of_them(sender: Client) -> None:
     attack(lambda wrong: point + 1 <= wrong)
 
 
-def test_declaring_a_module(central: LocalCentral) -> None:
+def test_module_declaration_survives_hostile_arguments(central: LocalCentral) -> None:
     legs = Module("legs", central)
     right: dict[str, dict[str, Any]] = {
         "resource": {"name": "arm", "capacity": 1, "when_busy": "reject"},
@@ -365,9 +365,7 @@ def test_declaring_a_module(central: LocalCentral) -> None:
         lambda point: Constraint(Point("x", point.moment), point),  # type: ignore[arg-type]
     ],
 )
-def test_constraints_that_somebody_made_of_nonsense_do_not_leave(
-    sender: Client, made: Callable[[Any], Any]
-) -> None:
+def test_malformed_constraint_is_misuse(sender: Client, made: Callable[[Any], Any]) -> None:
     point = sender.command(REST, delay=3600).achieving.end
     with pytest.raises(MisuseError, match="what was given can't be sent"):
         sender.command(REST, constraints=[made(point)])
@@ -377,9 +375,7 @@ NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
 
 
 @pytest.mark.parametrize("wrong", NO_NAMES)
-def test_what_is_no_name_does_not_count_as_none_given(
-    legs: Module, sender: Client, wrong: Any
-) -> None:
+def test_invalid_name_is_misuse_not_default(legs: Module, sender: Client, wrong: Any) -> None:
     idle = Module("idle", legs.central)
     calls: list[tuple[str, Callable[[], object]]] = [
         ("resource", lambda: idle.handles(REST, resource=wrong)),
@@ -403,7 +399,7 @@ def test_what_is_no_name_does_not_count_as_none_given(
 
 
 @pytest.mark.parametrize("wrong", [0, [], "", False])
-def test_nor_do_other_things_that_are_none(
+def test_falsy_argument_is_misuse_not_default(
     central: LocalCentral, sender: Client, wrong: Any
 ) -> None:
     for call in (lambda: connect("sender", wrong), lambda: Module("legs", wrong)):
@@ -419,7 +415,7 @@ def test_nor_do_other_things_that_are_none(
             Module("legs", central, requires=wrong)
 
 
-def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
+def test_none_counts_as_option_left_out(central: LocalCentral, sender: Client) -> None:
     """A program that passes its own options on need not leave them out."""
     arms = Module("arms", central)
     arms.handles(Command("grip"), resource=None, pool=None)(nothing)
@@ -468,7 +464,7 @@ def errors_of(kind: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("kind", PUBLIC.values(), ids=PUBLIC)
-def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
+def test_constructor_error_names_nothing_private(kind: type) -> None:
     for text in errors_of(kind):
         assert not re.search(
             r"(?<![\w.])_[A-Za-z]\w*", text.replace("__init__", "").replace("__new__", "")
@@ -476,7 +472,7 @@ def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
 
 
 @pytest.mark.parametrize("kind", WRITTEN, ids=lambda kind: kind.__name__)
-def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
+def test_constructor_error_names_class_and_argument(kind: Any) -> None:
     with pytest.raises(
         TypeError,
         match=rf"^{kind.__name__}(\.__init__)?\(\):? got an unexpected keyword argument 'nonsense'",
@@ -487,7 +483,7 @@ def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
             kind()
 
 
-def test_floats_of_numpy_are_seconds(user: Client, legs: Module) -> None:
+def test_numpy_floats_are_accepted_as_seconds(user: Client, legs: Module) -> None:
     """They are floats of Python, too, but msgspec takes them for something else."""
     legs.handles(REST)(lambda _: None)
     legs.handles(WHERE)(lambda _: 1.0)

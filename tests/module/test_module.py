@@ -34,9 +34,7 @@ from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received, kind_of
 pytestmark = pytest.mark.usefixtures("attentive")
 
 
-def test_a_resource_handles_as_many_messages_as_its_capacity(
-    central: LocalCentral, user: Client
-) -> None:
+def test_resource_handles_up_to_its_capacity(central: LocalCentral, user: Client) -> None:
     busy = Gate(36.6)
     legs = Module("legs", central, capacity=2)
     legs.handles(TEMPERATURE)(busy)
@@ -49,9 +47,7 @@ def test_a_resource_handles_as_many_messages_as_its_capacity(
         assert [one.receive(SOON) for one in pending] == [36.6] * 3
 
 
-def test_methods_and_partial_functions_handle_and_stay_as_they_are(
-    legs: Module, user: Client
-) -> None:
+def test_handles_accepts_methods_and_partials_unchanged(legs: Module, user: Client) -> None:
     class Body:
         def stance(self, task: Task, radius: float) -> list[int]:
             return [int(radius)]
@@ -60,7 +56,7 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(
     assert legs.handles(STANCE)(stance) is stance
     legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
     with pytest.raises(
-        MisuseError, match="module 'legs' handles 'stance' already, in test_methods_and_partial"
+        MisuseError, match="module 'legs' handles 'stance' already, in test_handles_accepts_methods"
     ):
         legs.handles(STANCE)(lambda _, _radius: [])
     with legs.running():
@@ -68,7 +64,7 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(
         assert user.query(TEMPERATURE) == 36.6
 
 
-def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: LocalCentral) -> None:
+def test_module_sends_from_outside_its_handlers(legs: Module, central: LocalCentral) -> None:
     legs.handles(STANCE)(lambda _, _radius: [3])
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
     with legs.running():
@@ -78,7 +74,7 @@ def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: Loca
     assert {fact.sender for fact in central.facts if isinstance(fact, Received)} == {"legs"}
 
 
-def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) -> None:
+def test_module_whose_start_function_fails_does_not_begin(central: LocalCentral) -> None:
     safety = Module("safety", central)
 
     @safety.at_start
@@ -90,7 +86,7 @@ def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) 
     assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
 
 
-def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> None:
+def test_module_says_goodbye_when_it_ends(legs: Module, central: LocalCentral) -> None:
     legs.handles(REST)(lambda _: None)
     assert repr(legs) == "Module('legs')"
     with legs.running():
@@ -121,7 +117,7 @@ def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | N
     assert not thread.is_alive()
 
 
-def test_run_ends_when_it_is_told_to(legs: Module, user: Client) -> None:
+def test_stop_ends_run(legs: Module, user: Client) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with in_thread(legs.run) as ends:
         assert user.query(TEMPERATURE) == 36.6
@@ -129,7 +125,7 @@ def test_run_ends_when_it_is_told_to(legs: Module, user: Client) -> None:
     assert ends == [None]
 
 
-def test_without_central_run_raises_an_ordinary_error(legs: Module, central: LocalCentral) -> None:
+def test_run_without_central_raises_central_lost(legs: Module, central: LocalCentral) -> None:
     central.close()
     with pytest.raises(CentralLost) as lost:
         legs.run(patience=0.1)
@@ -144,7 +140,7 @@ def test_without_central_run_raises_an_ordinary_error(legs: Module, central: Loc
         pass
 
 
-def test_run_may_end_when_central_is_lost(
+def test_run_without_reconnect_ends_when_central_is_lost(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -154,7 +150,7 @@ def test_run_may_end_when_central_is_lost(
     assert isinstance(ends[0], CentralLost)
 
 
-def test_a_module_that_cannot_begin_cleans_up(
+def test_module_that_cannot_begin_leaves_central(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     user.query_send(TEMPERATURE)
@@ -178,7 +174,7 @@ class Full(LocalCentral):
         return super().transport()
 
 
-def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
+def test_module_ends_when_slot_cannot_connect() -> None:
     with Full() as central:
         legs = Module("legs", central)
         legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -187,7 +183,7 @@ def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
         assert not central.core.registry.connections
 
 
-def test_a_module_ends_when_one_of_its_threads_does(
+def test_module_ends_when_slot_thread_dies(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     """A bug of this library, or a full disk; it must not go unnoticed."""
@@ -204,9 +200,7 @@ def test_a_module_ends_when_one_of_its_threads_does(
     assert isinstance(ends[0], TypeError)
 
 
-def test_a_module_can_be_stopped_before_central_is_there(
-    legs: Module, central: LocalCentral
-) -> None:
+def test_module_can_be_stopped_before_central_answers(legs: Module, central: LocalCentral) -> None:
     central.close()
     began = threading.Event()
     central.submit = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
@@ -216,7 +210,7 @@ def test_a_module_can_be_stopped_before_central_is_there(
     assert ends == [None]
 
 
-def test_a_module_comes_back_after_its_connections_broke(
+def test_module_reconnects_after_connections_break(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     busy = Gate(36.6)
@@ -239,7 +233,7 @@ def test_a_module_comes_back_after_its_connections_broke(
     ] * 2
 
 
-def test_a_wait_outlives_a_broken_connection(
+def test_task_wait_survives_connection_break_and_query_is_lost(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -270,7 +264,7 @@ def test_a_wait_outlives_a_broken_connection(
 # --- What users' tests rely on --------------------------------------------------------------------
 
 
-def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(
+def test_local_central_runs_given_check_after_each_event(
     central: LocalCentral, user: Client
 ) -> None:
     user.goal(REST)
@@ -280,14 +274,14 @@ def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_w
     central.core.tree.tasks[1].held = 0
 
 
-def test_checks_are_only_made_for_those_who_want_them() -> None:
+def test_local_central_runs_no_check_by_default() -> None:
     with LocalCentral() as central, connect("user", central) as user:
         user.goal(REST)
         central.core.tree.tasks[1].held = 1
         user.goal(REST)
 
 
-def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Client) -> None:
+def test_local_central_exposes_its_journal(central: LocalCentral, user: Client) -> None:
     user.goal(REST)
     kinds = [kind_of(fact) for fact in central.facts]
     assert kinds == ["module joined", "format", "received", "queued"]
@@ -295,13 +289,13 @@ def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Clien
     assert all(entry.time >= 0 for entry in central.entries)
 
 
-def test_a_closed_central_answers_nobody(central: LocalCentral, user: Client) -> None:
+def test_closed_local_central_answers_no_client(central: LocalCentral, user: Client) -> None:
     central.close()
     with pytest.raises(CentralLost, match="central at local central 'local' does not answer"):
         connect("late", central, patience=0.05)
 
 
-def test_a_closed_central_leaves_no_thread_behind() -> None:
+def test_closed_local_central_leaves_no_thread() -> None:
     before = set(threading.enumerate())
     with LocalCentral() as central, connect("user", central) as user:
         user.goal(REST)
@@ -317,9 +311,7 @@ class Wrong(Exception):
     """Something in the program beside the handlers."""
 
 
-def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(
-    legs: Module, user: Client
-) -> None:
+def test_module_end_fails_only_handler_that_checks_cancelled(legs: Module, user: Client) -> None:
     begun, gate = threading.Event(), Gate()
     legs.handles(REST, resource="head")(gate)
 
@@ -339,7 +331,7 @@ def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(
     assert resting.wait(SOON) is Outcome.DONE
 
 
-def test_a_coroutine_is_cancelled_once(legs: Module, user: Client) -> None:
+def test_module_end_cancels_coroutine_once(legs: Module, user: Client) -> None:
     begun, cleaned = threading.Event(), threading.Event()
 
     @legs.handles(STOP)
@@ -360,7 +352,7 @@ def test_a_coroutine_is_cancelled_once(legs: Module, user: Client) -> None:
         stopping.result(SOON)
 
 
-def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
+def test_block_error_is_logged_while_handler_is_awaited(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that does not look: what went wrong is said while it is waited for."""
@@ -431,7 +423,7 @@ def raises(error: BaseException) -> Callable[[], Any]:
     return function
 
 
-def test_who_handled_a_message_before_takes_over_from_a_module_that_was_stopped(
+def test_older_handler_takes_over_from_stopped_module(
     legs: Module, older: Module, user: Client
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: [1])
@@ -444,7 +436,7 @@ def test_who_handled_a_message_before_takes_over_from_a_module_that_was_stopped(
         assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
-def test_so_it_is_over_sockets(tmp_path: Path) -> None:
+def test_older_direct_handler_takes_over_from_stopped_module(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         older, legs = Module("older", central.address), Module("legs", central.address)
         older.handles(STANCE, direct=True)(lambda _, _radius: [0])
@@ -456,7 +448,7 @@ def test_so_it_is_over_sockets(tmp_path: Path) -> None:
             assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
-def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
+def test_stopped_module_finishes_current_and_hands_over_queued(
     legs: Module, older: Module, user: Client
 ) -> None:
     gate = Gate(Footfall(1, 1.0))
@@ -474,7 +466,7 @@ def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
         assert first.result(SOON) == Footfall(1, 1.0)
 
 
-def test_a_wait_in_the_block_does_not_hold_that_up(
+def test_withdrawal_is_not_delayed_by_wait_in_block(
     legs: Module, older: Module, central: LocalCentral
 ) -> None:
     """It has the connection to itself, over which central is to be told; and it is not ended."""
@@ -491,7 +483,7 @@ def test_a_wait_in_the_block_does_not_hold_that_up(
         assert legs.query(TEMPERATURE, timeout=SOON) == 36.6
 
 
-def test_the_block_of_a_stopped_module_goes_on_as_a_client(
+def test_stopped_module_remains_client_in_its_block(
     legs: Module, older: Module, user: Client, central: LocalCentral
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: [1])
@@ -514,7 +506,7 @@ def test_the_block_of_a_stopped_module_goes_on_as_a_client(
             assert user.query(STANCE, 1.0, timeout=SOON) == [1]
 
 
-def test_the_log_says_that_a_module_was_stopped(
+def test_stop_of_module_is_logged(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: [1])
@@ -527,7 +519,7 @@ def test_the_log_says_that_a_module_was_stopped(
 @pytest.mark.parametrize(
     "error", [Own("tired"), KeyboardInterrupt(), GeneratorExit(), pytest.fail.Exception("x")]
 )
-def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_older_one_takes_over(
+def test_base_exception_in_handler_ends_module(
     legs: Module,
     older: Module,
     user: Client,
@@ -558,7 +550,7 @@ def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_old
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), Own("tired")])
-def test_a_coroutine_ends_its_module_like_a_function(
+def test_base_exception_in_coroutine_ends_module(
     legs: Module, older: Module, user: Client, error: BaseException
 ) -> None:
     """Those beside it are told, and have failed with the module, not with what cancelled them."""
@@ -584,7 +576,7 @@ def test_a_coroutine_ends_its_module_like_a_function(
         assert user.query(STANCE, 1.0, timeout=SOON) == [0]
 
 
-def test_a_callback_ends_its_module_too(
+def test_base_exception_in_callback_ends_module(
     legs: Module, older: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: [1])
@@ -597,7 +589,7 @@ def test_a_callback_ends_its_module_too(
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), pytest.fail.Exception("x")])
-def test_it_does_not_go_unnoticed_behind_the_error_that_came_of_it(
+def test_base_exception_replaces_error_it_caused_in_block(
     legs: Module, user: Client, error: BaseException
 ) -> None:
     legs.handles(STOP)(lambda _: raises(error)())
@@ -607,7 +599,7 @@ def test_it_does_not_go_unnoticed_behind_the_error_that_came_of_it(
     assert isinstance(error.__cause__, TaskFailed)
 
 
-def test_who_interrupts_the_block_itself_comes_first(legs: Module, user: Client) -> None:
+def test_interrupt_of_block_precedes_earlier_module_end(legs: Module, user: Client) -> None:
     legs.handles(STOP)(lambda _: raises(Own("tired"))())
 
     def work() -> None:
@@ -629,7 +621,7 @@ def runs_something_that_is_cancelled() -> None:
     asyncio.run(main())
 
 
-def test_a_plain_handler_whose_own_loop_was_cancelled_has_an_error(
+def test_cancelled_error_in_plain_handler_is_handler_error(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     @legs.handles(MOVE_LEG)
@@ -644,5 +636,5 @@ def test_a_plain_handler_whose_own_loop_was_cancelled_has_an_error(
         ) as failed:
             user.command(MOVE_LEG, 0).result(SOON)
         assert "in runs_something_that_is_cancelled" in failed.value.text
-        assert "handler test_a_plain_handler" in caplog.text
+        assert "handler test_cancelled_error_in_plain_handler" in caplog.text
         assert user.command(MOVE_LEG, 1, sequential=False).result(SOON) == Footfall(1, 0.0)

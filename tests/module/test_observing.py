@@ -70,7 +70,7 @@ def told(changes: list[Change]) -> list[str]:
     return [f"{one.task}: {one.state}" + " (late)" * one.is_late for one in changes]
 
 
-def test_all_tasks_of_a_message_are_observed(
+def test_observer_sees_all_tasks_of_message(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     early = user.command(GRASP, "pen")
@@ -104,7 +104,7 @@ def test_all_tasks_of_a_message_are_observed(
     assert later.wait() is Outcome.DONE
 
 
-def test_all_tasks_and_those_below_one_are_observed(
+def test_observer_sees_all_tasks_or_one_subtree(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     everything = visitor.observe()
@@ -128,7 +128,9 @@ def test_all_tasks_and_those_below_one_are_observed(
     assert next(everything, None) is None
 
 
-def test_a_function_of_a_module_is_called(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_observing_function_of_module_is_called(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     head, seen = Module("head", central), list[str]()
 
     @head.observes(GRASP, states=["running"])
@@ -156,7 +158,7 @@ def test_a_function_of_a_module_is_called(user: Client, arm: Module, central: Lo
     ]
 
 
-def test_what_ends_while_an_observer_is_away_is_told_afterwards(
+def test_observer_learns_missed_end_after_reconnect(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     changes = visitor.observe(WAVE)
@@ -176,7 +178,7 @@ def test_what_ends_while_an_observer_is_away_is_told_afterwards(
     )
 
 
-def test_observing_goes_on_after_a_restart_of_central(
+def test_observing_continues_after_central_restart(
     visitor: Client, arm: Module, central: LocalCentral, attentive: None
 ) -> None:
     changes = visitor.observe(GRASP)
@@ -196,7 +198,9 @@ def test_observing_goes_on_after_a_restart_of_central(
         user.close()
 
 
-def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> None:
+def test_impossible_observation_is_misuse_or_times_out(
+    visitor: Client, central: LocalCentral
+) -> None:
     with pytest.raises(
         MisuseError, match=r"observe\(\): command 'wave' is never 'paused': life cycle 'basic' has"
     ):
@@ -210,7 +214,7 @@ def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> No
         next(nothing)
 
 
-def test_a_closed_stream_is_over(
+def test_closed_change_stream_yields_nothing(
     visitor: Client, user: Client, arm: Module, central: LocalCentral
 ) -> None:
     wave = user.command(WAVE, delay=1)
@@ -223,7 +227,7 @@ def test_a_closed_stream_is_over(
     assert wave.state == "done"
 
 
-def test_whoever_can_not_observe_is_told(
+def test_refused_observation_raises_and_is_logged(
     user: Client,
     arm: Module,
     central: LocalCentral,
@@ -282,7 +286,7 @@ def test_coroutines_follow_and_observe(user: Client, arm: Module, central: Local
     assert seen[-1] == "wave: done"
 
 
-def test_a_coroutine_that_loses_patience_misses_nothing(
+def test_timed_out_coroutine_misses_no_change(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     brain, seen, plan = Module("brain", central), list[tuple[str, int]](), Goal("plan")
@@ -312,7 +316,7 @@ def test_a_coroutine_that_loses_patience_misses_nothing(
 # --- Cancelling all -------------------------------------------------------------------------------
 
 
-def test_all_that_a_sender_has_sent_is_cancelled(
+def test_cancel_all_cancels_only_own_tasks(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     others = visitor.command(GRASP, "tea", delay=60)

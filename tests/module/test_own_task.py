@@ -36,7 +36,7 @@ def public(kind: type) -> set[str]:
     return {name for name in dir(kind) if not name.startswith("_")}
 
 
-def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end() -> None:
+def test_own_task_has_every_call_but_waits_and_client_calls() -> None:
     of_clients = {
         "wait_for_state",
         "follow",
@@ -52,7 +52,7 @@ def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end()
     assert public(TaskRef) - public(Task) == {"wait", "wait_for"} | of_clients
 
 
-def test_a_handler_kills_its_own_task(user: Client, legs: Module) -> None:
+def test_handler_kills_its_own_task(user: Client, legs: Module) -> None:
     done: list[str] = []
 
     @legs.handles(STOP)
@@ -78,7 +78,7 @@ def test_a_handler_kills_its_own_task(user: Client, legs: Module) -> None:
     assert done == ["stopped"]
 
 
-def test_a_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> None:
+def test_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> None:
     attempts: list[float] = []
 
     @legs.handles(WALK)
@@ -95,7 +95,7 @@ def test_a_handler_fails_and_retries_its_own_task(user: Client, legs: Module) ->
     assert len(attempts) == 2
 
 
-def test_a_question_is_no_task_that_can_be_killed(user: Client, legs: Module) -> None:
+def test_steering_query_as_task_is_misuse(user: Client, legs: Module) -> None:
     said: list[str] = []
 
     @legs.handles(WHERE)
@@ -126,9 +126,7 @@ def refusal(call: Callable[[], object]) -> str:
     return texts[0]
 
 
-def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(
-    user: Client, legs: Module
-) -> None:
+def test_use_in_wrong_thread_names_object_and_advice(user: Client, legs: Module) -> None:
     said: list[str] = []
 
     @legs.handles(WALK)
@@ -159,7 +157,9 @@ handler sends with its task, other threads with a client of their own: connect()
     ]
 
 
-def test_what_is_said_helps(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_other_thread_kills_task_with_own_client(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     legs.handles(WALK)(lambda _: None)
     outcomes: list[bool] = []
 

@@ -71,7 +71,7 @@ def silent(header: headers.ToCentral) -> list[headers.ToModule]:
     return [Accepted(header.number)] if isinstance(header, Register) and header.messages else []
 
 
-def test_nobody_waits_and_what_follows_names_the_request() -> None:
+def test_constraint_names_quiet_sends_by_request_number() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     first, second = user.command(STOP), user.command(STOP, sequential=False)
@@ -82,7 +82,7 @@ def test_nobody_waits_and_what_follows_names_the_request() -> None:
     assert [(one.before.task, one.after.task) for one in constrain.constraints] == [(-3, -4)]
 
 
-def test_the_wait_for_a_result_travels_with_the_command() -> None:
+def test_result_wait_travels_with_command() -> None:
     """Two packets there, none in between: central's word of the command comes with the answer."""
     connection, central = connected(
         lambda header: (
@@ -96,7 +96,7 @@ def test_the_wait_for_a_result_travels_with_the_command() -> None:
     assert central.heard[-1].point.task == -3  # type: ignore[union-attr]
 
 
-def test_who_looks_at_the_id_waits_for_it() -> None:
+def test_reading_task_id_waits_for_central() -> None:
     connection, central = connected(
         lambda header: (
             [TasksMade([(3, TaskId(17))])] if isinstance(header, Await) else silent(header)
@@ -109,7 +109,7 @@ def test_who_looks_at_the_id_waits_for_it() -> None:
     assert [header for header in central.heard if isinstance(header, Await)] == [Await(3)]
 
 
-def test_after_a_break_it_is_said_again_and_answered_by_itself() -> None:
+def test_quiet_send_is_repeated_as_plain_send_after_break() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     stop = user.command(STOP)
@@ -125,7 +125,7 @@ def test_after_a_break_it_is_said_again_and_answered_by_itself() -> None:
     assert (stop.id, wait.is_over) == (9, True)
 
 
-def test_a_hundred_tasks_are_on_their_way_at_most() -> None:
+def test_unacknowledged_sends_are_limited() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     for _ in range(MOST_UNTOLD):
@@ -137,7 +137,7 @@ def test_a_hundred_tasks_are_on_their_way_at_most() -> None:
     assert connection.session.sends.untold == MOST_UNTOLD
 
 
-def test_what_was_to_follow_those_of_the_central_before_is_not_sent_to_the_next() -> None:
+def test_task_after_lost_siblings_is_not_sent_to_new_central() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     with user.parallel():
@@ -176,7 +176,7 @@ USES: dict[str, Callable[[Any, Client], object]] = {
 
 
 @pytest.mark.parametrize("use", USES)
-def test_a_refusal_is_raised_by_the_next_use_and_once(central: LocalCentral, use: str) -> None:
+def test_refusal_is_raised_once_by_next_use(central: LocalCentral, use: str) -> None:
     with connect("user", central) as user:
         stop = circle(user)
         with pytest.raises(Refused, match=REFUSED) as refused:
@@ -185,12 +185,12 @@ def test_a_refusal_is_raised_by_the_next_use_and_once(central: LocalCentral, use
         assert user.command(STOP).id == 2  # a number is used once
 
 
-def test_a_refusal_of_which_nobody_asks_is_raised_at_the_end(central: LocalCentral) -> None:
+def test_unread_refusal_is_raised_when_client_closes(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), connect("user", central) as user:
         circle(user)
 
 
-def test_at_the_end_the_error_of_the_block_comes_first(
+def test_block_error_precedes_refusal_at_close(
     central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     def use() -> None:
@@ -203,12 +203,12 @@ def test_at_the_end_the_error_of_the_block_comes_first(
     assert "command 'stop' was refused" in caplog.text
 
 
-def test_the_end_of_a_running_module_raises_it(central: LocalCentral) -> None:
+def test_refusal_is_raised_when_module_ends(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), Module("legs", central).running() as legs:
         circle(legs)
 
 
-def test_what_else_was_refused_is_noted() -> None:
+def test_further_refusals_are_added_as_notes() -> None:
     connection, central = connected(silent)
     user = PlainClient(connection)
     for _ in range(2):
@@ -220,7 +220,7 @@ def test_what_else_was_refused_is_noted() -> None:
 
 
 @pytest.mark.parametrize("is_async", [False, True], ids=["plain", "async"])
-def test_a_handler_fails_with_it(robot: Robot, user: Client, *, is_async: bool) -> None:
+def test_refusal_fails_handler(robot: Robot, user: Client, *, is_async: bool) -> None:
     def rest(task: Task) -> None:
         circle(task)
 
@@ -236,7 +236,7 @@ def test_a_handler_fails_with_it(robot: Robot, user: Client, *, is_async: bool) 
     assert failed.value.failure == "handler error"
 
 
-def test_a_handler_may_catch_it_and_go_on(robot: Robot, user: Client) -> None:
+def test_handler_may_catch_refusal_and_continue(robot: Robot, user: Client) -> None:
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         with pytest.raises(Refused, match=REFUSED):
@@ -248,7 +248,7 @@ def test_a_handler_may_catch_it_and_go_on(robot: Robot, user: Client) -> None:
     assert robot.done == ["leg 1"]
 
 
-def test_a_handler_that_has_not_heard_of_it_has_failed_all_the_same() -> None:
+def test_late_refusal_still_fails_handler() -> None:
     """In real processes the refusal may come after the handler has returned."""
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address, capacity=3)
@@ -261,7 +261,7 @@ def test_a_handler_that_has_not_heard_of_it_has_failed_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("is_heard", [False, True], ids=["after its end", "at its end"])
-def test_the_log_names_the_handler_that_has_not_heard_of_it(
+def test_late_refusal_is_logged_with_handler(
     caplog: pytest.LogCaptureFixture, *, is_heard: bool
 ) -> None:
     connection, central = connected(silent)
@@ -282,7 +282,7 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
 
 
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
-def test_what_was_refused_is_as_if_it_had_never_been_sent(
+def test_refused_task_leaves_sibling_order_unchanged(
     central: LocalCentral, user: Client, block: str
 ) -> None:
     def order(*, refused: bool) -> list[list[str]]:
@@ -309,7 +309,7 @@ def test_what_was_refused_is_as_if_it_had_never_been_sent(
     assert order(refused=True) == order(refused=False)
 
 
-def test_what_follows_one_that_is_refused_is_not_sent(central: LocalCentral) -> None:
+def test_successor_of_refused_task_is_not_sent(central: LocalCentral) -> None:
     def use() -> None:
         with connect("user", central) as user, user.sequence():
             user.command(MOVE_LEG, 0)
@@ -321,7 +321,7 @@ def test_what_follows_one_that_is_refused_is_not_sent(central: LocalCentral) -> 
     assert len([fact for fact in central.facts if isinstance(fact, Received)]) == 1
 
 
-def test_a_callback_fails_with_it(central: LocalCentral, caplog: pytest.LogCaptureFixture) -> None:
+def test_refusal_fails_callback(central: LocalCentral, caplog: pytest.LogCaptureFixture) -> None:
     legs, called = Module("legs", central), threading.Event()
 
     def stop(callback: Any) -> None:
@@ -331,11 +331,11 @@ def test_a_callback_fails_with_it(central: LocalCentral, caplog: pytest.LogCaptu
     legs.after(0, stop)
     with legs.running():
         assert called.wait(SOON)
-    assert "callback test_a_callback_fails_with_it.<locals>.stop failed" in caplog.text
+    assert "callback test_refusal_fails_callback.<locals>.stop failed" in caplog.text
     assert "command 'stop' was refused" in caplog.text
 
 
-def test_the_handler_of_a_direct_message_fails_with_it() -> None:
+def test_refusal_fails_direct_handler() -> None:
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address)
         legs.handles(ASK, direct=True)(lambda task: circle(task) and 1)
@@ -348,9 +348,7 @@ def test_the_handler_of_a_direct_message_fails_with_it() -> None:
 # --- ids ------------------------------------------------------------------------------------------
 
 
-def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(
-    central: LocalCentral, user: Client
-) -> None:
+def test_point_of_just_sent_task_equals_known_point(central: LocalCentral, user: Client) -> None:
     stop, other = user.command(STOP), user.command(STOP)
     points = stop.achieving.end, other.achieving.end
     assert points[0] == stop.achieving.end != points[1]
@@ -368,7 +366,7 @@ def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(
     assert (copy, type(copy.task)) == (points[0], EpochNumber)
 
 
-def test_as_data_a_point_has_its_id(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_point_as_data_carries_task_id(central: LocalCentral, user: Client, legs: Module) -> None:
     asked = Command("asked", Point, result=int)
     legs.handles(asked)(lambda _, point: point.task)
     with legs.running():
@@ -376,7 +374,7 @@ def test_as_data_a_point_has_its_id(central: LocalCentral, user: Client, legs: M
         assert user.command(asked, stop.achieving.end, sequential=False).result(SOON) == 1
 
 
-def test_another_connection_names_it_by_its_id(central: LocalCentral, user: Client) -> None:
+def test_other_connection_constrains_just_sent_task(central: LocalCentral, user: Client) -> None:
     with connect("other", central) as other:
         point = user.command(STOP).achieving.end
         assert other.goal(REST, constraints=[point <= this.achieving.start]).id == 2
@@ -387,7 +385,7 @@ def test_another_connection_names_it_by_its_id(central: LocalCentral, user: Clie
 
 
 @pytest.mark.parametrize("is_waiting", [True, False], ids=["waits", "is busy"])
-def test_another_thread_names_it_by_its_id(
+def test_other_thread_constrains_just_sent_task(
     central: LocalCentral, user: Client, *, is_waiting: bool
 ) -> None:
     point, sent, done = (
@@ -410,7 +408,7 @@ def test_another_thread_names_it_by_its_id(
     thread.join()
 
 
-def test_a_task_sent_just_now_is_steered_and_watched(robot: Robot, user: Client) -> None:
+def test_just_sent_task_is_steered_and_waited_for(robot: Robot, user: Client) -> None:
     robot.planner.handles(REST)(lambda _: None)
     with robot.running():
         held = user.goal(REST, suspended=True)
@@ -419,7 +417,7 @@ def test_a_task_sent_just_now_is_steered_and_watched(robot: Robot, user: Client)
         assert user.goal(REST, delay=3600).kill()
 
 
-def test_in_a_handler_it_hangs_under_the_handlers_task(robot: Robot, user: Client) -> None:
+def test_task_sent_in_handler_is_its_child(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         steps = [task.goal(STEP, number) for number in range(arc.steps)]
@@ -439,7 +437,7 @@ def test_in_a_handler_it_hangs_under_the_handlers_task(robot: Robot, user: Clien
     )
 
 
-def test_whether_it_is_handled_is_known_when_it_is_sent(
+def test_execute_if_handled_knows_handlers_when_sending(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     assert user.execute_if_handled(STOP) is None
@@ -453,7 +451,7 @@ def test_whether_it_is_handled_is_known_when_it_is_sent(
 # --- breaks ---------------------------------------------------------------------------------------
 
 
-def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client) -> None:
+def test_connection_break_loses_and_doubles_no_command(robot: Robot, user: Client) -> None:
     with robot.running():
         moves = []
         for number in range(30):
@@ -464,7 +462,7 @@ def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client
     assert sorted(robot.done) == sorted(f"leg {number}" for number in range(30))
 
 
-def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(
+def test_unacknowledged_sends_are_counted_in_not_sent(
     central: LocalCentral,
 ) -> None:
     user = connect("user", central)
@@ -476,7 +474,7 @@ def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(
         user.close()
 
 
-def test_a_task_that_is_given_up_unheard_is_called_back(
+def test_task_given_up_unacknowledged_is_killed(
     central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with connect("user", central) as user:
@@ -497,7 +495,7 @@ def test_a_task_that_is_given_up_unheard_is_called_back(
     assert [fact.task for fact in central.facts if isinstance(fact, Killed)] == [1]
 
 
-def test_a_killed_handler_is_told_as_ever(robot: Robot, user: Client) -> None:
+def test_killed_handler_gets_task_killed_in_wait(robot: Robot, user: Client) -> None:
     told = queue.SimpleQueue[str]()
 
     @robot.planner.handles(REST)
@@ -516,7 +514,7 @@ def test_a_killed_handler_is_told_as_ever(robot: Robot, user: Client) -> None:
         assert resting.wait(SOON) is Outcome.KILLED
 
 
-def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
+def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
     """Else a restart would leave them in doubt, however long ago they were sent."""
     with (
         RealCentral(f"ipc://{tmp_path}/central.sock") as central,
@@ -572,9 +570,7 @@ def use_goal(user: Client) -> None:
     ("use", "there", "back"),
     [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
-def test_nothing_travels_that_nobody_needs(
-    use: Callable[[Client], None], there: int, back: int
-) -> None:
+def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
     """As docs/protocol.md has it."""
     with Counted() as central:
         legs, planner = Module("legs", central), Module("planner", central)

@@ -71,7 +71,7 @@ def restart(session: Session, epoch: str) -> list[object]:
     return [*said(session)]
 
 
-def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session) -> None:
+def test_handlers_are_declared_after_attachments_are_accepted(session: Session) -> None:
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
     hear(session, Accepted(4), Accepted(5, 1))
     assert said(session) == []
@@ -84,7 +84,7 @@ def test_handlers_come_after_all_that_was_attached_is_accepted(session: Session)
     ]
 
 
-def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
+def test_readiness_is_declared_again_after_attachments(session: Session) -> None:
     session.declared([], [], is_ready=True)
     assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
@@ -92,7 +92,7 @@ def test_central_is_told_again_that_all_is_attached(session: Session) -> None:
     assert said(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
 
 
-def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
+def test_wiretap_until_end_of_forgotten_task_is_lost(
     session: Session,
 ) -> None:
     until = Point(TaskId(7), Moment.END_ACHIEVING)
@@ -114,7 +114,7 @@ def test_what_was_to_watch_until_a_forgotten_task_ends_is_not_attached_anew(
     assert session.attachments.of(guard) is None
 
 
-def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(
+def test_repeated_hello_answered_by_new_central_shows_restart(
     session: Session,
 ) -> None:
     walk = session.request(A_GOAL)
@@ -131,7 +131,7 @@ def test_a_second_hello_that_only_the_next_central_heard_tells_of_the_restart(
     )  # its own, whatever is heard before it is looked at
 
 
-def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Session) -> None:
+def test_variable_of_forgotten_handler_is_not_set(session: Session) -> None:
     hear(session, Unknown())
     mine, handlers = (
         SetVariable(0, "level", origin) for origin in (0, with_epoch(8, "one", "'walk'"))
@@ -142,7 +142,7 @@ def test_a_variable_of_a_forgotten_handler_is_not_set_for_another(session: Sessi
     assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
 
 
-def test_what_was_asked_before_comes_after_it(session: Session) -> None:
+def test_earlier_request_follows_reattachment(session: Session) -> None:
     hear(session, Unknown())
     walk = session.request(A_GOAL)
     hear(session, welcome("two"))
@@ -151,7 +151,7 @@ def test_what_was_asked_before_comes_after_it(session: Session) -> None:
     assert walk.accepted == 5
 
 
-def test_a_break_repeats_what_is_not_answered_and_still_holds_the_handlers_back(
+def test_break_repeats_unanswered_attachments_and_holds_handlers(
     session: Session,
 ) -> None:
     restart(session, "two")
@@ -165,7 +165,7 @@ def test_a_break_repeats_what_is_not_answered_and_still_holds_the_handlers_back(
     assert said(session) == [HANDLERS]
 
 
-def test_a_second_restart_begins_from_the_start(session: Session) -> None:
+def test_second_restart_repeats_all_attachments(session: Session) -> None:
     restart(session, "two")
     hear(session, Accepted(4), Accepted(5, 1))
     assert restart(session, "three") == [Register(7, [WALK, CHECK], []), tap(8), attach(9)]
@@ -174,14 +174,14 @@ def test_a_second_restart_begins_from_the_start(session: Session) -> None:
     assert known_as(session, tap()) == ("three", 3)
 
 
-def test_what_is_removed_while_it_is_attached_anew_is_taken_away_again(session: Session) -> None:
+def test_attachment_removed_during_reattachment_is_removed(session: Session) -> None:
     restart(session, "two")
     session.attachments.forget(standing(session, tap()), "two")
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     assert said(session) == [Remove(7, 1), HANDLERS]
 
 
-def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_away(
+def test_removal_by_stale_connection_is_carried_out(
     session: Session,
 ) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
@@ -194,7 +194,7 @@ def test_what_a_connection_removes_that_has_not_heard_of_the_restart_is_taken_aw
     assert said(session) == [Remove(7, 1)]
 
 
-def test_the_first_connection_attaches_for_all(session: Session) -> None:
+def test_first_connection_reattaches_for_all(session: Session) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     hear(slot, welcome("one"))
     hear(
@@ -206,7 +206,7 @@ def test_the_first_connection_attaches_for_all(session: Session) -> None:
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach, Tap]
 
 
-def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> None:
+def test_refused_attachment_is_retried(session: Session) -> None:
     restart(session, "two")
     hear(
         session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already")
@@ -233,7 +233,7 @@ def test_what_is_refused_is_tried_again_with_all_after_it(session: Session) -> N
     assert said(session) == [HANDLERS]
 
 
-def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -> None:
+def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
     session.redeclaration.required = ["check"]
     restart(session, "two")
     hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
@@ -248,12 +248,12 @@ def test_what_is_required_is_waited_for_when_all_is_attached(session: Session) -
     assert said(session) == [HANDLERS]
 
 
-def test_who_leaves_attaches_nothing_anew(session: Session) -> None:
+def test_leaving_module_reattaches_nothing(session: Session) -> None:
     session.withdrawn()
     assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
 
 
-def test_the_same_wiretap_keeps_its_place_and_an_exception_handler_becomes_the_newest() -> None:
+def test_repeated_wiretap_keeps_place_repeated_handler_is_newest() -> None:
     attachments, other = LastingAttachments(), Attach(0, Attachment("", "recover", 0), ROOT)
     given: list[Tap | Attach] = [tap(), attach(), other, tap(), attach()]
     for number, header in enumerate(given):
@@ -285,7 +285,7 @@ def declared() -> Session:
     return session
 
 
-def test_a_task_is_killed_by_its_request(declared: Session) -> None:
+def test_given_up_task_is_killed_by_request_number(declared: Session) -> None:
     given_up.abandon(declared, declared.request(A_REST))
     assert said(declared) == [Send(2, "rest"), callback(3, 2)]
     hear(declared, Accepted(2, 17), Accepted(3, 17))
@@ -293,7 +293,7 @@ def test_a_task_is_killed_by_its_request(declared: Session) -> None:
     assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
-def test_after_a_break_that_is_repeated_and_the_task_is_not(declared: Session) -> None:
+def test_break_repeats_kill_but_not_given_up_task(declared: Session) -> None:
     """Else the task would begin only to learn whether it had."""
     rest = declared.request(A_REST)
     hear(declared, Unknown())
@@ -304,13 +304,13 @@ def test_after_a_break_that_is_repeated_and_the_task_is_not(declared: Session) -
     assert said(declared)[1:] == [callback(3, 2)]
 
 
-def test_a_central_that_was_restarted_has_nothing_to_call_back(declared: Session) -> None:
+def test_restarted_central_is_sent_no_kill(declared: Session) -> None:
     given_up.abandon(declared, declared.request(A_REST))
     hear(declared, Unknown(), Welcome(1, 1, "user", "two"))
     assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
-def test_monitors_are_called_back_and_what_is_no_task_is_not(declared: Session) -> None:
+def test_given_up_monitor_is_killed_and_non_tasks_are_not(declared: Session) -> None:
     given_up.abandon(declared, declared.request(Send(0, "look")))
     assert said(declared) == [Send(2, "look"), callback(3, 2)]
     for header in (

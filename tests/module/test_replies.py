@@ -31,7 +31,7 @@ from tca_tools.journal.fold import History
 from tca_wire.journal.facts import Awaited, Delivered, Dropped, Failed, Received, Returned
 
 
-def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
+def test_reply_function_gets_sender_that_sends(legs: Module, user: Client) -> None:
     moved: list[Footfall] = []
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -45,7 +45,7 @@ def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
     assert [foot.leg for foot in moved] == [3, 4]
 
 
-def test_a_handler_need_not_stay_for_it(
+def test_reply_function_runs_after_handler_returned(
     legs: Module, eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     """The function is called in the handler's thread, and sends under the root."""
@@ -73,7 +73,7 @@ def test_a_handler_need_not_stay_for_it(
     assert [(fact.parent, fact.sender) for fact in sent] == [(0, "legs")]
 
 
-def test_failures_are_told_or_logged(
+def test_query_failure_reaches_failure_function_or_log(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     failures: list[Exception] = []
@@ -96,7 +96,7 @@ def test_failures_are_told_or_logged(
     assert "QueryFailed: query 'stance' failed: collision: rock" in caplog.text
 
 
-def test_an_error_in_a_function_is_logged(
+def test_error_in_reply_function_is_logged(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -109,11 +109,11 @@ def test_an_error_in_a_function_is_logged(
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
         assert note.wait(SOON)
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-    assert "callback test_an_error_in_a_function_is_logged.<locals>.fails failed" in caplog.text
+    assert "callback test_error_in_reply_function_is_logged.<locals>.fails failed" in caplog.text
     assert "SystemExit: 36" in caplog.text
 
 
-def test_functions_are_called_one_after_the_other_however_many(legs: Module, user: Client) -> None:
+def test_reply_functions_never_nest(legs: Module, user: Client) -> None:
     """They would nest if one that waits let others be called meanwhile."""
     depth, deepest, count = 0, 0, 100
 
@@ -131,7 +131,7 @@ def test_functions_are_called_one_after_the_other_however_many(legs: Module, use
     assert deepest == 1
 
 
-def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> None:
+def test_wait_for_other_callback_inside_callback_is_misuse(legs: Module, user: Client) -> None:
     caught: list[BaseException] = []
 
     def waits(sender: Sender, degrees: float) -> None:
@@ -146,7 +146,7 @@ def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> N
     assert len(caught) == 1
 
 
-def test_a_query_that_was_given_up_calls_nothing(
+def test_abandoned_query_calls_no_function(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     called: list[float] = []
@@ -163,9 +163,7 @@ def test_a_query_that_was_given_up_calls_nothing(
     ]
 
 
-def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(
-    legs: Module, user: Client
-) -> None:
+def test_cancelled_query_calls_no_function_for_arrived_reply(legs: Module, user: Client) -> None:
     called: list[int] = []
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
@@ -176,7 +174,7 @@ def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(
     assert not called
 
 
-def test_a_reply_that_is_lost_is_a_failure(
+def test_lost_reply_calls_failure_function(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     failures: list[Exception] = []
@@ -188,7 +186,7 @@ def test_a_reply_that_is_lost_is_a_failure(
     assert isinstance(failures[0], CentralLost)
 
 
-def test_replies_of_many_come_one_by_one(central: LocalCentral, user: Client) -> None:
+def test_multi_query_send_yields_replies_as_they_come(central: LocalCentral, user: Client) -> None:
     names = ["legs", "eyes", "battery"]
     modules = [Module(name, central) for name in names]
     turns = {name: threading.Event() for name in names}
@@ -205,7 +203,9 @@ def test_replies_of_many_come_one_by_one(central: LocalCentral, user: Client) ->
         assert len(list(user.multi_query_send(HEALTH, maximum=9, timeout=None))) == 3
 
 
-def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_unfetched_multi_query_is_given_up(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     go = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if go.wait(SOON) else "late")
     with legs.running():
@@ -224,7 +224,7 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
     ]
 
 
-def test_central_that_beats_and_does_not_answer() -> None:
+def test_status_times_out_when_central_only_beats() -> None:
     connection, central = connected()
     central.beat()
     with pytest.raises(
@@ -235,7 +235,7 @@ def test_central_that_beats_and_does_not_answer() -> None:
     assert 130 <= central.now <= 131
 
 
-def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
+def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client) -> None:
     """The thread that serves holds the connection: others must not wait for it for ever."""
     caught = queue.Queue[str]()
 
@@ -311,7 +311,7 @@ WAYS: dict[str, Way] = {
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_handler_that_waits_for_a_reply_is_seen_to_wait(
+def test_handler_wait_for_reply_is_journaled(
     central: LocalCentral, legs: Module, eyes: Module, user: Client, way: str
 ) -> None:
     deliveries: list[int] = []
@@ -329,7 +329,7 @@ def test_a_handler_that_waits_for_a_reply_is_seen_to_wait(
     assert not waits(central, deliveries[0])
 
 
-def test_a_coroutine_that_awaits_a_reply_is_seen_to_wait(
+def test_coroutine_await_of_reply_is_journaled(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     deliveries: list[int] = []
@@ -345,7 +345,7 @@ def test_a_coroutine_that_awaits_a_reply_is_seen_to_wait(
     assert [fact.blocking for fact in central.facts if isinstance(fact, Received)] == [False, False]
 
 
-def test_who_asks_and_goes_on_does_not_wait(
+def test_query_send_alone_is_no_journaled_wait(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     is_asked = threading.Event()
@@ -383,7 +383,7 @@ def busy(eyes: Module, client: Client) -> Iterator[None]:
         assert first.receive(SOON) == 36.6
 
 
-def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
+def test_short_timeout_is_journaled_and_says_where_query_stood(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     @legs.handles(ASK)
@@ -429,7 +429,7 @@ def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
 Owed = queue.Queue[LaterReply[Footfall]]
 
 
-def test_until_then_the_place_in_the_resource_is_taken(
+def test_later_reply_keeps_resource_slot_busy(
     legs: Module, owed: Owed, user: Client, central: LocalCentral
 ) -> None:
     with legs.running():
@@ -446,7 +446,7 @@ def test_until_then_the_place_in_the_resource_is_taken(
     assert order == ["Delivered", "Returned"] * 3
 
 
-def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
+def test_early_later_reply_waits_for_handler_return(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     @legs.handles(STANCE)
@@ -472,7 +472,7 @@ def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
 
 
 @pytest.mark.parametrize("is_coroutine", [False, True])
-def test_a_timer_answers(legs: Module, user: Client, *, is_coroutine: bool) -> None:
+def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bool) -> None:
     """In the thread of the handler itself, which is free meanwhile."""
 
     def temperature(task: Task) -> LaterReply[float]:
@@ -488,9 +488,7 @@ def test_a_timer_answers(legs: Module, user: Client, *, is_coroutine: bool) -> N
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
 
 
-def test_what_answers_its_own_query_later_is_heard_within_the_wait(
-    legs: Module, user: Client
-) -> None:
+def test_later_reply_to_nested_query_wakes_waiting_slot(legs: Module, user: Client) -> None:
     """The handler of a nested query leaves the answer to another thread, while the outer handler
     blocks the slot.
     """
@@ -520,7 +518,7 @@ def collides() -> BaseException:
         (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot"),
     ],
 )
-def test_it_may_fail(
+def test_later_reply_may_fail(
     legs: Module,
     owed: Owed,
     user: Client,
@@ -537,7 +535,7 @@ def test_it_may_fail(
         assert failed.value.text.startswith(text)
 
 
-def test_wrong_data_do_not_answer(legs: Module, owed: Owed, user: Client) -> None:
+def test_wrong_data_leaves_later_reply_open(legs: Module, owed: Owed, user: Client) -> None:
     with legs.running():
         move = user.command(MOVE_LEG, 1)
         later = owed.get(timeout=SOON)
@@ -548,7 +546,7 @@ def test_wrong_data_do_not_answer(legs: Module, owed: Owed, user: Client) -> Non
         assert move.result(SOON) == Footfall(1, 0.0)
 
 
-def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client) -> None:
+def test_handler_must_return_its_own_later_reply(legs: Module, user: Client) -> None:
     kept: list[LaterReply[float]] = []
 
     @legs.handles(TEMPERATURE)
@@ -573,7 +571,7 @@ def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client)
         kept[0].reply(36.6)
 
 
-def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
+def test_error_in_handler_closes_later_reply(legs: Module, user: Client) -> None:
     kept: list[LaterReply[float]] = []
 
     @legs.handles(TEMPERATURE)
@@ -588,7 +586,7 @@ def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
         assert not kept[0].is_open
 
 
-def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:
+def test_later_reply_learns_that_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
         move = user.command(MOVE_LEG, 1)
@@ -606,7 +604,7 @@ def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Cli
         assert not later.cancelled
 
 
-def test_a_module_that_ends_fails_what_it_owes(
+def test_module_end_fails_owed_replies(
     legs: Module, owed: Owed, user: Client, central: LocalCentral
 ) -> None:
     with legs.running():
@@ -621,7 +619,7 @@ def test_a_module_that_ends_fails_what_it_owes(
     assert [fact.failure for fact in central.facts if isinstance(fact, Failed)] == ["module lost"]
 
 
-def test_an_answer_just_before_the_end_still_leaves(legs: Module, owed: Owed, user: Client) -> None:
+def test_reply_just_before_module_end_is_sent(legs: Module, owed: Owed, user: Client) -> None:
     busy = Gate()
     with legs.running():
         move = user.command(MOVE_LEG, 1)
@@ -634,7 +632,7 @@ def test_an_answer_just_before_the_end_still_leaves(legs: Module, owed: Owed, us
     assert move.result(SOON) == Footfall(1, 0.0)
 
 
-def test_a_connection_that_breaks_fails_what_is_owed(
+def test_connection_break_fails_owed_replies(
     legs: Module, owed: Owed, user: Client, central: LocalCentral
 ) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)

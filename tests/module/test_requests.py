@@ -103,7 +103,9 @@ def arm(central: LocalCentral) -> Iterator[Arm]:
         yield arm
 
 
-def test_a_task_is_accepted_updated_and_done(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_accepts_updates_and_completes_task(
+    user: Client, arm: Arm, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=1)
     changes = grasp.changes()
     central.advance(1)
@@ -121,7 +123,7 @@ def test_a_task_is_accepted_updated_and_done(user: Client, arm: Arm, central: Lo
     assert arm.heard == ["update requested: update"]
 
 
-def test_it_is_rejected_with_a_reason(user: Client, arm: Arm) -> None:
+def test_handler_rejects_task_with_reason(user: Client, arm: Arm) -> None:
     grasp = user.command(GRASP, Grip("nothing"))
     with pytest.raises(TaskFailed, match="rejected: there is nothing to grasp") as failed:
         grasp.result()
@@ -129,7 +131,7 @@ def test_it_is_rejected_with_a_reason(user: Client, arm: Arm) -> None:
     assert grasp.state == "cancelled"
 
 
-def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_rejects_update_with_reason(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
     with pytest.raises(
@@ -141,9 +143,7 @@ def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: Lo
     assert grasp.result() == "holds pen"
 
 
-def test_a_server_makes_another_goal_of_the_one_asked_for(
-    user: Client, central: LocalCentral
-) -> None:
+def test_handler_accepts_update_with_changed_goal(user: Client, central: LocalCentral) -> None:
     arm = Module("arm", central)
 
     @arm.handles(HOLD, takes=["update", "cancel"])
@@ -165,7 +165,7 @@ def test_a_server_makes_another_goal_of_the_one_asked_for(
         held.cancel()
 
 
-def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_refuses_or_grants_cancel(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
     changes = grasp.changes()
@@ -185,7 +185,7 @@ def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCe
     ]
 
 
-def test_a_cancel_is_heard_also_if_it_comes_before_the_task_is_accepted(
+def test_cancel_before_acceptance_reaches_handler(
     user: Client, arm: Arm, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
@@ -194,9 +194,7 @@ def test_a_cancel_is_heard_also_if_it_comes_before_the_task_is_accepted(
     assert arm.heard == ["cancel requested: cancel at once"]
 
 
-def test_what_a_handler_does_before_it_looks_counts_first(
-    user: Client, central: LocalCentral
-) -> None:
+def test_handler_transition_precedes_unseen_request(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
 
     @feet.handles(WALK, accepts=True, takes=["cancel"])
@@ -221,7 +219,7 @@ def test_what_a_handler_does_before_it_looks_counts_first(
     ]
 
 
-def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_coroutine_receives_requests(user: Client, arm: Arm, central: LocalCentral) -> None:
     hold = user.command(HOLD, Grip("pen"))
     hold.update(Grip("cup"))
     hold.update(Grip("tea"))
@@ -238,7 +236,7 @@ def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentra
     assert killed.wait(SOON) is Outcome.KILLED
 
 
-def test_a_wait_for_a_request_ends_with_the_task_and_with_the_module(
+def test_request_wait_ends_with_task_or_module(
     user: Client, arm: Arm, central: LocalCentral
 ) -> None:
     feet, ends = Module("feet", central), list[str]()
@@ -261,7 +259,7 @@ def test_a_wait_for_a_request_ends_with_the_task_and_with_the_module(
     assert ends == ["TaskKilled", "Stopped"]
 
 
-def test_a_request_is_looked_at_without_a_wait(user: Client, central: LocalCentral) -> None:
+def test_request_is_read_without_waiting(user: Client, central: LocalCentral) -> None:
     feet, seen = Module("feet", central), list[object]()
 
     @feet.handles(WALK, takes=["update", "cancel"])
@@ -294,7 +292,7 @@ def test_a_request_is_looked_at_without_a_wait(user: Client, central: LocalCentr
     assert seen == [None, "'update' of walk {1}", (False, False, False, cancel, True), None]
 
 
-def test_what_is_not_taken_is_refused_if_that_is_said(user: Client, central: LocalCentral) -> None:
+def test_refused_transitions_are_rejected_for_handler(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
     feet.handles(WALK, refuses=["update", "cancel"])(lambda task, _: task.sleep(10))
     with feet.running():
@@ -308,7 +306,7 @@ def test_what_is_not_taken_is_refused_if_that_is_said(user: Client, central: Loc
         assert walking.wait() is Outcome.DONE
 
 
-def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
+def test_handler_takes_custom_transitions(user: Client, central: LocalCentral) -> None:
     choir, heard = Module("choir", central), list[str]()
 
     @choir.handles(SING, takes=["louder", "pause"])
@@ -353,7 +351,7 @@ it, unless the handler is declared with accepts=True",
 ]
 
 
-def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentral) -> None:
+def test_impossible_transition_in_handler_is_misuse(user: Client, central: LocalCentral) -> None:
     feet, said = Module("feet", central), list[str]()
 
     def misuse(call: object) -> None:
@@ -393,7 +391,7 @@ def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentra
     assert said == NOT_POSSIBLE
 
 
-def test_options_that_can_not_be(central: LocalCentral) -> None:
+def test_impossible_handles_options_are_misuse(central: LocalCentral) -> None:
     feet = Module("feet", central)
     with pytest.raises(
         MisuseError,
@@ -422,9 +420,7 @@ def test_options_that_can_not_be(central: LocalCentral) -> None:
         feet.handles(WALK, when_busy="wait")  # type: ignore[call-overload]
 
 
-def test_whoever_owes_the_reply_reports_and_hears_requests(
-    user: Client, central: LocalCentral
-) -> None:
+def test_later_reply_reports_and_receives_requests(user: Client, central: LocalCentral) -> None:
     arm, owed = Module("arm", central), list[LaterReply[str]]()
 
     @arm.handles(GRASP, accepts=True, takes=["update"])
@@ -460,7 +456,7 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(
             later.report(0.8)
 
 
-def test_a_goal_that_is_none_is_rejected_by_the_library(
+def test_undecodable_update_is_rejected_by_library(
     user: Client, arm: Arm, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
@@ -481,7 +477,7 @@ def test_a_goal_that_is_none_is_rejected_by_the_library(
 # --- Busy handlers --------------------------------------------------------------------------------
 
 
-def test_a_busy_handler_rejects_or_is_pre_empted(user: Client, central: LocalCentral) -> None:
+def test_busy_handler_rejects_or_is_preempted(user: Client, central: LocalCentral) -> None:
     feet, heard = Module("feet", central), list[str]()
     feet.resource("mouth", when_busy="reject")
     feet.handles(TALK, resource="mouth")(lambda task: task.sleep(10))

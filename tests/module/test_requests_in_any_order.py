@@ -135,11 +135,11 @@ def play(seed: int, customers: int, tasks: int) -> None:
     assert set(fickle.answered.values()) <= {0, 1}
 
 
-def test_a_few_do_what_they_like() -> None:
+def test_few_random_customers_and_servers_agree() -> None:
     play(seed=0, customers=3, tasks=6)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(0, 1000, 100))
-def test_many_do(seed: int) -> None:
+def test_many_random_customers_and_servers_agree(seed: int) -> None:
     play(seed, customers=5, tasks=40)

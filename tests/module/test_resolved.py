@@ -103,18 +103,18 @@ def answer_later(task: Task) -> Any:
         ([kill], FAILED),
     ],
 )
-def test_a_failure_ends_as_its_handlers_say(
+def test_failure_outcome_follows_exception_handler(
     them: Robot, user: Client, looks: list[Any], outcome: Any
 ) -> None:
     them.looks = looks[:]
     assert user.command(STEP, on_failure=ON_SLIP).wait(SOON) is outcome
 
 
-def test_an_async_handler_resolves(them: Robot, user: Client) -> None:
+def test_async_exception_handler_resolves_failure(them: Robot, user: Client) -> None:
     assert user.command(STEP, on_failure=[Recovery(SLIP, TREAT)]).wait(SOON) is RESOLVED
 
 
-def test_failure_that_is_only_observed_ends_the_walk(them: Robot, user: Client) -> None:
+def test_unresolved_failure_ends_parent_goal(them: Robot, user: Client) -> None:
     them.looks = [observe]
     user.on_failure(None, LOOK)
     with pytest.raises(TaskFailed, match="'look' returned without dealing with it"):
@@ -122,7 +122,7 @@ def test_failure_that_is_only_observed_ends_the_walk(them: Robot, user: Client) 
     assert "swing" not in them.done
 
 
-def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None:
+def test_resolved_failure_lets_parent_goal_continue(them: Robot, user: Client) -> None:
     them.looks = [resolve, resolve]
     step = user.command(STEP, on_failure=ON_SLIP)
     ends = [
@@ -136,7 +136,7 @@ def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None
     assert them.done == ["step", "step", "swing"]
 
 
-def test_result_of_a_resolved_task_is_an_error_when_declared(them: Robot, user: Client) -> None:
+def test_declared_result_of_resolved_task_raises(them: Robot, user: Client) -> None:
     them.looks = [resolve]
     with pytest.raises(TaskFailed, match="resolved it") as caught:
         user.command(WEIGH, on_failure=ON_SLIP).result(SOON)
@@ -144,7 +144,7 @@ def test_result_of_a_resolved_task_is_an_error_when_declared(them: Robot, user: 
 
 
 @pytest.mark.parametrize(("look", "outcome"), [(resolve, RESOLVED), (observe, FAILED)])
-def test_failure_beside_a_handler_is_resolved_or_ends_it(
+def test_external_failure_of_running_task_is_resolved_or_ends_it(
     them: Robot, user: Client, look: Any, outcome: Any
 ) -> None:
     looked = threading.Event()

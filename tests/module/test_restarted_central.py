@@ -112,7 +112,7 @@ def attached(user: Client) -> list[str]:
     ]
 
 
-def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely_on_it(
+def test_attachments_of_module_return_before_its_handlers(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     @robot.safety.at_start
@@ -138,7 +138,7 @@ def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely
 ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
 
 
-def test_what_a_handler_has_attached_is_there_again_in_its_place(
+def test_attachments_of_handler_return_in_place_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     """Every handler has a connection of its own; the module attaches for all of them."""
@@ -167,7 +167,7 @@ def test_what_a_handler_has_attached_is_there_again_in_its_place(
         assert robot.moves(-1, user) == ["move -1", "recover", "stop"]
 
 
-def test_monitors_are_declared_with_their_parts_and_listen_as_before(
+def test_tapped_monitor_returns_with_its_parts_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     steady = Query("steady?", reply=bool)
@@ -185,7 +185,7 @@ def test_monitors_are_declared_with_their_parts_and_listen_as_before(
         assert user.status("attached") == before
 
 
-def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_new_number(
+def test_restart_keeps_removals_and_renumbers_attachments(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     with robot.running():
@@ -204,13 +204,13 @@ def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_ne
         assert attached(user) == []
 
 
-def test_what_was_attached_to_a_task_is_gone_with_it(central: LocalCentral, user: Client) -> None:
+def test_attachment_to_task_is_gone_after_restart(central: LocalCentral, user: Client) -> None:
     user.goal(WALK).on_failure(SLIP, RECOVER)
     central.restart("afresh")
     assert attached(user) == []
 
 
-def test_what_an_operator_took_away_is_there_again(
+def test_attachment_detached_by_operator_returns_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     """Whoever attached it wants it still: as after a restart of that module."""
@@ -249,9 +249,7 @@ def the_new_one_has_the_number_and_its_own_answer(
     assert new.result(SOON) == "new"
 
 
-def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
-    central: LocalCentral, user: Client
-) -> None:
+def test_forgotten_coroutine_does_not_answer_new_task(central: LocalCentral, user: Client) -> None:
     module, begun, go_on = Module("worker", central), queue.Queue[str](), threading.Event()
 
     @module.handles(WORK)
@@ -272,7 +270,7 @@ def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
         the_new_one_has_the_number_and_its_own_answer(central, user, begun)
 
 
-def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
+def test_forgotten_later_reply_does_not_answer_new_task(
     central: LocalCentral, user: Client
 ) -> None:
     module, begun, owed = Module("worker", central), queue.Queue[str](), list[LaterReply[str]]()
@@ -292,9 +290,7 @@ def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
         the_new_one_has_the_number_and_its_own_answer(central, user, begun)
 
 
-def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(
-    central: LocalCentral, user: Client
-) -> None:
+def test_forgotten_later_reply_reads_as_cancelled(central: LocalCentral, user: Client) -> None:
     module, owed = Module("worker", central), queue.Queue[LaterReply[str]]()
 
     @module.handles(WORK)
@@ -314,7 +310,7 @@ def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(
         assert task.result(SOON) == "new"
 
 
-def test_a_handler_that_holds_while_its_task_is_suspended_holds_no_forgotten_one(
+def test_forgotten_task_is_cancelled_and_no_longer_suspended(
     central: LocalCentral, user: Client
 ) -> None:
     module, read, go_on = Module("worker", central), queue.Queue[bool](), threading.Event()
@@ -457,7 +453,7 @@ def state_of(stranger: Client) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("has_heard", [True, False], ids=["known", "unheard"])
 @pytest.mark.parametrize("call", CALLS)
-def test_a_forgotten_task_is_nobody_elses(
+def test_call_on_forgotten_task_raises_and_harms_no_stranger(
     central: LocalCentral, user: Client, call: str, *, has_heard: bool
 ) -> None:
     had = had_by(user)
@@ -474,7 +470,7 @@ def test_a_forgotten_task_is_nobody_elses(
         assert state_of(stranger) == before
 
 
-def test_what_was_attached_to_it_is_not_removed_from_others(
+def test_removing_forgotten_attachment_harms_no_stranger(
     central: LocalCentral, user: Client
 ) -> None:
     had = had_by(user)
@@ -500,7 +496,7 @@ HANDLERS_CALLS: dict[str, Callable[[Task], object]] = {
 
 
 @pytest.mark.parametrize("call", HANDLERS_CALLS)
-def test_a_handler_of_a_forgotten_task_sends_nothing_as_anothers(
+def test_handler_of_forgotten_task_cannot_send(
     central: LocalCentral, user: Client, legs: Module, call: str
 ) -> None:
     begun, go_on, raised = threading.Event(), threading.Event(), queue.Queue[BaseException]()
@@ -526,7 +522,7 @@ def test_a_handler_of_a_forgotten_task_sends_nothing_as_anothers(
         assert [task.id for task in stranger.tasks()] == [task.id for task in strangers]
 
 
-def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(
+def test_client_unaware_of_restart_may_name_new_foreign_tasks(
     central: LocalCentral, user: Client
 ) -> None:
     first = user.command(LABOUR)
@@ -542,7 +538,9 @@ def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(
         first.kill()
 
 
-def test_monitors_follow_no_forgotten_sibling(central: LocalCentral, user: Client) -> None:
+def test_monitor_is_not_ordered_after_forgotten_sibling(
+    central: LocalCentral, user: Client
+) -> None:
     with user.parallel():
         user.command(LABOUR)
     with user.sequence():
@@ -557,7 +555,7 @@ def test_monitors_follow_no_forgotten_sibling(central: LocalCentral, user: Clien
             assert info.held == {}
 
 
-def test_numbers_and_points_travel_as_data_and_are_plain_then(
+def test_task_numbers_and_points_travel_as_plain_data(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     which, until = Command("which", int, result=int), Command("until", Point, result=str)
@@ -570,7 +568,7 @@ def test_numbers_and_points_travel_as_data_and_are_plain_then(
         assert f"{task.id} {task.id!r} {task.id:03d}" == "1 1 001"
 
 
-def test_a_number_of_the_old_central_is_known_as_one_whatever_says_it() -> None:
+def test_request_naming_forgotten_number_is_lost() -> None:
     connection, central = connected()
     task, delivery = with_epoch(TaskId(3), "one", "walk {3}"), with_epoch(8, "one", "walk {3}")
     central.say(Unknown(), Welcome(1, 1, "legs", "two"))

@@ -30,7 +30,7 @@ def fill(user: Client, gate: Gate) -> None:
         user.inform(POSE, number, wait=0)
 
 
-def test_who_asks_is_refused_what_would_be_dropped(
+def test_overload_is_refused_when_sender_asks(
     central: LocalCentral, legs: Module, user: Client, gate: Gate
 ) -> None:
     legs.handles(POSE)(gate)
@@ -52,7 +52,7 @@ def test_who_asks_is_refused_what_would_be_dropped(
     assert user.status()["dropped"] == 1
 
 
-def test_a_sender_waits_until_there_is_room(
+def test_sender_waits_until_queue_has_room(
     central: LocalCentral, legs: Module, user: Client, gate: Gate
 ) -> None:
     handled: list[int] = []

@@ -124,7 +124,7 @@ def grasping(central: LocalCentral) -> Iterator[Grasping]:
         yield server
 
 
-def test_a_blocking_server_hears_requests_while_it_waits(
+def test_sleeping_server_receives_requests(
     user: Client, grasping: Grasping, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
@@ -163,7 +163,7 @@ class Counting(Server[int, None]):
         return True
 
 
-def test_one_that_never_waits_hears_them_when_it_asks(user: Client, central: LocalCentral) -> None:
+def test_busy_server_receives_requests_when_it_polls(user: Client, central: LocalCentral) -> None:
     feet, server = Module("feet", central), Counting()
     feet.serve(WALK, server)
     with feet.running():
@@ -173,7 +173,7 @@ def test_one_that_never_waits_hears_them_when_it_asks(user: Client, central: Loc
         assert walk.wait(SOON) is Outcome.DONE
 
 
-def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalCentral) -> None:
+def test_server_grants_cancel(user: Client, grasping: Grasping, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     changes = grasp.changes()
     grasp.cancel("the pen is hot")
@@ -186,9 +186,7 @@ def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalC
     )
 
 
-def test_one_that_replies_later_hears_them_between_messages(
-    user: Client, central: LocalCentral
-) -> None:
+def test_server_with_later_reply_receives_requests(user: Client, central: LocalCentral) -> None:
     arm, server = Module("arm", central), Holding()
     arm.serve(GRASP, server)
     arm.handles(FREE, resource="hand")(lambda _: True)
@@ -210,7 +208,7 @@ def test_one_that_replies_later_hears_them_between_messages(
     assert server.seen == ["update requested: cup, True", "cancel requested: too hot"]
 
 
-def test_what_a_server_lacks_gets_the_defaults(user: Client, central: LocalCentral) -> None:
+def test_missing_server_methods_have_defaults(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
     feet.serve(WALK, Walking(), refuses=["cancel"])
     with feet.running():
@@ -223,7 +221,7 @@ def test_what_a_server_lacks_gets_the_defaults(user: Client, central: LocalCentr
         assert walk.state == "done"
 
 
-def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalCentral) -> None:
+def test_server_handles_custom_transition(user: Client, central: LocalCentral) -> None:
     choir = Module("choir", central)
     choir.serve(SING, Singing())
     with choir.running():
@@ -239,7 +237,7 @@ def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalC
         ]
 
 
-def test_servers_that_can_not_be(central: LocalCentral) -> None:
+def test_invalid_server_is_misuse(central: LocalCentral) -> None:
     arm = Module("arm", central)
 
     class Eager(Grasping):

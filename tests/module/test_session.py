@@ -92,7 +92,7 @@ def session(greeting: Session) -> Session:
     return greeting
 
 
-def test_every_message_of_central_has_its_row() -> None:
+def test_session_handles_every_header_of_central() -> None:
     for kind in headers.ToModule.__args__:
         assert kind in Session._ON
 
@@ -100,7 +100,7 @@ def test_every_message_of_central_has_its_row() -> None:
 # --- Hello ----------------------------------------------------------------------------------------
 
 
-def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> None:
+def test_hello_is_repeated_every_second_until_welcome(greeting: Session) -> None:
     for now, expected in [(0.0, [HELLO]), (0.9, []), (1.0, [HELLO]), (1.5, []), (2.1, [HELLO])]:
         greeting.tend(now, 0.0)
         assert said(greeting) == expected
@@ -110,7 +110,7 @@ def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> 
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
 
-def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_nothing(
+def test_only_hello_leaves_before_welcome(
     greeting: Session,
 ) -> None:
     greeting.request(A_GOAL)
@@ -123,7 +123,7 @@ def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_no
     assert said(greeting) == []
 
 
-def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(
+def test_other_protocol_of_restarted_central_is_reported_once(
     session: Session,
 ) -> None:
     session.break_off()
@@ -134,7 +134,7 @@ def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_
 # --- requests and answers -------------------------------------------------------------------------
 
 
-def test_requests_are_numbered_and_answers_find_them(session: Session) -> None:
+def test_answers_are_matched_to_requests_by_number(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
     assert said(session) == [Send(2, "walk"), Send(3, "stance")]
     hear(session, Accepted(3, 17))  # which is not the answer
@@ -146,7 +146,7 @@ def test_requests_are_numbered_and_answers_find_them(session: Session) -> None:
     assert (walk.is_over, walk.accepted) == (True, 17)
 
 
-def test_a_query_that_was_not_sent_is_accepted_and_a_multi_query_over_with_the_answer_without_more(
+def test_unsent_query_and_final_answer_end_their_requests(
     session: Session,
 ) -> None:
     not_sent, everybody = asked(session, Send(0, "where", if_handled=True), Send(0, "status"))
@@ -157,7 +157,7 @@ def test_a_query_that_was_not_sent_is_accepted_and_a_multi_query_over_with_the_a
     assert [answer.more for answer, _ in everybody.answers] == [True, True, False]
 
 
-def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) -> None:
+def test_refusal_ends_its_request_or_becomes_complaint(session: Session) -> None:
     walk = session.request(A_GOAL)
     hear(
         session,
@@ -168,7 +168,7 @@ def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) 
     assert session.complaints == ["central refused: no such message"]
 
 
-def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
+def test_answer_to_abandoned_request_is_ignored(session: Session) -> None:
     (stance,) = asked(session, A_QUERY)
     given_up.abandon(session, stance)
     assert said(session) == [GiveUp(2, 3)]
@@ -181,7 +181,7 @@ def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
 # --- the connection breaks ------------------------------------------------------------------------
 
 
-def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in_order(
+def test_unknown_triggers_hello_and_ordered_repetition(
     session: Session,
 ) -> None:
     done, walk, stance = (
@@ -202,7 +202,7 @@ def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in
     assert [request.is_over for request in (walk, stance, later)] == [True, True, True]
 
 
-def test_messages_and_handlers_are_declared_again_before_what_uses_them(session: Session) -> None:
+def test_declarations_precede_repeated_requests(session: Session) -> None:
     session.declared([WALK], [HANDLES_WALK])
     asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome())
@@ -211,9 +211,7 @@ def test_messages_and_handlers_are_declared_again_before_what_uses_them(session:
     assert said(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
-def test_what_was_being_declared_when_the_connection_broke_is_declared_also_where_central_had_accepted_and_forgot_it() -> (
-    None
-):
+def test_declaration_forgotten_by_central_is_repeated() -> None:
     central, session = Central("one"), Session(HELLO)
     session.tend(0.0, 0.0)
 
@@ -245,7 +243,7 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
 
 
 @pytest.mark.parametrize("question", [A_WAIT, STATUS, GetVariable(0, "pose")])
-def test_a_wait_or_question_that_central_dropped_with_the_connection_is_made_anew(
+def test_harmless_request_dropped_in_break_is_asked_again(
     session: Session, question: AwaitPoint
 ) -> None:
     (request,) = asked(session, question)
@@ -259,21 +257,19 @@ def test_a_wait_or_question_that_central_dropped_with_the_connection_is_made_ane
 
 
 @pytest.mark.parametrize("question", [A_QUERY, SWAP])
-def test_what_may_have_been_done_and_was_dropped_with_the_connection_is_lost(
-    session: Session, question: Send
-) -> None:
+def test_unsafe_request_dropped_in_break_is_lost(session: Session, question: Send) -> None:
     (request,) = asked(session, question)
     hear(session, Unknown(), welcome(), TOO_LATE)
     assert request.lost == "the connection to central broke before the answer came"
 
 
-def test_a_goal_that_comes_too_late_is_refused_even_if_it_was_repeated(session: Session) -> None:
+def test_repeated_goal_that_is_too_late_is_refused(session: Session) -> None:
     (walk,) = asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome(), TOO_LATE)
     assert walk.refused is not None
 
 
-def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
+def test_unsent_statements_are_counted(session: Session) -> None:
     session.post(Send(0, "position"))
     session.post(SetVariable(0, "pose"))
     session.request(A_GOAL)
@@ -285,7 +281,7 @@ def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
     assert said(session) == [Send(2, "walk")]
 
 
-def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> None:
+def test_answer_confirms_earlier_statements(session: Session) -> None:
     session.post(Send(0, "position"))
     asked(session, STATUS)
     session.post(SetVariable(0, "pose"))
@@ -296,7 +292,7 @@ def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> N
     assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
 
 
-def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
+def test_sent_statement_is_doubtful_after_break(session: Session) -> None:
     session.post(Send(0, "position"))
     said(session)
     session.post(Send(0, "position"))
@@ -304,7 +300,7 @@ def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
     assert (session.dropped, session.doubtful, session.lost) == (1, 1, 2)
 
 
-def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session) -> None:
+def test_confirmation_is_requested_during_long_sending(session: Session) -> None:
     for _ in range(3 * CONFIRM_EVERY):
         session.post(Send(0, "position"))
     questions = [header for header in said(session) if isinstance(header, Register)]
@@ -315,7 +311,7 @@ def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session)
     assert said(session)[-1] == Register(3, [], [])
 
 
-def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) -> None:
+def test_reply_is_settled_by_later_answer(session: Session) -> None:
     hear(session, Deliver(7, "walk"))
     session.reply(Reply(7), b"")
     assert not session.is_settled
@@ -324,7 +320,7 @@ def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) 
     assert session.is_settled
 
 
-def test_closing_is_reported_and_begins_anew(session: Session) -> None:
+def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
     hear(session, Closing("SIGTERM"))
     assert session.complaints == ["central ends: SIGTERM"]
     session.tend(0.0, 0.0)
@@ -334,7 +330,7 @@ def test_closing_is_reported_and_begins_anew(session: Session) -> None:
 # --- silence --------------------------------------------------------------------------------------
 
 
-def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Session) -> None:
+def test_silent_central_is_asked_every_second(session: Session) -> None:
     hear(session, Beat(), now=10.0)
     session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
     assert said(session) == []
@@ -352,7 +348,7 @@ def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Sessi
 # --- deliveries -----------------------------------------------------------------------------------
 
 
-def test_deliveries_are_set_aside_and_replied_to_once(session: Session) -> None:
+def test_delivery_is_queued_and_replied_to_once(session: Session) -> None:
     session.receive(Deliver(8, "walk", TaskId(8)), b"data", 0.0)
     assert session.deliveries.popleft() == (Deliver(8, "walk", TaskId(8)), b"data")
     session.reply(Reply(8), b"")
@@ -360,7 +356,7 @@ def test_deliveries_are_set_aside_and_replied_to_once(session: Session) -> None:
     assert said(session) == [Reply(8)]
 
 
-def test_a_reply_is_repeated_until_another_delivery_shows_that_it_came(session: Session) -> None:
+def test_reply_is_repeated_until_next_delivery_confirms_it(session: Session) -> None:
     hear(session, Deliver(8, "walk"), Unknown())
     session.reply(Reply(8), b"")
     assert said(session) == []  # it waits while central is away
@@ -372,7 +368,7 @@ def test_a_reply_is_repeated_until_another_delivery_shows_that_it_came(session: 
     assert said(session) == []
 
 
-def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
+def test_repeated_delivery_is_handled_once(session: Session) -> None:
     deliver = Deliver(7, "walk", TaskId(7))
     hear(session, deliver, deliver)
     assert len(session.deliveries) == 1
@@ -384,7 +380,7 @@ def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
     assert said(session) == [Reply(7)], "central's computer lost power after it had come"
 
 
-def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(
+def test_killed_or_forgotten_task_is_cancelled_not_suspended(
     session: Session,
 ) -> None:
     """Or a handler that holds as long as its task is suspended would never return."""
@@ -408,7 +404,7 @@ def granted(session: Session) -> Request:
     return lock
 
 
-def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_central_has_forgotten_all(
+def test_lock_is_lost_when_taken_or_central_restarts(
     session: Session,
 ) -> None:
     lock, other = granted(session), granted(session)
@@ -418,7 +414,7 @@ def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_centra
     assert other.taken == "central was restarted and has forgotten it"
 
 
-def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
+def test_lock_taken_before_its_answer_is_lost(
     session: Session,
 ) -> None:
     (lock,) = asked(session, Lock(0, "legs"))
@@ -433,7 +429,7 @@ def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
     assert lock.taken == "its module has gone"
 
 
-def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Session) -> None:
+def test_forgotten_lock_request_is_repeated(session: Session) -> None:
     (lock,) = asked(session, Lock(0, "legs"))
     session.break_off()
     hear(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
@@ -441,7 +437,7 @@ def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Sessio
     assert (lock.is_over, lock.taken) == (True, "")
 
 
-def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(
+def test_abandoned_release_is_repeated_after_break(
     session: Session,
 ) -> None:
     release = session.request(Release(0, granted(session).header.number))
@@ -456,9 +452,7 @@ def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(
 @pytest.mark.parametrize(
     "asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])]
 )
-def test_a_give_up_is_repeated_until_central_answers(
-    session: Session, asked_for: ToCentral
-) -> None:
+def test_give_up_is_repeated_until_answered(session: Session, asked_for: ToCentral) -> None:
     (early,) = asked(session, asked_for)
     given_up.abandon(session, early)  # and what says so is lost with the connection
     hear(session, Unknown())
@@ -475,7 +469,7 @@ def test_a_give_up_is_repeated_until_central_answers(
         session.break_off()
 
 
-def test_what_was_observed_before_a_break_is_surely_given_up(session: Session) -> None:
+def test_old_observation_is_given_up_after_break(session: Session) -> None:
     asked(session, Observe(0))
     hear(session, Unknown(), welcome())
     assert said(session) == [GiveUp(2, 3), Observe(4)]
@@ -483,7 +477,7 @@ def test_what_was_observed_before_a_break_is_surely_given_up(session: Session) -
     assert said(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
 
 
-def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) -> None:
+def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> None:
     (lock,) = asked(session, Lock(0, "legs"))
     why = given_up.ask_why(session, lock)
     assert why is not None
@@ -495,7 +489,7 @@ def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) ->
 # --- central was restarted: what the next one gets ------------------------------------------------
 
 
-def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
+def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> None:
     session.declared([WALK], [HANDLES_WALK])
     (stance,) = asked(session, A_QUERY)
     hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
@@ -508,7 +502,7 @@ def test_another_epoch_loses_what_was_asked_and_declares_everything_again(sessio
     assert said(session) == [Send(3, "walk")]
 
 
-def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(
+def test_new_central_gets_unsent_requests_that_name_no_task(
     session: Session,
 ) -> None:
     (gone,) = asked(session, A_GOAL, wants_answer=False)
@@ -526,16 +520,14 @@ def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_mean
 
 
 @pytest.mark.parametrize("epoch", ["one", "two"])
-def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(
-    session: Session, epoch: str
-) -> None:
+def test_request_discarded_by_central_is_sent_again(session: Session, epoch: str) -> None:
     walk, stance = asked(session, A_GOAL, A_QUERY)
     hear(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
     assert said(session) == [Send(2, "walk"), Send(3, "stance")]
     assert (walk.lost, stance.lost) == ("", "")
 
 
-def test_what_was_said_twice_may_have_come_to_the_old_central(session: Session) -> None:
+def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
     (walk,) = asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), welcome())  # the line broke, and it is not known when
     assert said(session) == [Send(2, "walk")]
@@ -543,13 +535,13 @@ def test_what_was_said_twice_may_have_come_to_the_old_central(session: Session) 
     assert walk.lost == FORGOTTEN
 
 
-def test_unknown_that_names_no_request_tells_nothing_of_any(session: Session) -> None:
+def test_unknown_without_request_number_saves_no_request(session: Session) -> None:
     (walk,) = asked(session, A_GOAL, wants_answer=False)
     hear(session, Unknown(), Unknown(77), welcome("two"))
     assert walk.lost
 
 
-def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(
+def test_discarded_request_naming_old_task_is_lost(
     session: Session,
 ) -> None:
     below, lock = asked(session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3))
@@ -559,7 +551,7 @@ def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(
     assert said(session) == []
 
 
-def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Session) -> None:
+def test_read_only_questions_go_to_new_central(session: Session) -> None:
     questions = (
         STATUS,
         Inspect(0, TaskId(0), "descendants"),
@@ -574,7 +566,7 @@ def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Ses
     assert {request.epoch for request in kept} == {"two"}
 
 
-def test_handlers_are_declared_by_what_renews_them_alone(session: Session) -> None:
+def test_pending_handler_registration_is_left_to_redeclaration(session: Session) -> None:
     """Or they would come before what is attached."""
     (request,) = asked(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     hear(session, Unknown(), welcome("two"))
@@ -582,7 +574,7 @@ def test_handlers_are_declared_by_what_renews_them_alone(session: Session) -> No
     assert said(session) == []
 
 
-def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> None:
+def test_central_names_request_of_unknown_connection() -> None:
     core, somebody = Central("two"), ConnectionId(b"somebody")
     events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
     effects = [effect for event in events for effect in core.handle(event)]
@@ -592,7 +584,7 @@ def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> No
     ]
 
 
-def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session: Session) -> None:
+def test_held_replies_are_sent_singly_after_break(session: Session) -> None:
     for delivery in (5, 6):
         hear(session, Deliver(delivery, "note", ahead=1))
         session.held.begin(delivery, 1.0)

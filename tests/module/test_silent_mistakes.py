@@ -15,7 +15,7 @@ from tca_module.testing import LocalCentral
 REST = Command("rest")
 
 
-def test_a_second_module_of_a_name_is_warned(
+def test_second_module_of_same_name_is_warned(
     central: LocalCentral, legs: Module, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(REST)(lambda _: None)
@@ -26,7 +26,7 @@ def test_a_second_module_of_a_name_is_warned(
     assert "another module 'legs' runs, so central calls this one 'legs#2'" in said
 
 
-def test_a_resource_without_handlers_is_warned_of(
+def test_resource_without_handlers_is_warned_of(
     legs: Module, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name in ("arm", "hip", "head"):
@@ -38,7 +38,7 @@ def test_a_resource_without_handlers_is_warned_of(
 
 
 @pytest.mark.parametrize("is_last", [False, True])
-def test_an_async_handler_that_blocks_is_warned_of_once(
+def test_blocking_async_handler_is_warned_of_once(
     legs: Module,
     user: Client,
     caplog: pytest.LogCaptureFixture,
@@ -68,7 +68,7 @@ class Broken(logging.Handler):
         raise OSError(f"no room for {record.msg:.20}")
 
 
-def test_a_log_handler_that_raises_ends_nothing(
+def test_raising_log_handler_does_not_end_module(
     legs: Module, user: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @legs.handles(REST)

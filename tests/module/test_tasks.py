@@ -54,7 +54,7 @@ from tca_wire.journal.facts import Failed, Ignored, Received, WaitBegan, WaitEnd
 from tca_wire.points import Moment, Point
 
 
-def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, user: Client) -> None:
+def test_goal_expands_into_commands_done_in_order(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         robot.done.append("plan")
@@ -70,9 +70,7 @@ def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, us
     assert robot.order_of(Moment.END_ACHIEVING) == [goal.id + 1, goal.id + 2, goal.id + 3, goal.id]
 
 
-def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(
-    robot: Robot, user: Client
-) -> None:
+def test_result_wait_in_handler_is_journaled_for_its_task(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         footfall = task.command(MOVE_LEG, 1).result(SOON)
@@ -85,7 +83,7 @@ def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(
     assert {(wait.module, wait.origin) for wait in waits} == {("user", 0), ("planner", 1)}
 
 
-def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Client) -> None:
+def test_task_sent_by_query_handler_stands_under_root(robot: Robot, user: Client) -> None:
     @robot.planner.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         with pytest.raises(MisuseError, match="'stance' is no task of the tree and has no points"):
@@ -97,7 +95,7 @@ def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Cl
     assert [(fact.parent, fact.origin) for fact in robot.received("move leg")] == [(0, 1)]
 
 
-def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
+def test_task_flags_become_constraints(robot: Robot, user: Client) -> None:
     robot.planner.handles(STEP)(lambda _, _number: None)
 
     @robot.planner.handles(REST)
@@ -125,7 +123,7 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     assert constraints[2] == ["end planning task 5 <= start achieving task 5"]
 
 
-def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
+def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
     """What the handler's task plans is not done before the handler has returned."""
 
     @robot.planner.handles(REST)
@@ -141,7 +139,7 @@ def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
     assert robot.done == ["leg 1"]
 
 
-def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Client) -> None:
+def test_circular_constraint_is_refused_without_trace(robot: Robot, user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
     with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a circle"):
         user.constrain(second.achieving.end <= first.achieving.start)
@@ -151,7 +149,7 @@ def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Clien
     assert user.status()["tasks"] == 2
 
 
-def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
+def test_chained_or_strict_point_comparison_is_misuse(user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
     one = first.achieving.end <= second.planning.start
     assert isinstance(one, Constraint)
@@ -169,7 +167,7 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
 
 
-def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
+def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> None:
     gate = Gate()
     robot.legs.handles(STOP)(gate)
     with robot.running():
@@ -197,7 +195,7 @@ HEIGHT = Query("height", int, reply=float)
 FOG = Failure("fog", int)
 
 
-def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
+def test_failure_carries_its_data_to_sender(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         raise COLLISION(Footfall(2, arc.radius), "rock")
@@ -211,7 +209,7 @@ def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
     assert goal.wait() is Outcome.FAILED
 
 
-def test_a_failure_without_data(robot: Robot, user: Client) -> None:
+def test_failure_without_data_must_be_called_to_raise(robot: Robot, user: Client) -> None:
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         raise EXHAUSTED  # type: ignore[misc]
@@ -235,7 +233,7 @@ def test_a_failure_without_data(robot: Robot, user: Client) -> None:
     assert failed.value.data is None
 
 
-def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on(
+def test_unexpected_exception_fails_task_with_traceback(
     robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     @robot.planner.handles(WALK)
@@ -253,10 +251,10 @@ def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on
         with pytest.raises(TaskFailed, match="handler error: SystemExit: 3"):
             user.goal(WALK, Arc(0, 0)).result(SOON)
         user.goal(WALK, Arc(1.0, 1)).result(SOON)
-    assert "handler test_an_unexpected_exception" in caplog.text
+    assert "handler test_unexpected_exception" in caplog.text
 
 
-def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Client) -> None:
+def test_unencodable_error_text_is_escaped(robot: Robot, user: Client) -> None:
     """As Python makes them of file names."""
 
     @robot.planner.handles(REST)
@@ -269,7 +267,7 @@ def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Cl
                 user.goal(REST).result(SOON)
 
 
-def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
+def test_wrong_result_fails_task(robot: Robot, user: Client) -> None:
     measure = Command("measure", result=float)
     robot.planner.handles(measure)(lambda _: "high")  # type: ignore[arg-type]
     robot.planner.handles(REST)(lambda _: 5)  # type: ignore[arg-type]
@@ -283,7 +281,7 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
             user.goal(REST).result(SOON)
 
 
-def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed(
+def test_handler_killed_with_its_subtask_has_not_failed(
     robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     started = threading.Event()
@@ -308,10 +306,10 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
         ):
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
-    assert caplog.text.count("handler test_a_handler_that_ends") == 1
+    assert caplog.text.count("handler test_handler_killed_with_its_subtask") == 1
 
 
-def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:
+def test_discarded_result_raises_bad_data(robot: Robot, user: Client) -> None:
     with robot.running():
         move = user.command(MOVE_LEG, 1)
         assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
@@ -322,7 +320,7 @@ def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> No
             move.result()
 
 
-def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Client) -> None:
+def test_uncaught_failure_keeps_name_and_data(robot: Robot, user: Client) -> None:
     """A handler that does not catch what its question, or its subtask, failed with."""
 
     @robot.planner.handles(WALK)
@@ -370,7 +368,7 @@ def walkers(central: LocalCentral) -> Iterator[Module]:
         yield walkers
 
 
-def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
+def test_retained_task_is_readable_by_other_client(
     central: LocalCentral, user: Client, walkers: Module
 ) -> None:
     step = user.command(PACE, 1, keep=True)
@@ -387,7 +385,7 @@ def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
     assert user.task(step.id) is None
 
 
-def test_an_exception_handler_sees_what_had_been_done(
+def test_exception_handler_sees_retained_tasks(
     central: LocalCentral, user: Client, walkers: Module
 ) -> None:
     expert, seen = Module("expert", central), list[tuple[int, str]]()
@@ -466,7 +464,7 @@ def supervisor(central: LocalCentral, resting_legs: Legs) -> Iterator[Client]:
 
 
 @pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_a_task_that_lives_is_steered(
+def test_live_task_is_steered(
     resting_legs: Legs, supervisor: Client, steer: Callable[[TaskRef], Any]
 ) -> None:
     ref = supervisor.command(STOP)
@@ -475,7 +473,7 @@ def test_a_task_that_lives_is_steered(
 
 
 @pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_one_that_has_ended_is_not(
+def test_ended_task_ignores_steering(
     resting_legs: Legs, supervisor: Client, central: LocalCentral, steer: Callable[[TaskRef], Any]
 ) -> None:
     ref = supervisor.command(STOP)
@@ -486,7 +484,7 @@ def test_one_that_has_ended_is_not(
 
 
 @pytest.mark.parametrize(("name", "steer"), STEERS.items(), ids=STEERS)
-def test_one_that_was_killed_and_whose_handler_runs_has_not_ended_but_gets_no_second_chance(
+def test_killed_task_with_running_handler_gets_no_second_chance(
     resting_legs: Legs, supervisor: Client, name: str, steer: Callable[[TaskRef], Any]
 ) -> None:
     ref = supervisor.command(STOP)
@@ -498,7 +496,9 @@ def test_one_that_was_killed_and_whose_handler_runs_has_not_ended_but_gets_no_se
     assert ref.kill() is False
 
 
-def test_what_is_promised_for_later_is_refused(resting_legs: Legs, supervisor: Client) -> None:
+def test_retaining_or_attaching_to_ended_task_is_refused(
+    resting_legs: Legs, supervisor: Client
+) -> None:
     ref = supervisor.command(STOP)
     resting_legs.go_on.release()
     assert ref.wait(SOON) is Outcome.DONE
@@ -514,7 +514,7 @@ def test_what_is_promised_for_later_is_refused(resting_legs: Legs, supervisor: C
     ref.release()  # what is not kept need not be let go
 
 
-def test_a_monitor_is_ended_once(resting_legs: Legs, supervisor: Client) -> None:
+def test_monitor_ends_once(resting_legs: Legs, supervisor: Client) -> None:
     monitor = supervisor.monitor(ROCKS, duration=60.0)
     assert monitor.fire() is True
     assert monitor.end() is True
@@ -590,7 +590,7 @@ def leader(expedition: Expedition) -> Iterator[Client]:
         yield client
 
 
-def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(
+def test_monitor_under_foreign_task_finds_and_kills_it(
     expedition: Expedition, leader: Client
 ) -> None:
     walking = expedition.begin(REST, leader)
@@ -603,7 +603,7 @@ def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(
     assert monitor.wait(SOON) is Outcome.KILLED
 
 
-def test_a_command_stands_in_the_sequence_that_others_send(
+def test_command_under_foreign_task_joins_its_sequence(
     expedition: Expedition, leader: Client
 ) -> None:
     walking = expedition.begin(REST, leader)
@@ -613,7 +613,9 @@ def test_a_command_stands_in_the_sequence_that_others_send(
     assert expedition.steps == [1, 2, 3]
 
 
-def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) -> None:
+def test_sequence_block_ignores_tasks_of_other_senders(
+    expedition: Expedition, leader: Client
+) -> None:
     """Under a task of others and under the root; the strangers are not in the sequence."""
     expedition.may_tread.clear()  # else the first might be over when the second is sent
     sent = expedition.begin(GUARD, leader)

@@ -51,7 +51,7 @@ def loop() -> Loop:
 
 
 @pytest.mark.parametrize("reports", [False, True])
-def test_the_period_is_kept_until_patience_is_lost(loop: Loop, *, reports: bool) -> None:
+def test_period_is_kept_until_central_is_lost(loop: Loop, *, reports: bool) -> None:
     list(loop.go_on(5.0, reports=reports))
     heard, loop.central.is_there, late = loop.link.session.heard, False, list[float]()
     with pytest.raises(CentralLost, match="does not answer"):
@@ -60,21 +60,21 @@ def test_the_period_is_kept_until_patience_is_lost(loop: Loop, *, reports: bool)
     assert loop.central.now - heard <= PATIENCE + 3 * PERIOD
 
 
-def test_a_loop_that_is_always_late_loses_patience(loop: Loop) -> None:
+def test_always_late_loop_raises_central_lost(loop: Loop) -> None:
     loop.turn()
     loop.central.is_there = False
     with pytest.raises(CentralLost):
         list(loop.go_on(2 * PATIENCE, works=0.3, waits=0.0))
 
 
-def test_a_slow_loop_loses_patience(loop: Loop) -> None:
+def test_slow_loop_raises_central_lost(loop: Loop) -> None:
     loop.turn()
     loop.central.is_there = False
     with pytest.raises(CentralLost):
         list(loop.go_on(5 * PATIENCE, works=4.0))
 
 
-def test_what_leaves_things_safe_has_time_again(loop: Loop) -> None:
+def test_cleanup_after_central_lost_has_patience_again(loop: Loop) -> None:
     loop.turn()
     loop.central.is_there = False
     with pytest.raises(CentralLost):
@@ -85,13 +85,13 @@ def test_what_leaves_things_safe_has_time_again(loop: Loop) -> None:
 
 
 @pytest.mark.parametrize("works", [0.3, 20.0])
-def test_a_central_that_is_there_is_never_lost(loop: Loop, works: float) -> None:
+def test_present_central_is_never_lost(loop: Loop, works: float) -> None:
     loop.central.now += 29  # it had nothing to say
     assert loop.turn(works) == pytest.approx(0)
     assert max(loop.go_on(8 * works + PATIENCE, works=works)) == pytest.approx(0)
 
 
-def test_who_comes_back_in_time_is_not_lost(loop: Loop) -> None:
+def test_returning_central_is_not_lost(loop: Loop) -> None:
     for _ in range(3):
         loop.central.is_there = False
         list(loop.go_on(PATIENCE / 2))

@@ -172,7 +172,7 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
-def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
+def test_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
     def is_shown() -> bool:
         found = [one for one in user.status("load")["waits"] if one["number"] == waiting.id]
         return any(is_it(wait["kind"], wait["name"]) for one in found for wait in one["waits"])
@@ -193,7 +193,7 @@ def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: 
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way.closes], ids=lambda way: way.name)
-def test_a_deadlock_through_a_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
+def test_deadlock_through_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
     def is_found() -> bool:
         refused = [fact for fact in central.facts if isinstance(fact, RequestRefused)]
         return Refusal.DEADLOCK in [fact.refusal for fact in refused]

@@ -143,7 +143,7 @@ def robot(tmp_path: Path) -> Robot:
 
 
 @pytest.mark.parametrize("how", WAITS)
-def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
+def test_kill_wakes_waiting_handler_and_gives_up_its_request(
     robot: Robot, how: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with robot.running() as user, robot.legs.running():
@@ -163,7 +163,7 @@ def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
 
 
 @pytest.mark.parametrize("how", WAITS)
-def test_the_end_of_its_module_wakes_a_handler(robot: Robot, how: str) -> None:
+def test_module_end_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user:
         with robot.legs.running():
             asking = user.goal(ASK, how, sequential=False)
@@ -174,7 +174,7 @@ def test_the_end_of_its_module_wakes_a_handler(robot: Robot, how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["query", "lock", "a stranger's task", "until handled"])
-def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -> None:
+def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user, robot.legs.running():
         asking = user.goal(ASK, how, sequential=False)
         for _ in range(2):
@@ -189,7 +189,7 @@ def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -
         assert asking.wait(SOON) is Outcome.KILLED
 
 
-def test_who_is_woken_is_told_why(robot: Robot) -> None:
+def test_woken_handler_learns_reason(robot: Robot) -> None:
     said, begun = queue.Queue[str](), queue.Queue[None]()
 
     def work(task: Task) -> None:
@@ -219,7 +219,7 @@ def test_who_is_woken_is_told_why(robot: Robot) -> None:
 # --- once -----------------------------------------------------------------------------------------
 
 
-def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
+def test_kill_of_busy_handler_ends_its_next_wait(robot: Robot) -> None:
     killed = threading.Event()
 
     def work(task: Task) -> None:
@@ -232,7 +232,7 @@ def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
 
 
-def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
+def test_handler_that_saw_cancellation_is_not_woken(robot: Robot) -> None:
     def work(task: Task) -> None:
         while not task.cancelled:
             pass
@@ -243,7 +243,7 @@ def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
         assert robot.seen.get(timeout=SOON) == (None, "at home")
 
 
-def test_who_waits_on_after_a_kill_does_not_keep_its_module(
+def test_module_end_wakes_killed_handler_that_waits_again(
     robot: Robot, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The module's end is another reason, and wakes the handler once more; it was killed, and has
@@ -269,7 +269,7 @@ def test_who_waits_on_after_a_kill_does_not_keep_its_module(
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
-def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None:
+def test_abandoned_replies_are_over_after_kill(robot: Robot) -> None:
     said = queue.Queue[object]()
 
     def work(task: Task) -> None:
@@ -289,7 +289,7 @@ def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None
 # --- who else waits -------------------------------------------------------------------------------
 
 
-def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
+def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
     """A killed handler asks its own resource: who answers there works for itself, and only then the
     first is woken.
     """
@@ -313,7 +313,7 @@ def asked(robot: Robot, module: str) -> list[str]:
     return [due.message.name for due in robot.central.asked_by(module)]
 
 
-def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
+def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
     told = queue.Queue[int]()
 
     def elsewhere() -> None:
@@ -337,9 +337,7 @@ def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")]
 )
-def test_a_coroutine_that_blocks_is_woken_as_well(
-    robot: Robot, waits: Callable[[Task], Any]
-) -> None:
+def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any]) -> None:
     """And is then not cancelled: it was told."""
 
     async def work(task: Task) -> None:
