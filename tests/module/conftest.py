@@ -29,7 +29,7 @@ def user(central: LocalCentral) -> Iterator[Client]:
 
 
 @pytest.fixture
-def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Modules soon notice that they are to end, or that a central which broke off says nothing:
     with the usual times that takes up to 0.2 s, and 3.
     """

@@ -178,11 +178,11 @@ def test_killed_task_is_cancelled_at_its_await(
     assert not caplog.records
 
 
-def raises_collision() -> None:
+def raise_collision() -> None:
     raise COLLISION(Footfall(2, 0.5), "rock")
 
 
-def cancels_itself() -> None:
+def cancel_itself() -> None:
     this = asyncio.current_task()
     assert this is not None
     this.cancel()
@@ -191,10 +191,10 @@ def cancels_itself() -> None:
 @pytest.mark.parametrize(
     ("error", "failure", "text"),
     [
-        (raises_collision, "collision", "rock"),
+        (raise_collision, "collision", "rock"),
         (lambda: 1 / 0, "handler error", "ZeroDivisionError: division by zero"),
         (lambda: sys.exit(3), "handler error", "SystemExit: 3"),
-        (cancels_itself, "cancelled", ""),
+        (cancel_itself, "cancelled", ""),
     ],
 )
 def test_error_in_coroutine_fails_its_task(
@@ -216,23 +216,23 @@ def test_error_in_coroutine_fails_its_task(
 
 
 def test_lone_failure_in_task_group_is_unwrapped(legs: Module, user: Client) -> None:
-    async def look(number: int) -> None:
+    async def sleep_or_collide(number: int) -> None:
         await asyncio.sleep(0)
         if number == 1:
-            raises_collision()
+            raise_collision()
         await asyncio.sleep(60)
 
     @legs.handles(REST)
     async def rest(task: Task) -> None:
         async with asyncio.TaskGroup() as group:
             for number in range(3):
-                group.create_task(look(number))
+                group.create_task(sleep_or_collide(number))
 
     @legs.handles(STOP)
     async def stop(task: Task) -> None:
         async with asyncio.TaskGroup() as group:
-            group.create_task(look(1))
-            group.create_task(look(1))
+            group.create_task(sleep_or_collide(1))
+            group.create_task(sleep_or_collide(1))
 
     with legs.running():
         with pytest.raises(TaskFailed) as failed:
@@ -347,48 +347,48 @@ LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)
 
 
 @pytest.fixture(autouse=True)
-def _soon_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def _report_waits_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Central hears of a coroutine that waits after 0.2 s already, and not after 1 s."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
 
 
-How = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]
+AwaitStyle = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]
 
 
-async def alone(awaited: Awaitable[Any]) -> Any:
+async def await_directly(awaited: Awaitable[Any]) -> Any:
     return await awaited
 
 
-async def gathered(awaited: Awaitable[Any]) -> Any:
+async def await_gathered(awaited: Awaitable[Any]) -> Any:
     return (await asyncio.gather(awaited))[0]
 
 
-async def in_a_group(awaited: Awaitable[Any]) -> Any:
+async def await_in_group(awaited: Awaitable[Any]) -> Any:
     async with asyncio.TaskGroup() as group:
-        task = group.create_task(alone(awaited))
+        task = group.create_task(await_directly(awaited))
     return task.result()
 
 
-async def in_a_task(awaited: Awaitable[Any]) -> Any:
-    return await asyncio.create_task(alone(awaited))
+async def await_in_task(awaited: Awaitable[Any]) -> Any:
+    return await asyncio.create_task(await_directly(awaited))
 
 
-async def as_the_first(awaited: Awaitable[Any]) -> Any:
+async def await_first_completed(awaited: Awaitable[Any]) -> Any:
     done, _ = await asyncio.wait(
-        [asyncio.create_task(alone(awaited))], return_when=asyncio.FIRST_COMPLETED
+        [asyncio.create_task(await_directly(awaited))], return_when=asyncio.FIRST_COMPLETED
     )
     return done.pop().result()
 
 
-async def in_time(awaited: Awaitable[Any]) -> Any:
+async def await_with_timeout(awaited: Awaitable[Any]) -> Any:
     async with asyncio.timeout(SOON):
         return await awaited
 
 
-class Circle:
+class WaitCycle:
     """Two modules, each of whose one slot waits for what the other's must handle."""
 
-    def __init__(self, central: Any, how: How) -> None:
+    def __init__(self, central: Any, style: AwaitStyle) -> None:
         self.eyes, self.maps = Module("eyes", central), Module("maps", central)
         both = threading.Barrier(2)
         self.maps.handles(WHERE)(lambda _: 1)
@@ -397,12 +397,12 @@ class Circle:
         @self.eyes.handles(DRAW)
         async def draw(task: Task) -> None:
             both.wait(SOON)
-            await how(task.query_send(WHERE))
+            await style(task.query_send(WHERE))
 
         @self.maps.handles(MAP)
         async def map_(task: Task) -> None:
             both.wait(SOON)
-            await how(task.query_send(LOOK))
+            await style(task.query_send(LOOK))
 
     def outcomes(self, user: Client) -> tuple[str, list[Outcome]]:
         """What became of both; the failure of the one that failed."""
@@ -415,11 +415,21 @@ class Circle:
         return f"{raised.value.failure}: {raised.value}", outcomes
 
 
-@pytest.mark.parametrize("how", [alone, gathered, in_a_group, in_a_task, as_the_first, in_time])
+@pytest.mark.parametrize(
+    "style",
+    [
+        await_directly,
+        await_gathered,
+        await_in_group,
+        await_in_task,
+        await_first_completed,
+        await_with_timeout,
+    ],
+)
 def test_one_await_of_deadlock_is_refused_and_other_completes(
-    how: How, central: LocalCentral, user: Client
+    style: AwaitStyle, central: LocalCentral, user: Client
 ) -> None:
-    text, outcomes = Circle(central, how).outcomes(user)
+    text, outcomes = WaitCycle(central, style).outcomes(user)
     assert outcomes == [Outcome.DONE, Outcome.FAILED]
     assert text.startswith("deadlock: ")
     assert "draw {" in text
@@ -442,7 +452,7 @@ class Device:
         self.loop.call_soon_threadsafe(self.event.set)
 
 
-async def beside_a_device(awaited: Awaitable[Any], device: Device) -> None:
+async def await_reply_then_device(awaited: Awaitable[Any], device: Device) -> None:
     """It waits for the map, while an asyncio task beside holds the legs until the device is
     ready.
     """
@@ -451,21 +461,21 @@ async def beside_a_device(awaited: Awaitable[Any], device: Device) -> None:
     await beside
 
 
-async def for_the_first_of_both(awaited: Awaitable[Any], device: Device) -> None:
-    tasks = [asyncio.create_task(alone(awaited)), asyncio.create_task(device.wait())]
+async def await_reply_or_device(awaited: Awaitable[Any], device: Device) -> None:
+    tasks = [asyncio.create_task(await_directly(awaited)), asyncio.create_task(device.wait())]
     _, waiting = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in waiting:
         task.cancel()
 
 
-async def for_the_device(awaited: Awaitable[Any], device: Device) -> None:
-    beside = asyncio.create_task(alone(awaited))
+async def await_device(awaited: Awaitable[Any], device: Device) -> None:
+    beside = asyncio.create_task(await_directly(awaited))
     await device.wait()
     beside.cancel()
 
 
-async def with_a_shield(awaited: Awaitable[Any], device: Device) -> None:
-    beside = asyncio.ensure_future(alone(awaited))
+async def await_shielded(awaited: Awaitable[Any], device: Device) -> None:
+    beside = asyncio.ensure_future(await_directly(awaited))
     waiting = asyncio.create_task(device.wait())
     await asyncio.wait(
         [asyncio.shield(beside), asyncio.shield(waiting)], return_when=asyncio.FIRST_COMPLETED
@@ -473,7 +483,7 @@ async def with_a_shield(awaited: Awaitable[Any], device: Device) -> None:
     beside.cancel()
 
 
-def told(central: LocalCentral) -> set[str]:
+def waiting_messages(central: LocalCentral) -> set[str]:
     """The messages of the coroutines that central takes to wait."""
     core = central.core
     waits = [
@@ -487,10 +497,10 @@ def told(central: LocalCentral) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "how", [beside_a_device, for_the_first_of_both, for_the_device, with_a_shield]
+    "style", [await_reply_then_device, await_reply_or_device, await_device, await_shielded]
 )
 def test_await_beside_external_event_is_no_deadlock(
-    how: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
+    style: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
     central: LocalCentral,
     user: Client,
 ) -> None:
@@ -508,11 +518,11 @@ def test_await_beside_external_event_is_no_deadlock(
     @eyes.handles(DRAW)
     async def draw(task: Task) -> None:
         made.append(Device())
-        await how(task.query_send(WHERE), made[0])
+        await style(task.query_send(WHERE), made[0])
 
     @maps.handles(WHERE)
     def where(task: Task) -> int:
-        if how is beside_a_device:
+        if style is await_reply_then_device:
             return 1 if go_on.wait(SOON) else 0
         return task.query(LOOK, timeout=SOON)
 
@@ -529,10 +539,10 @@ def test_await_beside_external_event_is_no_deadlock(
         until(lambda: made and made[0].loop, "it waits for its device")
         for _ in range(2):
             seen = user.command(MAP, sequential=False)
-            until(lambda: "map" in told(central), "the one that is seen")
-            assert "draw" not in told(central)
+            until(lambda: "map" in waiting_messages(central), "the one that is seen")
+            assert "draw" not in waiting_messages(central)
             seen.kill("it was seen")
-            until(lambda: "map" not in told(central), "the one that was seen has gone")
+            until(lambda: "map" not in waiting_messages(central), "the one that was seen has gone")
         go_on.set()
         made[0].ready()
         assert drawing.wait(SOON) is Outcome.DONE
@@ -548,17 +558,17 @@ def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: 
     async def draw(task: Task) -> None:
         loop, deadline = asyncio.get_running_loop(), asyncio.timeout(None)
 
-        def end_it() -> None:
-            until(lambda: "draw" in told(central), "it is seen to wait")
+        def expire() -> None:
+            until(lambda: "draw" in waiting_messages(central), "it is seen to wait")
             loop.call_soon_threadsafe(deadline.reschedule, 0)
 
-        seen = threading.Thread(target=end_it)
+        seen = threading.Thread(target=expire)
         seen.start()
         try:
             async with deadline:
                 await task.query_send(WHERE)
         except TimeoutError:
-            ended.append("draw" not in told(central))
+            ended.append("draw" not in waiting_messages(central))
 
     @maps.handles(WHERE)
     def where(_: Task) -> int:

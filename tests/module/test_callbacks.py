@@ -55,7 +55,7 @@ class Clock:
         connection.log = log_of("legs")
         self.callbacks.begin(connection)
 
-    def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
+    def advance(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
         """Wait as a slot does, and call what is due."""
         self.now += seconds
         if self.callbacks.connection is not None:
@@ -72,15 +72,15 @@ def clock() -> Clock:
 def test_delay_counts_from_module_start(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.after(2.0, lambda: called.append(clock.now))
-    clock.pass_by(50.0)
+    clock.advance(50.0)
     clock.begin()
     clock.callbacks.after(1.0, lambda: called.append(clock.now))
     assert clock.callbacks.patience(0.2) == 0.2
-    clock.pass_by(0.9)
+    clock.advance(0.9)
     assert clock.callbacks.patience(0.2) == pytest.approx(0.1)
-    clock.pass_by(0.1)
-    clock.pass_by(1.0)
-    clock.pass_by(9.0)
+    clock.advance(0.1)
+    clock.advance(1.0)
+    clock.advance(9.0)
     assert called == [151.0, 152.0]
     assert not clock.callbacks
 
@@ -91,7 +91,7 @@ def test_default_arguments_of_callback_are_kept(clock: Clock) -> None:
         clock.callbacks.every(1.0, lambda n=n: called.append(n))
     clock.callbacks.every(1.0, lambda callback, n=n: called.append((type(callback), n)))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     assert called == [1, 2, (Callback, 2)]
     assert check_function("observes()", lambda change, n=n: (change, n), "(change)", (2, 1)) == 1
 
@@ -106,8 +106,8 @@ def test_failing_callback_stops_no_other(clock: Clock, caplog: pytest.LogCapture
     clock.callbacks.every(1.0, fails)
     clock.callbacks.every(1.0, lambda: called.append("works"))
     clock.begin()
-    clock.pass_by(1.0)
-    clock.pass_by(1.0)
+    clock.advance(1.0)
+    clock.advance(1.0)
     assert called == ["fails", "works"] * 2
     assert [record.getMessage() for record in caplog.records] == [
         "callback test_failing_callback_stops_no_other.<locals>.fails failed"
@@ -136,11 +136,11 @@ def test_callback_is_cancelled_from_inside_and_outside(clock: Clock) -> None:
     never.cancel()
     assert never.is_over
     for _ in range(5):
-        clock.pass_by(1.0)
+        clock.advance(1.0)
     assert called == ["thrice"] * 3
     once_more = clock.callbacks.after(0.0, once)
     assert not once_more.is_over
-    clock.pass_by(0.0)
+    clock.advance(0.0)
     assert called[-1] == "once"
 
 
@@ -149,7 +149,7 @@ def test_callback_cancels_another_due_callback(clock: Clock) -> None:
     clock.callbacks.after(1.0, lambda: other.cancel())  # noqa: PLW0108 - not there yet
     other = clock.callbacks.after(1.0, lambda: called.append("other"))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     assert not called
 
 
@@ -158,15 +158,15 @@ def test_remaining_callbacks_restart_with_next_run(clock: Clock) -> None:
     clock.callbacks.every(1.0, lambda: called.append(clock.now))
     once = clock.callbacks.after(1.5, lambda: called.append(0.0))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     clock.callbacks.end()
-    clock.pass_by(5.0)
+    clock.advance(5.0)
     assert called == [101.0]
     with pytest.raises(MisuseError, match=r"callback .* can't send: its module does not run"):
         once.query(TEMPERATURE)
     clock.begin()
-    clock.pass_by(1.0)
-    clock.pass_by(0.5)
+    clock.advance(1.0)
+    clock.advance(0.5)
     assert called == [101.0, 107.0, 0.0]
 
 
@@ -174,13 +174,13 @@ def test_closed_file_is_no_longer_watched(clock: Clock, caplog: pytest.LogCaptur
     called: list[str] = []
     watch = clock.callbacks.on_readable(77, lambda: called.append("readable"))
     clock.begin()
-    clock.pass_by(0.0, {77: True})
+    clock.advance(0.0, {77: True})
     assert called == ["readable"]
-    clock.pass_by(0.0, {77: False})
+    clock.advance(0.0, {77: False})
     assert watch.is_over
     assert not clock.callbacks.files
     assert "is called no more: its file 77 was closed" in caplog.text
-    clock.pass_by(0.0, {77: True})  # found before it was removed
+    clock.advance(0.0, {77: True})  # found before it was removed
     assert called == ["readable"]
 
 

@@ -50,7 +50,7 @@ def walkers(central: LocalCentral) -> Module:
     return legs
 
 
-class Started:
+class BackgroundModule:
     """A module that is run in the background, and may have to wait before it serves."""
 
     def __init__(self, started: Module) -> None:
@@ -87,8 +87,8 @@ def test_modules_and_handlers_are_listed(walkers: Module, user: Client) -> None:
 
 
 def test_wait_until_handled_returns_when_handlers_exist(walkers: Module, user: Client) -> None:
-    later = threading.Timer(0.1, lambda: started.append(Started(walkers)))
-    started: list[Started] = []
+    later = threading.Timer(0.1, lambda: started.append(BackgroundModule(walkers)))
+    started: list[BackgroundModule] = []
     later.start()
     user.wait_until_handled(MOVE_LEG, TEMPERATURE, timeout=SOON)
     assert user.query(TEMPERATURE) == 36.6
@@ -110,7 +110,7 @@ def test_module_serves_once_required_messages_are_handled(
 ) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
     planner.handles(STANCE)(lambda task, _: [int(task.query(TEMPERATURE))])
-    started = Started(planner)
+    started = BackgroundModule(planner)
     assert user.execute_if_handled(STANCE, 1.0) is None
     with walkers.running():
         user.wait_until_handled(STANCE, timeout=SOON)
@@ -136,7 +136,7 @@ def test_waiting_module_names_requirements_and_can_be_stopped(
     monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
     monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
-        started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
+        started = BackgroundModule(Module("planner", central, requires=[STANCE, MOVE_LEG]))
         until(lambda: caplog.records, "it says so")
         awaited = {message["message"]: message["awaited_by"] for message in user.status("messages")}
         assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
@@ -161,7 +161,7 @@ def test_mutually_requiring_modules_are_warned_at_once(
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with caplog.at_level(logging.WARNING):
-        started = [Started(legs), Started(planner)]
+        started = [BackgroundModule(legs), BackgroundModule(planner)]
         until(lambda: len(caplog.records) == 2, "both say so")
         for one in started:
             one.stop()
@@ -173,7 +173,7 @@ def test_mutually_requiring_modules_are_warned_at_once(
 
 
 def test_requirement_wait_survives_central_restart(central: LocalCentral, walkers: Module) -> None:
-    started = Started(Module("planner", central, requires=[TEMPERATURE]))
+    started = BackgroundModule(Module("planner", central, requires=[TEMPERATURE]))
     until(lambda: "temperature" in central.core.registry.messages, "it waits")
     central.restart("second")
     with walkers.running():
@@ -183,21 +183,21 @@ def test_requirement_wait_survives_central_restart(central: LocalCentral, walker
 
 
 @pytest.fixture
-def told(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
-    """What a module is told that listens to all notices."""
-    told: queue.SimpleQueue[Any] = queue.SimpleQueue()
+def notices(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
+    """What a module is notices that listens to all notices."""
+    notices: queue.SimpleQueue[Any] = queue.SimpleQueue()
     guard = Module("guard", central)
-    guard.handles(MODULE_JOINED)(lambda _, who: told.put(who.module))
-    guard.handles(MODULE_LEFT)(lambda _, who: told.put((who.module, who.why)))
-    guard.handles(HANDLERS_CHANGED)(lambda _, what: told.put((what.message, what.handlers)))
+    guard.handles(MODULE_JOINED)(lambda _, who: notices.put(who.module))
+    guard.handles(MODULE_LEFT)(lambda _, who: notices.put((who.module, who.why)))
+    guard.handles(HANDLERS_CHANGED)(lambda _, what: notices.put((what.message, what.handlers)))
     with guard.running():
-        yield told
+        yield notices
 
 
-def test_notices_reach_listening_module(walkers: Module, told: "queue.SimpleQueue[Any]") -> None:
+def test_notices_reach_listening_module(walkers: Module, notices: "queue.SimpleQueue[Any]") -> None:
     with walkers.running():
         pass
-    assert {told.get(timeout=SOON) for _ in range(6)} == {
+    assert {notices.get(timeout=SOON) for _ in range(6)} == {
         "legs",
         ("move leg", 1),
         ("temperature", 1),
@@ -208,14 +208,14 @@ def test_notices_reach_listening_module(walkers: Module, told: "queue.SimpleQueu
 
 
 def test_shell_commands_cause_no_notices(
-    central: LocalCentral, told: "queue.SimpleQueue[Any]"
+    central: LocalCentral, notices: "queue.SimpleQueue[Any]"
 ) -> None:
     """Who suspends the robot when a module leaves would do so for each ``tca status``."""
     with connect("tca status", central) as first, connect("tca status", central):
         assert "tca status" in {one.name for one in first.modules()}
     with connect("operator panel", central):
         pass
-    assert [told.get(timeout=SOON) for _ in range(2)] == [
+    assert [notices.get(timeout=SOON) for _ in range(2)] == [
         "operator panel",
         ("operator panel", "it said goodbye"),
     ]
@@ -272,7 +272,7 @@ def test_unset_variable_raises_or_yields_default(user: Client) -> None:
     assert user.get_variable(MODE) == "idle"
 
 
-@pytest.mark.usefixtures("attentive")
+@pytest.mark.usefixtures("short_timeouts")
 def test_watcher_gets_missed_value_after_reconnect(central: LocalCentral, user: Client) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()
     view.handles(MODE)(lambda _, mode: seen.put(mode))
@@ -411,7 +411,7 @@ def test_release_refused_in_other_thread_keeps_lock(
 # --- A lock or reservation that was taken away ----------------------------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 SCAN = Command("scan")
 
@@ -443,18 +443,18 @@ class Scans:
 
 
 @pytest.fixture
-def moving(legs: Module) -> Iterator[None]:
+def moving_legs(legs: Module) -> Iterator[None]:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running():
         yield
 
 
-def taken_away(central: LocalCentral) -> None:
+def take_lock_away(central: LocalCentral) -> None:
     with connect("operator", central) as operator:
         assert operator.unlock("legs")
 
 
-@pytest.mark.usefixtures("moving")
+@pytest.mark.usefixtures("moving_legs")
 def test_handler_fails_at_block_end_when_lock_was_taken_away(eyes: Module, user: Client) -> None:
     scans = Scans(eyes)
     with eyes.running():
@@ -470,28 +470,28 @@ def test_handler_fails_at_block_end_when_lock_was_taken_away(eyes: Module, user:
     assert scans.held == [True, False]
 
 
-@pytest.mark.usefixtures("moving")
+@pytest.mark.usefixtures("moving_legs")
 def test_error_from_lock_block_is_not_replaced_by_lock_lost(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         with task.lock("legs"):
-            taken_away(central)
+            take_lock_away(central)
             raise KeyError("dust")
 
     with eyes.running(), pytest.raises(TaskFailed, match="dust"):
         user.command(SCAN).result(SOON)
 
 
-@pytest.mark.usefixtures("moving")
+@pytest.mark.usefixtures("moving_legs")
 def test_explicit_release_raises_lock_lost_once(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         claim = task.reserve("legs")
-        taken_away(central)
+        take_lock_away(central)
         with pytest.raises(
             LockLost, match="the reservation of resource 'legs' was lost before it was released"
         ):
@@ -502,7 +502,7 @@ def test_explicit_release_raises_lock_lost_once(
         assert user.command(SCAN).wait(SOON) is Outcome.DONE
 
 
-@pytest.mark.usefixtures("moving")
+@pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_connection_breaks(user: Client, central: LocalCentral) -> None:
     """Central frees what those had who are gone, if only for a moment: others have been let in."""
     with connect("other", central) as other:
@@ -529,7 +529,7 @@ def test_lock_is_lost_when_resource_module_leaves(user: Client, legs: Module) ->
         pass
 
 
-@pytest.mark.usefixtures("moving")
+@pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_central_restarts(user: Client, central: LocalCentral) -> None:
     """A client learns it when it next says something: at the end of the block at the latest."""
     with (

@@ -1,22 +1,16 @@
 """Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
 
-import contextlib
-import math
-from collections.abc import Callable
-
 import pytest
+from module.scripted_central import HELLO, ScriptedCentral, accept_all, scripted_connection
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
 from tca_wire.packets import headers
-from tca_wire.packets.codec import pack, unpack_to_central
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
-    Accepted,
     Answer,
     Await,
     Beat,
@@ -32,124 +26,25 @@ from tca_wire.packets.headers import (
     ToCentral,
     ToModule,
     Unknown,
-    Unregister,
     Welcome,
 )
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Refusal
 
-WELCOME = Welcome(1, 1, "legs", "one")
 WALK = Goal("walk")
 
-Script = Callable[[ToCentral], list[ToModule]]
 
-
-class ScriptedCentral:
-    """A transport whose far end answers each header as *script* says; waiting takes time on its own
-    clock.
-    """
-
-    address = "ipc://scripted"
-
-    def __init__(self, script: Script) -> None:
-        self.script = script
-        self.now = 100.0
-        self.heard: list[ToCentral] = []
-        self.packets: list[tuple[float, bytes]] = []
-        self.is_there = True
-        self.room = -1  # packets that it takes before it is gone
-
-    def say(self, *headers: ToModule, at: float = 0.0) -> None:
-        """Let these arrive; at a later time, if given."""
-        self.packets.append((at, pack((header, b"") for header in headers)))
-
-    def beat(self) -> None:
-        """Say that it lives, for a while."""
-        for second in range(100):
-            self.say(Beat(), at=self.now + second)
-
-    def send(self, packet: bytes, wait_seconds: float) -> bool:
-        self.is_there, self.room = self.is_there and self.room != 0, self.room - 1
-        if not self.is_there:
-            self.now += wait_seconds
-            return False
-        assert len(packet) <= Limit.PACKET
-        for header, _ in unpack_to_central(packet):
-            self.heard.append(header)
-            if answers := self.script(header):
-                self.say(*answers)
-        return True
-
-    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        timeout_seconds = max(0.0, min(timeout_seconds, alarm - self.now))
-        if self.packets and self.packets[0][0] <= self.now + timeout_seconds:
-            at, packet = self.packets.pop(0)
-            self.now = max(self.now, at)
-            return packet
-        self.now += timeout_seconds
-        return None
-
-    def time(self) -> float:
-        return self.now
-
-    def seconds_until(self, moment: float) -> float:
-        return moment - self.now
-
-    def pausing(self) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext()
-
-    def has_arrived(self) -> bool:
-        return bool(self.packets)
-
-    def fileno(self) -> int:
-        raise AssertionError
-
-    def files(self) -> list[int]:
-        raise AssertionError
-
-    def waker(self) -> Waker:
-        raise AssertionError
-
-    def wake(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-def friendly(header: ToCentral) -> list[ToModule]:
-    """A central that takes everything and answers no question."""
-    if isinstance(header, Hello):
-        return [WELCOME]
-    if isinstance(header, Send) and header.number and header.message == "walk":
-        return [Accepted(header.number, 17)]
-    if isinstance(header, Register | Unregister):
-        return [Accepted(header.number)]
-    return []
-
-
-HELLO = Hello(1, PROTOCOL_VERSION, "legs", "run")
-
-
-def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
-    central = ScriptedCentral(script)
-    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
-    connection.open()
-    central.heard.clear()
-    return connection, central
-
-
-@pytest.mark.parametrize("is_there", [True, False])
-def test_unanswered_hello_raises_central_lost(*, is_there: bool) -> None:
+@pytest.mark.parametrize("is_present", [True, False])
+def test_unanswered_hello_raises_central_lost(*, is_present: bool) -> None:
     central = ScriptedCentral(lambda _: [])
-    central.is_there = is_there
+    central.is_present = is_present
     connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
     with pytest.raises(
         CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"
     ):
         connection.open()
     assert 105 <= central.now <= 106.5
-    assert len(central.heard) == 5 * is_there  # Hello, once a second
+    assert len(central.received) == 5 * is_present  # Hello, once a second
 
 
 def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
@@ -168,20 +63,20 @@ def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
 
 
 def test_message_is_declared_once() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     connection.declare(WALK)
     connection.declare(WALK)
-    assert central.heard == [Register(2, [WALK.format], [])]
+    assert central.received == [Register(2, [WALK.format], [])]
     connection.declare(Goal("walk"))  # another declaration of that name may have another format
-    assert len(central.heard) == 2
+    assert len(central.received) == 2
 
 
 def test_refused_format_is_declared_again() -> None:
-    connection, central = connected(
+    connection, central = scripted_connection(
         lambda header: (
             [headers.Refused(header.number, Refusal.FORMAT, "two formats")]
             if isinstance(header, Register)
-            else friendly(header)
+            else accept_all(header)
         )
     )
     for _ in range(2):
@@ -190,151 +85,159 @@ def test_refused_format_is_declared_again() -> None:
         ) as caught:
             connection.declare(WALK)
         assert (caught.value.refusal, caught.value.text) == (Refusal.FORMAT, "two formats")
-    assert len(central.heard) == 2
+    assert len(central.received) == 2
 
 
 def test_wait_ends_at_its_timeout() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.beat()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     assert not connection.wait(request, 7.0, "query")
     assert 107 <= central.now <= 107.1
     connection.abandon(request)
-    assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
+    assert central.received == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
 
 
 def test_zero_timeout_wait_takes_arrived_answer() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     assert not connection.wait(request, 0, "query")
-    central.say(Beat())
-    central.say(Answer(2))
+    central.deliver(Beat())
+    central.deliver(Answer(2))
     assert not connection.wait(request, 0, "query")
     assert connection.wait(request, 0, "query")
     assert central.now == 100.0
 
 
 def test_unacknowledged_request_is_given_up() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.beat()
     with pytest.raises(
         Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central is alive"
     ):
         connection.call(Send(0, "x"), "goal 'x'")
     central.packets.clear()
-    central.say(Unknown())
+    central.deliver(Unknown())
     connection.post(Send(0, "position"), b"")
-    central.heard.clear()
+    central.received.clear()
     connection.post(Send(0, "position"), b"")
-    assert central.heard == [Send(0, "position")]  # and x is not repeated
+    assert central.received == [Send(0, "position")]  # and x is not repeated
 
 
 def test_delivery_is_handled_inside_wait() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     handled = []
 
-    def attend(delivery: Deliver, _: bytes) -> None:
+    def handle(delivery: Deliver, _: bytes) -> None:
         handled.append(delivery.delivery)
         connection.reply(Reply(delivery.delivery), b"")
-        central.say(Answer(2))
+        central.deliver(Answer(2))
 
-    connection.waiting.handle_delivery = attend
+    connection.waiting.handle_delivery = handle
     request = connection.request(Send(0, "stance"), wants_answer=True)
-    central.say(Deliver(8, "stance"))
+    central.deliver(Deliver(8, "stance"))
     assert connection.wait(request, 1.0, "query")
     assert handled == [8]
-    assert central.heard[-1] == Reply(8)
+    assert central.received[-1] == Reply(8)
 
 
 def test_broken_packet_is_logged_and_skipped(caplog: pytest.LogCaptureFixture) -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.packets.append((0.0, b"nonsense"))
-    central.say(Answer(2))
+    central.deliver(Answer(2))
     assert connection.wait(request, 1.0, "query")
     assert "sent what is no message" in caplog.text
 
 
 def test_next_central_gets_unsent_requests_but_not_sent_one() -> None:
-    connection, central = connected()
-    central.is_there = False
+    connection, central = scripted_connection()
+    central.is_present = False
     requests = [
         connection.request(Send(0, f"{number}"), bytes(6 << 20), wants_answer=True)
         for number in range(3)
     ]
-    central.is_there, central.room = True, 2
+    central.is_present, central.room = True, 2
     assert not connection.wait(requests[2], 0.3, "query")
-    assert [getattr(header, "message", "") for header in central.heard] == [
+    assert [getattr(header, "message", "") for header in central.received] == [
         "",
         "0",
     ]  # Hello, and the first of them
-    central.is_there, central.room = True, -1
+    central.is_present, central.room = True, -1
     central.script = lambda header: (
         [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     )
     assert not connection.wait(requests[2], 0.3, "query")
-    assert [getattr(header, "message", "") for header in central.heard][2:] == ["", "1", "2"]
+    assert [getattr(header, "message", "") for header in central.received][2:] == ["", "1", "2"]
     assert requests[0].lost
     assert not requests[1].lost
 
 
 def test_only_unsent_informs_count_as_dropped() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.room = 1
     session = connection.session
     for name in ("position", "stance"):
         session.post(Send(0, name), bytes(6 << 20))
     connection.post(Send(0, "speed"), b"")
-    assert [header.message for header in central.heard if isinstance(header, Send)] == ["position"]
+    assert [header.message for header in central.received if isinstance(header, Send)] == [
+        "position"
+    ]
     assert session.dropped == 2
 
 
 def test_interrupted_wait_gives_up_its_request() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
 
     def interrupt(_delivery: Deliver, _body: bytes) -> None:
         raise KeyboardInterrupt
 
     connection.waiting.handle_delivery = interrupt
-    central.say(Deliver(8, "walk"))
+    central.deliver(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
-    assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
+    assert central.received == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
 
 
 # --- what is ahead --------------------------------------------------------------------------------
 
 
-class Ear:
-    """A slot whose first message is followed by what *news* brings in; it handles what is *slow*
+class ScriptedSlot:
+    """A slot whose first message is followed by what *arrivals* brings in; it handles what is *durations*
     for so long.
     """
 
     def __init__(
-        self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0
+        self,
+        *arrivals: ToModule,
+        durations: dict[int, float],
+        is_nested: bool = False,
+        ends_in: int = 0,
     ) -> None:
-        self.connection, self.central = connected()
+        self.connection, self.central = scripted_connection()
         self.begun: list[int] = []
-        self.told: list[
+        self.recall_answered: list[
             bool
         ] = []  #: for each begun, whether central had been told by then what is given back
-        self.connection.waiting.handle_delivery = self.attend
+        self.connection.waiting.handle_delivery = self.handle
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
-        self.news, self.slow, self.is_nested = news, slow, is_nested
+        self.arrivals, self.durations, self.is_nested = arrivals, durations, is_nested
 
-    def attend(self, delivery: Deliver, _: bytes) -> None:
+    def handle(self, delivery: Deliver, _: bytes) -> None:
         self.begun.append(delivery.delivery)
-        self.told.append(any(isinstance(header, Recalled) for header in self.central.heard))
+        self.recall_answered.append(
+            any(isinstance(header, Recalled) for header in self.central.received)
+        )
         if len(self.begun) == 1:
-            for one in self.news:
-                self.central.say(one)
-        self.central.now += self.slow.get(delivery.delivery, 0.0)
+            for one in self.arrivals:
+                self.central.deliver(one)
+        self.central.now += self.durations.get(delivery.delivery, 0.0)
         self.connection.reply(Reply(delivery.delivery), b"")
 
     def serve(self) -> list[int]:
         """Handle all that comes; the deliveries that were begun."""
-        self.central.say(Deliver(8, "note"))
+        self.central.deliver(Deliver(8, "note"))
         self.connection.serve(
             lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False
         )
@@ -344,39 +247,43 @@ class Ear:
 @pytest.mark.parametrize("is_nested", [False, True])
 def test_recalled_prefetched_message_is_not_begun(*, is_nested: bool) -> None:
     numbers = list(range(9, 20))
-    news = [Deliver(number, "note", ahead=number - 8) for number in numbers]
-    ear = Ear(*news, Recall(numbers), slow=dict.fromkeys(numbers, 0.1), is_nested=is_nested)
-    assert ear.serve() == [8]
-    assert Recalled(numbers) in ear.central.heard
+    arrivals = [Deliver(number, "note", ahead=number - 8) for number in numbers]
+    slot = ScriptedSlot(
+        *arrivals, Recall(numbers), durations=dict.fromkeys(numbers, 0.1), is_nested=is_nested
+    )
+    assert slot.serve() == [8]
+    assert Recalled(numbers) in slot.central.received
 
 
 def test_recall_is_answered_before_kept_message_is_handled() -> None:
-    news = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
-    ear = Ear(*news, Recall([10, 11]), slow={9: 2.0})
-    assert ear.serve() == [8, 9]
-    assert ear.told == [False, True]
+    arrivals = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
+    slot = ScriptedSlot(*arrivals, Recall([10, 11]), durations={9: 2.0})
+    assert slot.serve() == [8, 9]
+    assert slot.recall_answered == [False, True]
 
 
 def test_prefetched_message_is_not_begun_when_module_ends() -> None:
-    assert Ear(
-        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9
+    assert ScriptedSlot(
+        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), durations={}, ends_in=9
     ).serve() == [8, 9]
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
 def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: bool) -> None:
-    ear = Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={9: STALL + 0.1})
+    slot = ScriptedSlot(
+        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), durations={9: STALL + 0.1}
+    )
     begun_when_asked: list[list[int]] = []
 
     def script(header: ToCentral) -> list[ToModule]:
         if isinstance(header, Register):
-            begun_when_asked.append([*ear.begun])
+            begun_when_asked.append([*slot.begun])
             if is_forgotten and len(begun_when_asked) == 1:
                 return [Unknown()]
-        return friendly(header)
+        return accept_all(header)
 
-    ear.central.script = script
-    assert ear.serve() == ([8, 9] if is_forgotten else [8, 9, 10])
+    slot.central.script = script
+    assert slot.serve() == ([8, 9] if is_forgotten else [8, 9, 10])
     assert begun_when_asked[0] == [8, 9]
 
 
@@ -384,13 +291,13 @@ def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: 
 
 
 def test_silent_central_is_asked_then_given_up() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.script = lambda _: []
     with pytest.raises(CentralLost):
         connection.wait(request, None, "query")
     assert 110 <= central.now <= 110.5
-    questions = [header for header in central.heard if isinstance(header, Register)]
+    questions = [header for header in central.received if isinstance(header, Register)]
     assert len(questions) == 8  # from QUIET on, once a second
     assert QUIET == 2.5
 
@@ -404,12 +311,12 @@ def test_silent_central_is_asked_then_given_up() -> None:
     ],
 )
 def test_request_lost_with_central_raises_with_advice(asked: ToCentral, advice: str) -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(asked, wants_answer=True)
     central.script = lambda header: (
         [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     )
-    central.say(Unknown())
+    central.deliver(Unknown())
     with pytest.raises(
         CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"
     ):
@@ -417,18 +324,18 @@ def test_request_lost_with_central_raises_with_advice(asked: ToCentral, advice: 
 
 
 def test_sender_that_never_waits_reconnects() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     connection.post(Send(0, "position"), b"")
-    central.say(Unknown())
+    central.deliver(Unknown())
     for _ in range(3):
         connection.post(Send(0, "position"), b"")
-    assert [type(header) for header in central.heard] == [Send, Hello, Send, Send]
+    assert [type(header) for header in central.received] == [Send, Hello, Send, Send]
     assert connection.session.dropped == 1
 
 
 def test_lost_informs_are_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
-    connection, central = connected()
-    central.is_there = False
+    connection, central = scripted_connection()
+    central.is_present = False
     for _ in range(3):
         connection.post(Send(0, "position"), b"")
     assert connection.session.dropped == 3
@@ -438,37 +345,37 @@ def test_lost_informs_are_warned_of_once(caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_serving_connection_reconnects_when_central_returns() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     stop = []
     connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
-    central.is_there = False
+    central.is_present = False
 
     def come_back() -> bool:
-        if central.now > 200 and not central.is_there:
-            central.is_there = True
+        if central.now > 200 and not central.is_present:
+            central.is_present = True
             central.script = lambda header: (
-                [Unknown()] if isinstance(header, Register) else friendly(header)
+                [Unknown()] if isinstance(header, Register) else accept_all(header)
             )
-            central.say(Deliver(8, "walk"), at=central.now + 5)
+            central.deliver(Deliver(8, "walk"), at=central.now + 5)
         return bool(stop)
 
     connection.serve(come_back)
-    assert Hello in map(type, central.heard)
+    assert Hello in map(type, central.received)
 
 
 def test_hello_is_repeated_soon_after_unsent_packet() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     connection.session.post(Bye())
-    central.is_there = False
+    central.is_present = False
     back_at = central.now + SEND_WAIT  # so long it tries to send
 
     def come_back() -> bool:
-        central.is_there = central.now >= back_at
+        central.is_present = central.now >= back_at
         return False
 
     assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", come_back)
-    assert Hello in map(type, central.heard)
+    assert Hello in map(type, central.received)
 
 
 # --- silence --------------------------------------------------------------------------------------
@@ -477,8 +384,8 @@ def test_hello_is_repeated_soon_after_unsent_packet() -> None:
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
 def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
     """Neither because what was asked can't be sent, nor because what is given up can't be said."""
-    connection, central = connected()
-    central.is_there = False
+    connection, central = scripted_connection()
+    central.is_present = False
     for _ in range(3):
         began = central.now
         request = connection.request(Send(0, "stance"), wants_answer=True, is_awaited=True)
@@ -489,19 +396,19 @@ def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
 
 
 def test_answering_central_is_not_silent() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     assert not connection.silence
     central.now += QUIET
     assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
-    central.say(Beat())
+    central.deliver(Beat())
     connection.tend(central.now)
     assert not connection.silence
 
 
 def test_timeout_names_silence_of_central() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.script = lambda _: []
-    central.say(Beat(), at=central.now + 6.0)  # the network is back
+    central.deliver(Beat(), at=central.now + 6.0)  # the network is back
     with pytest.raises(
         Timeout, match=r"not acknowledged within 7 s, central was not heard for 6\.0 s of it"
     ):
@@ -513,7 +420,7 @@ def test_timeout_names_silence_of_central() -> None:
 
 def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
     """It beats seldom to those who wait for nothing."""
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.script = lambda _: []
     central.now += 20.0
     request = connection.request(Send(0, "stance"), wants_answer=True)

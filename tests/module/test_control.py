@@ -1,4 +1,4 @@
-"""Exception handlers, wiretaps, monitors, suspension and time, as modules use them."""
+"""Exception handlers, wiretaps, monitors, suspension and time, as modules use robot."""
 
 import queue
 import threading
@@ -49,7 +49,7 @@ class Robot:
     """Legs that hit a rock below 0.3, and an expert; both write down what they do."""
 
     def __init__(self, central: LocalCentral) -> None:
-        self.said: list[str] = []
+        self.log: list[str] = []
         self.held, self.go_on, self.shrugged = (threading.Semaphore(0) for _ in range(3))
         self.legs, self.expert = Module("legs", central=central), Module("expert", central=central)
         self.legs.handles(MOVE)(self.move)
@@ -58,7 +58,7 @@ class Robot:
         self.expert.handles(SHRUG)(self.shrug)
 
     def move(self, _: Task, height: float) -> float:
-        self.said.append(f"move {height}")
+        self.log.append(f"move {height}")
         if height < 0.3:
             raise ROCK(0.3, "hit it")
         return height
@@ -66,13 +66,13 @@ class Robot:
     def rest(self, task: Task) -> None:
         self.held.release()
         self.go_on.acquire(timeout=10)
-        self.said.append(
+        self.log.append(
             "suspended" if task.suspended else "cancelled" if task.cancelled else "rested"
         )
 
     def higher(self, task: Task, rock: float) -> None:
         trouble = task.trouble
-        self.said.append(
+        self.log.append(
             f"{trouble.failure} at {rock}, attempt {trouble.attempts}, {trouble.failing.message}"
         )
         if trouble.attempts > 1:
@@ -80,19 +80,19 @@ class Robot:
         trouble.failing.retry(MOVE, trouble.failing.data(MOVE) + 0.05)
 
     def shrug(self, task: Task) -> None:
-        self.said.append("shrug")
+        self.log.append("shrug")
         task.trouble.resolved()
         self.shrugged.release()
 
 
 @pytest.fixture
-def them(central: LocalCentral) -> Iterator[Robot]:
+def robot(central: LocalCentral) -> Iterator[Robot]:
     robot = Robot(central)
     with robot.legs.running(), robot.expert.running():
         yield robot
 
 
-def test_failure_is_retried_with_new_data_then_reissued(them: Robot, user: Client) -> None:
+def test_failure_is_retried_with_new_data_then_reissued(robot: Robot, user: Client) -> None:
     user.on_failure(None, SHRUG)
     user.on_failure(COLLISION, HIGHER, of=MOVE)
     assert user.command(MOVE, 0.28).result(timeout=5) == pytest.approx(0.33)
@@ -106,10 +106,10 @@ def test_failure_is_retried_with_new_data_then_reissued(them: Robot, user: Clien
         f"move {0.1 + 0.05}",
         "rock at 0.3, attempt 2, move",
     ]
-    assert them.said[-5:] == [*attempts, "shrug"]
+    assert robot.log[-5:] == [*attempts, "shrug"]
 
 
-def test_exception_handlers_are_sent_with_task_and_removed(them: Robot, user: Client) -> None:
+def test_exception_handlers_are_sent_with_task_and_removed(robot: Robot, user: Client) -> None:
     assert (
         user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5)
         is Outcome.RESOLVED
@@ -117,32 +117,32 @@ def test_exception_handlers_are_sent_with_task_and_removed(them: Robot, user: Cl
     ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
     assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.RESOLVED
     attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "shrug"]
-    assert them.said[-4:] == attempts
+    assert robot.log[-4:] == attempts
     user.on_failure(ROCK, SHRUG, of=MOVE).remove()
     assert user.command(MOVE, 0.1).wait(timeout=5) is Outcome.FAILED
-    assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
+    assert robot.log == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
-def test_running_task_sees_suspension_and_queued_task_waits(them: Robot, user: Client) -> None:
+def test_running_task_sees_suspension_and_queued_task_waits(robot: Robot, user: Client) -> None:
     resting = user.command(REST)
     moving = user.command(MOVE, 0.5)
-    them.held.acquire(timeout=5)
+    robot.held.acquire(timeout=5)
     resting.suspend()
     moving.suspend()
-    them.go_on.release()
+    robot.go_on.release()
     resting.wait(timeout=5)
     info = moving.info()
     assert info is not None
     assert info.suspended
     moving.resume()
     assert moving.result(timeout=5) == 0.5
-    assert them.said == ["suspended", "move 0.5"]
+    assert robot.log == ["suspended", "move 0.5"]
 
 
-def test_deadline_delay_and_delayed_kill_take_effect(them: Robot, user: Client) -> None:
+def test_deadline_delay_and_delayed_kill_take_effect(robot: Robot, user: Client) -> None:
     late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
-    assert them.shrugged.acquire(timeout=5)
-    them.go_on.release()
+    assert robot.shrugged.acquire(timeout=5)
+    robot.go_on.release()
     assert late.wait(timeout=5) is Outcome.RESOLVED
     moved = user.command(MOVE, 0.5)
     delayed = user.command(
@@ -157,24 +157,24 @@ def test_deadline_delay_and_delayed_kill_take_effect(them: Robot, user: Client) 
     assert doomed.wait(timeout=5) is Outcome.KILLED
 
 
-def test_termination_message_runs_after_kill(them: Robot, user: Client) -> None:
+def test_termination_message_runs_after_kill(robot: Robot, user: Client) -> None:
     resting = user.command(REST)
-    them.held.acquire(timeout=5)
+    robot.held.acquire(timeout=5)
     resting.on_termination(MOVE, 0.9)
     resting.kill()
-    them.go_on.release()
+    robot.go_on.release()
     assert resting.wait(timeout=5) is Outcome.KILLED
-    assert them.said == ["cancelled", "move 0.9"]
+    assert robot.log == ["cancelled", "move 0.9"]
 
 
-def test_wiretap_reports_messages_until_removed(them: Robot, user: Client) -> None:
+def test_wiretap_reports_messages_until_removed(robot: Robot, user: Client) -> None:
     note = Command("note", float)
-    watcher = Module("watcher", central=them.legs.central)
+    watcher = Module("watcher", central=robot.legs.central)
 
     @watcher.handles(note)
     def listen(task: Task, height: float) -> None:
         heard = task.tap_event
-        them.said.append(f"{heard.condition} {heard.message} {height}")
+        robot.log.append(f"{heard.condition} {heard.message} {height}")
 
     with watcher.running():
         tap = watcher.tap(Condition.BEFORE_HANDLING, MOVE, note)
@@ -183,15 +183,15 @@ def test_wiretap_reports_messages_until_removed(them: Robot, user: Client) -> No
         user.command(MOVE, 0.6).result(timeout=5)
         with pytest.raises(Refused, match="never happens"):
             watcher.tap(Condition.AFTER_PLANNED, MOVE, note)
-    assert them.said == ["before handling move 0.5", "move 0.5", "move 0.6"]
+    assert robot.log == ["before handling move 0.5", "move 0.5", "move 0.6"]
 
 
-def test_each_monitor_kind_sends_its_action(them: Robot, user: Client) -> None:
+def test_each_monitor_kind_sends_its_action(robot: Robot, user: Client) -> None:
     acted = threading.Semaphore(0)
     seen: Query[None, float | None] = Query("seen", reply=float | None)
     act, look = Command("act", float), Command("look")
     values: list[float | None] = [None, 1.0, None, 2.0]
-    eye = Module("eye", central=them.legs.central)
+    eye = Module("eye", central=robot.legs.central)
 
     @eye.handles(seen)
     def see(_: Task) -> float | None:
@@ -199,7 +199,7 @@ def test_each_monitor_kind_sends_its_action(them: Robot, user: Client) -> None:
 
     @eye.handles(act)
     def on_act(_: Task, value: float) -> None:
-        them.said.append(f"act {value}")
+        robot.log.append(f"act {value}")
         acted.release()
 
     @eye.handles(look)
@@ -218,7 +218,7 @@ def test_each_monitor_kind_sends_its_action(them: Robot, user: Client) -> None:
         acted.acquire(timeout=5)
         with pytest.raises(MisuseError, match="the options are"):
             user.monitor(PointMonitor("check2", condition=seen), perod=1)  # type: ignore[call-overload]
-    assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
+    assert robot.log == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
 def test_late_wiretap_fires_once_for_past_events(
@@ -244,13 +244,13 @@ def test_late_wiretap_fires_once_for_past_events(
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
-def test_wiretap_starts_monitors(them: Robot, user: Client) -> None:
+def test_wiretap_starts_monitors(robot: Robot, user: Client) -> None:
     asked = threading.Semaphore(0)
-    eye = Module("eye", central=them.legs.central)
+    eye = Module("eye", central=robot.legs.central)
 
     @eye.handles(IS_FREE)
-    def look(_: Task) -> None:
-        them.said.append("look")
+    def is_free(_: Task) -> None:
+        robot.log.append("look")
         asked.release()
 
     watch = PollingMonitor("watch", condition=IS_FREE)
@@ -258,13 +258,13 @@ def test_wiretap_starts_monitors(them: Robot, user: Client) -> None:
         before = user.tap(Condition.BEFORE_HANDLING, MOVE, AT_ONCE)
         user.command(MOVE, 0.5).result(timeout=5)
         before.remove()
-        assert them.said == ["look", "move 0.5"]
+        assert robot.log == ["look", "move 0.5"]
         user.tap(Condition.WHILE_HANDLING, REST, watch, period=0.01)
         resting = user.command(REST)
         for _ in range(3):
             assert asked.acquire(timeout=5)
         (watching,) = user.tasks(watch)
-        them.go_on.release()
+        robot.go_on.release()
         resting.result(timeout=5)
         user.command(MOVE, 0.6).result(timeout=5)
         assert watching.info() is None
@@ -289,8 +289,8 @@ def walking(central: LocalCentral) -> Iterator[None]:
         yield
 
 
-def test_task_reports_its_relatives(them: Robot, user: Client) -> None:
-    central = them.legs.central
+def test_task_reports_its_relatives(robot: Robot, user: Client) -> None:
+    central = robot.legs.central
     assert isinstance(central, LocalCentral)
     with walking(central):
         walk = user.goal(WALK, 0.5)
@@ -312,9 +312,9 @@ def test_task_reports_its_relatives(them: Robot, user: Client) -> None:
         assert waiting.info() is None
 
 
-def test_point_monitor_is_ordered_like_task_in_blocks(them: Robot, user: Client) -> None:
-    """In parallel they wait for nothing; in a sequence what follows waits for them."""
-    central = them.legs.central
+def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client) -> None:
+    """In parallel they wait for nothing; in a sequence what follows waits for robot."""
+    central = robot.legs.central
     planner = Module("planner", central=central)
     asked = threading.Semaphore(0)
     go_on = threading.Event()
@@ -334,12 +334,12 @@ def test_point_monitor_is_ordered_like_task_in_blocks(them: Robot, user: Client)
     with planner.running():
         walking = user.goal(WALK, 0.5)
         assert asked.acquire(timeout=5), "the monitor waits for its sibling"
-        assert them.held.acquire(timeout=5)
-        them.go_on.release()
-        assert "move 0.5" not in them.said
+        assert robot.held.acquire(timeout=5)
+        robot.go_on.release()
+        assert "move 0.5" not in robot.log
         go_on.set()
         walking.result(5)
-    assert them.said == ["rested", "move 0.5"]
+    assert robot.log == ["rested", "move 0.5"]
 
 
 # --- Demon monitors, and what the parts of monitors get as data -----------------------------------
@@ -466,7 +466,7 @@ def test_catch_all_exception_handler_gets_none_without_data(legs: Module, user: 
 # --- The module that answers a monitor's condition dies, or leaves --------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 BATTERY = Query("battery", reply=bool)
 WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charge"))

@@ -62,7 +62,7 @@ def error_classes() -> Iterator[type[BaseException]]:
                 yield kind
 
 
-def made(kind: type[BaseException]) -> BaseException:
+def make_error(kind: type[BaseException]) -> BaseException:
     """An error as its constructor wants it."""
     if not inspect.isfunction(kind.__init__):
         return kind("what was wrong")
@@ -77,7 +77,7 @@ def made(kind: type[BaseException]) -> BaseException:
 @pytest.mark.parametrize("copied", [pickled, copy.copy, copy.deepcopy])
 def test_every_error_survives_copying(copied: Callable[[Any], Any]) -> None:
     for kind in error_classes():
-        error = made(kind)
+        error = make_error(kind)
         error.add_note("a note")
         found = copied(error)
         assert (type(found), str(found), found.args, vars(found)) == (

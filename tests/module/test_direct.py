@@ -4,7 +4,6 @@ threads, files, pulses.
 
 import asyncio
 import os
-import queue
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -12,18 +11,15 @@ from pathlib import Path
 
 import pytest
 import zmq
-from module.real_central import SOON, Gate, RealCentral, until
-from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.real_central import SOON, Gate, RealCentral, disable_polling, until
 
 from dev.invariants import check_invariants
 from tca_module import (
-    Callback,
     CentralLost,
     Client,
     Command,
     Inform,
     LaterReply,
-    MisuseError,
     Module,
     Outcome,
     Query,
@@ -31,9 +27,6 @@ from tca_module import (
     Task,
     connect,
 )
-from tca_module.link import wait_loop
-from tca_module.serving import event_loop
-from tca_module.sockets.transport import DealerTransport
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered, HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Refusal
@@ -45,7 +38,7 @@ HEARD = Inform("heard", float)
 WALK = Command("walk", float, result=float)
 
 
-def a_map(
+def map_module(
     central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs
 ) -> Module:
     module = Module(name, central if isinstance(central, str) else central.address)
@@ -65,17 +58,17 @@ def user(central: RealCentral) -> Iterator[Client]:
         yield user
 
 
-def direct(central: RealCentral, message: str = "height", module: str = "") -> int:
+def count_direct(central: RealCentral, message: str = "height", module: str = "") -> int:
     """How many messages were handled directly (by a module), as far as central has been told."""
     noted = central.facts(HandledDirectly)
     return sum(fact.message == message and module in ("", fact.module) for fact in noted)
 
 
-def through_central(central: RealCentral) -> int:
+def count_delivered(central: RealCentral) -> int:
     return len(central.facts(Delivered))
 
 
-def said_lost(central: RealCentral) -> int:
+def count_lost(central: RealCentral) -> int:
     return sum(fact.number for fact in central.facts(LostDirectly))
 
 
@@ -83,26 +76,27 @@ def ask_until_direct(
     central: RealCentral, ask: Callable[[], object], message: str = "height", module: str = ""
 ) -> None:
     """Ask until the question goes directly (to a module)."""
-    before = direct(central, message, module)
+    before = count_direct(central, message, module)
     until(
-        lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly"
+        lambda: (ask(), count_direct(central, message, module) > before)[1],
+        f"'{message}' goes directly",
     )
 
 
 # --- Direct messages between real modules over real sockets ---------------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
 def test_queries_go_directly_once_route_is_known(central: RealCentral, user: Client) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0))
-        before = through_central(central)
+        before = count_delivered(central)
         assert [user.query(HEIGHT, float(-x)) for x in range(100)] == [float(x) for x in range(100)]
         pending = [user.query_send(HEIGHT, float(x)) for x in range(100)]
         assert [one.receive(SOON) for one in pending] == [float(x) for x in range(100)]
-        assert through_central(central) == before
+        assert count_delivered(central) == before
         heard: list[float] = []
         note = user.query_notify(HEIGHT, -3.0, lambda _, height: heard.append(height))
         assert note.wait(SOON)
@@ -120,7 +114,7 @@ def test_queries_go_directly_once_route_is_known(central: RealCentral, user: Cli
 
 def test_direct_informs_keep_order_and_are_journaled(central: RealCentral, user: Client) -> None:
     seen: list[float] = []
-    module = a_map(central)
+    module = map_module(central)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
     with module.running():
         ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
@@ -129,7 +123,7 @@ def test_direct_informs_keep_order_and_are_journaled(central: RealCentral, user:
         until(lambda: len(seen) == 500, "all have come")
         assert seen == [float(number) for number in range(500)]
     until(
-        lambda: direct(central, "pose") > 500,
+        lambda: count_direct(central, "pose") > 500,
         "its last word tells of those that were not noted yet",
     )
     assert not central.facts(LostDirectly)
@@ -145,19 +139,13 @@ def test_direct_query_of_handler_is_journaled_with_origin(
         ask_until_direct(central, lambda: task.query(HEIGHT, x))
         return task.query(HEIGHT, x)
 
-    with a_map(central).running(), walker.running():
+    with map_module(central).running(), walker.running():
         task = user.command(WALK, -2.0)
         assert task.result(SOON) == 2.0
     until(
         lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id},
         "all were noted",
     )
-
-
-def hear_only_what_wakes(patch: pytest.MonkeyPatch) -> None:
-    """A wait that misses something waits for ever: it no longer looks again by itself."""
-    for where in (wait_loop, event_loop):
-        patch.setattr(where, "STEP", 10 * SOON)
 
 
 def test_coroutines_query_and_answer_directly(
@@ -179,9 +167,9 @@ def test_coroutines_query_and_answer_directly(
     with walker.running(), eyes.running():
         ask_until_direct(central, lambda: user.command(WALK, -2.0).result(SOON))
         with monkeypatch.context() as patch:
-            hear_only_what_wakes(patch)
+            disable_polling(patch)
             assert user.command(WALK, -2.0).result(SOON) == 40.0
-    until(lambda: direct(central, "depth"), "it was noted")
+    until(lambda: count_direct(central, "depth"), "it was noted")
 
 
 def test_direct_queries_are_tapped_until_wiretap_is_removed(
@@ -190,7 +178,7 @@ def test_direct_queries_are_tapped_until_wiretap_is_removed(
     heard: list[float] = []
     observer = Module("observer", central.address)
     observer.handles(HEARD)(lambda _, x: heard.append(x))
-    with a_map(central).running(), observer.running():
+    with map_module(central).running(), observer.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         tap = user.tap(Condition.WHEN_SENT, HEIGHT, HEARD)
         for x in range(1, 51):
@@ -204,9 +192,9 @@ def test_direct_queries_are_tapped_until_wiretap_is_removed(
 def test_newer_handler_gets_direct_queries_until_it_leaves(
     central: RealCentral, user: Client
 ) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
-        with a_map(central, "better map", lambda x: x + 100).running():
+        with map_module(central, "better map", lambda x: x + 100).running():
             until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the new one answers")
             ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="better map")
         assert user.query(HEIGHT, -7.0) == 7.0
@@ -229,8 +217,8 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
         handled.append(x)
         return x + 100
 
-    with a_map(central, "second", quick).running():
-        leaving = a_map(central, "first", slow)
+    with map_module(central, "second", quick).running():
+        leaving = map_module(central, "first", slow)
         thread = threading.Thread(target=leaving.run)
         thread.start()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0), module="first")
@@ -325,7 +313,7 @@ def test_overloaded_receiver_refuses_queries_and_drops_informs(
 ) -> None:
     gate, seen = Gate(), list[float]()
     go_on = gate.go_on
-    module = a_map(central, height=lambda x: gate() or x)
+    module = map_module(central, height=lambda x: gate() or x)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
     with module.running():
         go_on.set()
@@ -347,7 +335,7 @@ def test_overloaded_receiver_refuses_queries_and_drops_informs(
         lost = 1000 - len(seen)
         assert lost >= 500 - 64
         assert seen == [float(number) for number in range(len(seen))]
-        until(lambda: (user.status(), said_lost(central) == lost)[1], "central has been told")
+        until(lambda: (user.status(), count_lost(central) == lost)[1], "central has been told")
 
 
 def test_direct_query_times_out_and_cancelled_one_is_skipped(
@@ -360,7 +348,7 @@ def test_direct_query_times_out_and_cancelled_one_is_skipped(
         go_on.wait(SOON)
         return x
 
-    with a_map(central, height=slow).running():
+    with map_module(central, height=slow).running():
         go_on.set()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         go_on.clear()
@@ -394,7 +382,7 @@ def test_direct_queries_reach_all_slots(central: RealCentral, user: Client) -> N
 def test_direct_route_is_relearnt_after_connection_break(
     central: RealCentral, user: Client
 ) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         connection = user._connection()
         connection.session.break_off()
@@ -410,7 +398,7 @@ def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> No
     address = f"ipc://{tmp_path}/central.sock"
     gate = Gate()
     central = RealCentral(address)
-    module = a_map(address, height=lambda x: gate() or x if x < 0 else x)
+    module = map_module(address, height=lambda x: gate() or x if x < 0 else x)
     with module.running(), connect("user", address) as user:
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         central.close()
@@ -427,7 +415,7 @@ def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> No
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def entrance(folder: Path) -> Path:
+def entrance_path(folder: Path) -> Path:
     (path,) = folder.glob("*.direct")
     return path
 
@@ -435,9 +423,9 @@ def entrance(folder: Path) -> Path:
 def test_stranger_at_entrance_is_refused_and_harmless(
     central: RealCentral, user: Client, tmp_path: Path
 ) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-        path = entrance(tmp_path)
+        path = entrance_path(tmp_path)
         assert path.stat().st_mode & 0o777 == 0o600
         with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
             stranger.connect(f"ipc://{path}")
@@ -466,7 +454,7 @@ def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(taken))
         foreign.touch()
-        with a_map(central).running():
+        with map_module(central).running():
             assert not taken.exists()
             assert gone_too.exists()
             assert foreign.exists()
@@ -474,7 +462,7 @@ def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path
 
 def test_tcp_entrance_uses_host_of_central(tmp_path: Path) -> None:
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
-        with a_map(central).running():
+        with map_module(central).running():
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
             ((path,),) = user._connection().direct.routes._routes.values()
             assert path.entrance.endpoint.startswith("tcp://127.0.0.1:")
@@ -489,7 +477,7 @@ def test_too_long_socket_path_only_disables_direct_messages(
         folder = folder / ("x" * min(10, 84 - len(str(folder))))
     folder.mkdir(parents=True)
     with RealCentral(f"ipc://{folder}/c") as central, connect("user", central.address) as user:
-        with a_map(central).running():
+        with map_module(central).running():
             assert user.query(HEIGHT, -1.0) == 1.0
         assert "all goes through central" in caplog.text
 
@@ -501,125 +489,3 @@ def test_local_central_routes_direct_queries_itself() -> None:
         with module.running():
             assert [user.query(HEIGHT, 1.0) for _ in range(5)] == [-1.0] * 5
         assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
-
-
-# --- The library over real sockets ----------------------------------------------------------------
-
-
-REST_LEG = Command("rest leg")
-
-
-@pytest.fixture
-def address(tmp_path: Path) -> str:
-    return f"ipc://{tmp_path}/central.sock"
-
-
-def test_transport_refuses_packet_without_peer(address: str) -> None:
-    transport = DealerTransport(address)
-    assert not transport.send(b"packet", 0.05)
-    assert transport.receive(0.01) is None
-    transport.wake()
-    transport.close()
-
-
-def test_malformed_central_address_is_misuse(tmp_path: Path) -> None:
-    with pytest.raises(
-        MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"
-    ):
-        connect("user", "somewhere")
-
-
-def test_coroutines_wake_for_every_arrival(
-    central: RealCentral, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must
-    not be missed.
-    """
-    legs, eyes = Module("legs", central.address), Module("eyes", central.address, capacity=4)
-    eyes.handles(STANCE)(lambda _, radius: [int(radius)])
-
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> float:
-        total = 0
-        for turn in range(50):
-            pending = [
-                asyncio.ensure_future(task.query_send(STANCE, float(turn))) for _ in range(4)
-            ]
-            await asyncio.sleep(0)
-            total += task.query(STANCE, 0.0)[0]
-            task.command(REST_LEG, sequential=False)
-            total += sum(stance[0] for stance in await asyncio.gather(*pending))
-        return float(total)
-
-    @legs.handles(REST)
-    async def rest(task: Task) -> None:
-        await asyncio.Event().wait()
-
-    with legs.running(), eyes.running(), connect("user", central.address) as user:
-        with monkeypatch.context() as patch:
-            hear_only_what_wakes(patch)
-            assert user.query(TEMPERATURE, timeout=SOON) == 4 * sum(range(50))
-        rested = user.goal(REST)
-        rested.wait_for(rested.handling.start, SOON)
-        rested.kill("enough")
-        assert rested.wait(SOON) is Outcome.KILLED
-
-
-def test_threads_timers_and_files_wake_slot(
-    central: RealCentral, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    legs, jobs = Module("legs", central.address), queue.Queue[LaterReply[Footfall]]()
-    near, far = socket.socketpair()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
-        later = task.reply_later()
-        jobs.put(later)
-        return later
-
-    @legs.every(0.001, resource="legs")
-    def ask_device(callback: Callback) -> None:
-        if not jobs.empty():
-            far.send(b"go")
-
-    def device() -> None:
-        near.recv(100)
-        if not jobs.empty():  # the timer may have told of this job twice
-            jobs.get().reply(Footfall(1, 0.0))
-
-    with near, far, legs.running(), connect("user", central.address) as user:
-        hear_only_what_wakes(monkeypatch)
-        for _ in range(20):  # the test's own thread answers
-            move = user.command(MOVE_LEG, 1)
-            jobs.get(timeout=SOON).reply(Footfall(1, 0.0))
-            move.result(SOON)
-        legs.on_readable(near, device)
-        for _ in range(20):  # a timer sees the job, a file tells another thread
-            user.command(MOVE_LEG, 1).result(SOON)
-
-
-def test_pulse_ends_with_last_connection_to_central(address: str) -> None:
-    """All connections of a process to one central share one."""
-    with RealCentral(address), RealCentral(f"{address}-2") as other:
-        with connect("first", address):  # what ZeroMQ has once for a process is there from now on
-            pass
-        before = files_here()
-        first, second = connect("first", address), connect("second", address)
-        third = connect("third", other.address)
-        assert pulses_here() == 2
-        first.close()
-        assert pulses_here() == 2
-        second.close()
-        assert pulses_here() == 1
-        third.close()
-        third.close()
-        assert pulses_here() == 0
-        until(lambda: files_here() <= before, "every file is closed")
-
-
-def files_here() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
-
-
-def pulses_here() -> int:
-    return sum(thread.name == "pulse" for thread in threading.enumerate())

@@ -122,7 +122,7 @@ class Pair:
             lambda: self.now,
             logging.getLogger("t"),
         )
-        self.over: list[Request] = []
+        self.ended: list[Request] = []
         self.handed_over: list[Request] = []
         self.lost: list[str] = []
         self.handled: list[bytes] = []
@@ -131,15 +131,15 @@ class Pair:
             Near(self.line),
             "run/0/1",
             "user",
-            end=self.end,
+            end=self.record_end,
             hand_over=self.handed_over.append,
             lose=lambda what, number, _: self.lost.extend([what] * number),
         )
 
-    def end(self, request: Request) -> None:
+    def record_end(self, request: Request) -> None:
         assert not request.is_over
         request.is_over = True
-        self.over.append(request)
+        self.ended.append(request)
 
     def ask(self, body: bytes = b"?") -> Request:
         request = Request(Send(0, "height"), body, wants_answer=True)
@@ -159,7 +159,7 @@ class Pair:
             self.handled.append(body)
             self.inbox.reply(Reply(delivery.delivery), body)
 
-    def settle(self) -> None:
+    def run_until_idle(self) -> None:
         """Let enough time pass, and everything be handled."""
         for _ in range(4):
             self.now += 1.1
@@ -192,7 +192,7 @@ def test_path_is_unusable_before_greeting_is_answered() -> None:
 def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
     request = pair.ask(b"how high")
     assert pair.path.tell(Send(0, "pose"), b"here")
-    pair.settle()
+    pair.run_until_idle()
     ((answer, body),) = request.answers
     assert (answer.outcome, body) == (Outcome.DONE, b"how high")
     assert pair.handled == [b"how high", b"here"]
@@ -212,7 +212,7 @@ def test_lost_query_is_resent_and_lost_inform_is_counted(pair: Pair) -> None:
     pair.path.tell(Send(0, "pose"), b"2")
     pair.line.cut()
     second = pair.ask(b"3")  # the sender has not noticed
-    pair.settle()
+    pair.run_until_idle()
     assert sorted(pair.handled) == [b"1", b"3"]
     assert first.answers[0][1] == b"1"
     assert second.answers[0][1] == b"3"
@@ -223,7 +223,7 @@ def test_lost_answer_is_repeated(pair: Pair) -> None:
     request = pair.ask()
     pair.handle()
     pair.line.cut()
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 1
     assert request.answers
 
@@ -232,7 +232,7 @@ def test_discarded_answer_is_lost_and_query_not_handled_again(pair: Pair) -> Non
     request = pair.ask(bytes(2 << 20))
     pair.handle()
     pair.line.cut()
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 1
     assert request.lost == "the line to the module broke before the answer came"
 
@@ -245,10 +245,10 @@ def test_forgotten_sender_repeats_no_query(pair: Pair) -> None:
         greet = Greet(PROTOCOL_VERSION, LICENCE, f"other {number}", "other")
         pair.line.there.append((b"other %d" % number, [pack_item(greet)]))
         pair.inbox.listen()
-    pair.settle()
+    pair.run_until_idle()
     assert request.lost
     assert pair.ask().is_over is False
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 2
 
 
@@ -331,9 +331,9 @@ def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> No
         pair.path.tell(Send(0, "pose"), b"")
         pair.handle()
     pair.line.cut()
-    pair.settle()
+    pair.run_until_idle()
     pair.path.tell(Send(0, "pose"), b"next")
-    pair.settle()
+    pair.run_until_idle()
     assert (pair.handled[-1], pair.lost) == (b"next", [])
 
 
@@ -365,7 +365,7 @@ def test_late_answer_of_departed_receiver_is_accepted(pair: Pair) -> None:
 def test_abandoned_query_is_not_handled(pair: Pair) -> None:
     pair.path.abandon(pair.ask(b"1"))
     kept = pair.ask(b"2")
-    pair.settle()
+    pair.run_until_idle()
     assert pair.handled == [b"2"]
     assert kept.answers
 
@@ -381,7 +381,7 @@ def test_failure_is_returned_to_direct_sender(pair: Pair) -> None:
     assert (answer.failure, answer.text, body) == ("fog", "can't see", b"data")
 
 
-def said(pair: Pair, *frames: bytes) -> list[Any]:
+def entrance_answers(pair: Pair, *frames: bytes) -> list[Any]:
     """What the entrance says to whom sends this."""
     pair.line.back.clear()
     pair.line.there.append((pair.line.address, list(frames)))
@@ -413,30 +413,30 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
 )
 def test_malformed_packet_at_entrance_is_refused(frames: tuple[bytes, ...], why: str) -> None:
     pair = Pair()
-    (answer,) = said(pair, *frames)
+    (answer,) = entrance_answers(pair, *frames)
     assert answer.refusal is Refusal.PROTOCOL
     assert why in answer.text
-    (answer,) = said(pair, pack_item(Direct(1, "height")))
+    (answer,) = entrance_answers(pair, pack_item(Direct(1, "height")))
     assert isinstance(answer, Unknown)
     assert pair.inbox.take() is None
 
 
 def test_unhandled_message_is_refused_and_number_gap_is_bounded(pair: Pair) -> None:
     for number in (5, 1 << 61, -1):
-        answers = said(pair, pack_item(Direct(number, "move leg")))
+        answers = entrance_answers(pair, pack_item(Direct(number, "move leg")))
         assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
     greet = Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", 1 << 61, is_first=False)
-    greeting, _ = said(pair, pack_item(greet))
+    greeting, _ = entrance_answers(pair, pack_item(greet))
     assert greeting.missing == []
-    greeting, _ = said(
+    greeting, _ = entrance_answers(
         pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", (1 << 61) + 10_000))
     )
     assert len(greeting.missing) == 2000
 
 
 def test_oversized_direct_data_is_refused_with_both_sizes(pair: Pair) -> None:
-    said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
-    (answer,) = said(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
+    entrance_answers(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
+    (answer,) = entrance_answers(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
     assert answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed"
     assert not pair.inbox.has_message
 
@@ -452,7 +452,7 @@ def test_full_inbox_leaves_packets_in_socket(pair: Pair, monkeypatch: pytest.Mon
     assert len(pair.handled) == 10
 
 
-class Life(Pair):
+class RandomPair(Pair):
     """A pair to which anything may happen."""
 
     def __init__(self) -> None:
@@ -483,39 +483,39 @@ class Life(Pair):
         self.line.is_connected = not self.line.is_connected
 
 
-STEPS: dict[str, Callable[[Life, bytes], object]] = {
-    "ask": Life.asks,
-    "tell": Life.tells,
-    "give up": Life.gives_up,
-    "handle": lambda life, _: life.handle(),
-    "listen": lambda life, _: life.inbox.listen(),
-    "receive": lambda life, _: life.path.receive(),
-    "tend": lambda life, _: life.path.tend(life.now),
-    "wait": Life.waits,
-    "cut": lambda life, _: life.line.cut(),
-    "unplug": Life.unplugs,
+STEPS: dict[str, Callable[[RandomPair, bytes], object]] = {
+    "ask": RandomPair.asks,
+    "tell": RandomPair.tells,
+    "give up": RandomPair.gives_up,
+    "handle": lambda pair, _: pair.handle(),
+    "listen": lambda pair, _: pair.inbox.listen(),
+    "receive": lambda pair, _: pair.path.receive(),
+    "tend": lambda pair, _: pair.path.tend(pair.now),
+    "wait": RandomPair.waits,
+    "cut": lambda pair, _: pair.line.cut(),
+    "unplug": RandomPair.unplugs,
 }
 
 
 @settings(max_examples=150)
 @given(st.lists(st.sampled_from(sorted(STEPS)), max_size=60))
 def test_direct_messages_are_handled_once_despite_breaks(steps: list[str]) -> None:
-    life = Life()
+    pair = RandomPair()
     for number, step in enumerate(steps):
-        STEPS[step](life, b"%d" % number)
-    life.line.is_connected = True
-    life.settle()
-    life.ask(b"last")  # what nobody waits for is noticed when something follows
-    life.settle()
-    assert len(set(life.handled)) == len(life.handled)
-    for request in life.asked:
-        assert request.is_over or request in life.given_up
-        assert bool(request.answers) <= (request.body in life.handled)
-    poses = [body for body in life.handled if body in life.told]
+        STEPS[step](pair, b"%d" % number)
+    pair.line.is_connected = True
+    pair.run_until_idle()
+    pair.ask(b"last")  # what nobody waits for is noticed when something follows
+    pair.run_until_idle()
+    assert len(set(pair.handled)) == len(pair.handled)
+    for request in pair.asked:
+        assert request.is_over or request in pair.given_up
+        assert bool(request.answers) <= (request.body in pair.handled)
+    poses = [body for body in pair.handled if body in pair.told]
     assert poses == sorted(poses, key=int)
-    assert len(poses) + len(life.lost) == len(life.told)
+    assert len(poses) + len(pair.lost) == len(pair.told)
     assert (
-        not life.path.is_needed
+        not pair.path.is_needed
     )  # the slot has told of everything: nothing more would be lost with it
 
 
@@ -538,10 +538,10 @@ def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     asked, told = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
     assert told
     pair.inbox.bar(["test.1"])
-    pair.settle()
+    pair.run_until_idle()
     assert pair.handled == []
     assert pair.path.is_over
-    assert pair.over == [asked]
+    assert pair.ended == [asked]
     assert "no licence" in asked.lost
     assert pair.lost == ["pose"]
 
@@ -554,6 +554,6 @@ def test_sender_with_renewed_licence_continues() -> None:
     pair.inbox.bar(["test.1"])
     pair.path.entrance = Entrance("ipc:///there", licence(KEY, "test.2"))
     second = pair.ask(b"2")
-    pair.settle()
-    assert pair.over == [first, second]
+    pair.run_until_idle()
+    assert pair.ended == [first, second]
     assert pair.handled == [b"1", b"2"]

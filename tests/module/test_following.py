@@ -89,11 +89,11 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         yield module
 
 
-def failed(why: str) -> None:
+def fail(why: str) -> None:
     raise ValueError(why)
 
 
-def told(changes: list[Change]) -> list[str]:
+def transitions_of(changes: list[Change]) -> list[str]:
     return [f"{one.transition}: {one.state}" for one in changes]
 
 
@@ -105,7 +105,7 @@ def test_follower_sees_every_change_of_task(
     changes = grasp.changes()
     central.advance(5)
     seen = list(changes)
-    assert told(seen) == [
+    assert transitions_of(seen) == [
         "accepted: running",
         "result available: running",
         "result available: running",
@@ -249,12 +249,12 @@ def test_on_change_function_gets_each_change(
     seen: list[str] = []
     wave = user.command(WAVE, 1, delay=5)
 
-    def look(sender: Sender, change: Change) -> None:
+    def record(sender: Sender, change: Change) -> None:
         seen.append(change.state)
         if change.is_over:
             sender.command(WAVE, 2)
 
-    wave.on_change(look)
+    wave.on_change(record)
     wave.on_change(lambda change: seen.append(str(change.serial)))
     never = wave.on_change(lambda _: seen.append("never"))
     never.cancel()
@@ -269,7 +269,7 @@ def test_error_in_on_change_function_is_logged(
     user: Client, arm: Module, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=1)
-    grasp.on_change(lambda _: failed("seen"))
+    grasp.on_change(lambda _: fail("seen"))
     central.advance(1)
     assert grasp.wait() is Outcome.DONE
     assert "ValueError: seen" in caplog.text
@@ -279,7 +279,7 @@ def test_error_in_on_change_function_is_logged(
         grasp.on_change(lambda: None)  # type: ignore[arg-type, misc]
 
 
-def look_and_cancel(seen: list[str], change: Change) -> None:
+def record_and_cancel(seen: list[str], change: Change) -> None:
     """Called in a wait, it ends the task in that."""
     seen.append(change.state)
     if change.state == "running":
@@ -297,7 +297,7 @@ async def after_await(sent: SentTask[None]) -> None:
 
 
 @pytest.mark.parametrize(
-    "learn",
+    "await_end",
     [
         after_result,
         lambda sent: sent.wait(SOON),
@@ -308,12 +308,12 @@ async def after_await(sent: SentTask[None]) -> None:
     ids=["result", "wait", "wait_for_state", "changes", "next_change"],
 )
 def test_on_change_sees_end_before_waiter_returns(
-    user: Client, arm: Module, learn: Callable[[SentTask[None]], object]
+    user: Client, arm: Module, await_end: Callable[[SentTask[None]], object]
 ) -> None:
     seen: list[str] = []
     carry = user.command(CARRY, 1)
-    carry.on_change(partial(look_and_cancel, seen))
-    learn(carry)
+    carry.on_change(partial(record_and_cancel, seen))
+    await_end(carry)
     assert seen == ["running", "cancel requested", "cancelled"]
 
 
@@ -325,7 +325,7 @@ def test_on_change_sees_end_before_awaiting_coroutine(
     @brain.handles(WALK)
     async def think(task: Task, _: int) -> None:
         carry = task.command(CARRY, 1)
-        carry.on_change(partial(look_and_cancel, seen))
+        carry.on_change(partial(record_and_cancel, seen))
         await after_await(carry)
         seen.append("goes on")
 
@@ -341,12 +341,12 @@ def test_on_change_sees_end_before_connection_closes(
     for connection in (connect("visitor", central), nobody.running()):
         with connection as sender:
 
-            def look(sender: Sender, change: Change) -> None:
+            def record(sender: Sender, change: Change) -> None:
                 seen.append(change.state)
                 if change.is_over:
                     sender.command(WAVE, 1, delay=100)
 
-            sender.command(GRASP, Grip("cup"), delay=100).on_change(look)
+            sender.command(GRASP, Grip("cup"), delay=100).on_change(record)
             sender.tasks(GRASP)[0].cancel()
         assert seen.pop() == "cancelled"
     central.until_quiet()
@@ -364,7 +364,7 @@ def test_update_restarts_handler_that_takes_none(
     central.until_quiet()
     grasp.update(Grip("pen"))
     assert grasp.result() == "holds pen"
-    seen = told([one for one in changes if one.transition != "result available"])
+    seen = transitions_of([one for one in changes if one.transition != "result available"])
     assert seen == [
         ": running",
         "update: update requested",
@@ -512,11 +512,11 @@ def test_failed_task_ends_in_state_cancelled(
 ) -> None:
     fail = Command("fail")
     feet = Module("feet", central)
-    feet.handles(fail)(lambda _: failed("no ground"))
+    feet.handles(fail)(lambda _: fail("no ground"))
     with feet.running():
         failing = user.command(fail, delay=1)
         changes = failing.changes()
         central.advance(1)
-        assert told(list(changes)) == ["accepted: running", "failed: cancelled"]
+        assert transitions_of(list(changes)) == ["accepted: running", "failed: cancelled"]
         with pytest.raises(TaskFailed):
             failing.result()

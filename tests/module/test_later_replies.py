@@ -136,7 +136,7 @@ def run(
     return header, body
 
 
-def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
+def separate_replies(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
     """The replies among items, each with its body."""
     found = []
     for header, body in items:
@@ -163,7 +163,7 @@ def test_joined_replies_keep_content_and_order(given_: list[Any]) -> None:
             run(held, number, number, number + 0.5, one) if isinstance(one, bytes) else (one, b"")
         )
     joined = held.joined(items, 20.0)
-    assert apart(joined) == [
+    assert separate_replies(joined) == [
         (header.delivery, body) for header, body in items if isinstance(header, Reply)
     ]
     assert [header for header, _ in joined if not isinstance(header, Replies | Reply)] == [

@@ -60,7 +60,7 @@ ROCKS, BLIND = DemonMonitor("rocks", action=REST), DemonMonitor("blind")
 async def coming(_sender: Any, _reply: float) -> None: ...
 
 
-class Printed:
+class Unformatted:
     """What has no format."""
 
 
@@ -81,12 +81,12 @@ def test_wrong_call_matches_approved_text(
         "legs": legs,
     }
 
-    def tell(call: str) -> BaseException:
+    def error_of_call(call: str) -> BaseException:
         with pytest.raises((MisuseError, BadData, BadFormat, TypeError)) as error:
             eval(call, known)
         return error.value
 
-    approve("misuse.txt", tell)
+    approve("misuse.txt", error_of_call)
 
 
 def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Module) -> None:
@@ -153,7 +153,7 @@ HOSTILE = (
     POLL,
     int,
 )
-PATIENT = 4  # the first of them are times that one may wait
+TIMES = 4  # the first of them are times that one may wait
 
 
 def nothing(*_: Any) -> None: ...
@@ -262,7 +262,7 @@ def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exceptio
 
 def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
     """Give a call all that is wrong, and what may happen to be right."""
-    for wrong in HOSTILE[PATIENT:] if no_times else HOSTILE:
+    for wrong in HOSTILE[TIMES:] if no_times else HOSTILE:
         made, error = outcome(call, wrong)
         if error is None:
             if isinstance(made, Claim):

@@ -47,7 +47,7 @@ def visitor(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """It grasps what it is told to for ten seconds, waves for one, and walks by grasping."""
+    """It grasps what it is described to for ten seconds, waves for one, and walks by grasping."""
     module = Module("arm", central)
 
     @module.handles(GRASP, takes=["update"])
@@ -66,7 +66,7 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         yield module
 
 
-def told(changes: list[Change]) -> list[str]:
+def described(changes: list[Change]) -> list[str]:
     return [f"{one.task}: {one.state}" + " (late)" * one.is_late for one in changes]
 
 
@@ -90,7 +90,7 @@ def test_observer_sees_all_tasks_of_message(
         early.update("tea")
         central.advance(25)
         seen = changes.arrived()
-    assert told(seen) == [
+    assert described(seen) == [
         "grasp {3}: initiated",
         "grasp {1}: update requested",
         "grasp {1}: running",
@@ -114,7 +114,7 @@ def test_observer_sees_all_tasks_or_one_subtree(
     below = visitor.observe(below=seen_by_visitor, states=["running", "done"])
     central.advance(2)
     assert walk.wait() is Outcome.DONE
-    assert told(below.arrived()) == [
+    assert described(below.arrived()) == [
         "wave {2}: running (late)",
         "wave {2}: done",
         "wave {3}: running",
@@ -134,11 +134,11 @@ def test_observing_function_of_module_is_called(
     head, seen = Module("head", central), list[str]()
 
     @head.observes(GRASP, states=["running"])
-    def look(sender: Sender, change: Change) -> None:
+    def inform_gaze(sender: Sender, change: Change) -> None:
         sender.inform(GAZE, change.goal)
 
     @head.observes(WAVE)
-    def note(change: Change) -> None:
+    def record(change: Change) -> None:
         seen.append(str(change))
 
     head.handles(GAZE)(lambda _, thing: seen.append(f"looks at {thing}"))
@@ -179,7 +179,7 @@ def test_observer_learns_missed_end_after_reconnect(
 
 
 def test_observing_continues_after_central_restart(
-    visitor: Client, arm: Module, central: LocalCentral, attentive: None
+    visitor: Client, arm: Module, central: LocalCentral, short_timeouts: None
 ) -> None:
     changes = visitor.observe(GRASP)
     user = connect("user", central)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from module.real_central import SOON, RealCentral, until
 from module.robot import MOVE_LEG, REST, STEP, STOP, WALK, Arc, Robot
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
     CentralLost,
@@ -57,14 +57,14 @@ CIRCLE = [this.achieving.end <= this.achieving.start]
 REFUSED = r"command 'stop' was refused: .* would be a circle"
 
 
-def circle(user: Any, **options: Any) -> Any:
+def send_circular(user: Any, **options: Any) -> Any:
     return user.command(STOP, constraints=CIRCLE, **options)
 
 
 # --- what travels ---------------------------------------------------------------------------------
 
 
-def silent(header: headers.ToCentral) -> list[headers.ToModule]:
+def acknowledge_nothing(header: headers.ToCentral) -> list[headers.ToModule]:
     """A central that says nothing of what is sent."""
     if isinstance(header, headers.Hello):
         return [headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one")]
@@ -72,83 +72,85 @@ def silent(header: headers.ToCentral) -> list[headers.ToModule]:
 
 
 def test_constraint_names_quiet_sends_by_request_number() -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     first, second = user.command(STOP), user.command(STOP, sequential=False)
     user._connection().post(Constrain(0, [first.achieving.end <= second.achieving.start]), b"")
-    sends = [header for header in central.heard if isinstance(header, Send)]
+    sends = [header for header in central.received if isinstance(header, Send)]
     assert [(header.number, header.quiet) for header in sends] == [(3, True), (4, True)]
-    (constrain,) = [header for header in central.heard if isinstance(header, Constrain)]
+    (constrain,) = [header for header in central.received if isinstance(header, Constrain)]
     assert [(one.before.task, one.after.task) for one in constrain.constraints] == [(-3, -4)]
 
 
 def test_result_wait_travels_with_command() -> None:
     """Two packets there, none in between: central's word of the command comes with the answer."""
-    connection, central = connected(
+    connection, central = scripted_connection(
         lambda header: (
             [TasksMade([(3, TaskId(17))]), headers.Answer(header.number)]
             if isinstance(header, AwaitPoint)
-            else silent(header)
+            else acknowledge_nothing(header)
         )
     )
     PlainClient(connection).command(STOP).result(SOON)
-    assert [type(header) for header in central.heard] == [Register, Send, AwaitPoint]
-    assert central.heard[-1].point.task == -3  # type: ignore[union-attr]
+    assert [type(header) for header in central.received] == [Register, Send, AwaitPoint]
+    assert central.received[-1].point.task == -3  # type: ignore[union-attr]
 
 
 def test_reading_task_id_waits_for_central() -> None:
-    connection, central = connected(
+    connection, central = scripted_connection(
         lambda header: (
-            [TasksMade([(3, TaskId(17))])] if isinstance(header, Await) else silent(header)
+            [TasksMade([(3, TaskId(17))])]
+            if isinstance(header, Await)
+            else acknowledge_nothing(header)
         )
     )
     stop = PlainClient(connection).command(STOP)
-    assert Await not in map(type, central.heard)
+    assert Await not in map(type, central.received)
     assert stop.id == 17
     assert repr(stop) == "stop {17}"
-    assert [header for header in central.heard if isinstance(header, Await)] == [Await(3)]
+    assert [header for header in central.received if isinstance(header, Await)] == [Await(3)]
 
 
 def test_quiet_send_is_repeated_as_plain_send_after_break() -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     stop = user.command(STOP)
     wait = connection.request(AwaitPoint(0, stop.achieving.end), wants_answer=True)
-    central.heard.clear()
-    central.say(headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one"))
+    central.received.clear()
+    central.deliver(headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one"))
     connection.line.catch_up()
-    again = [header for header in central.heard if isinstance(header, Send | AwaitPoint)]
+    again = [header for header in central.received if isinstance(header, Send | AwaitPoint)]
     assert [(header.number, type(header)) for header in again] == [(3, Send), (4, AwaitPoint)]
     assert again[0].quiet is False  # type: ignore[union-attr]
-    central.say(Accepted(3, TaskId(9)), headers.Answer(4))
+    central.deliver(Accepted(3, TaskId(9)), headers.Answer(4))
     connection.line.catch_up()
     assert (stop.id, wait.is_over) == (9, True)
 
 
 def test_unacknowledged_sends_are_limited() -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     for _ in range(MOST_UNTOLD):
         user.command(STOP)
-    sent = len(central.heard)
+    sent = len(central.received)
     with pytest.raises(CentralLost, match="does not answer"):
         user.command(STOP)
-    assert len([header for header in central.heard[sent:] if isinstance(header, Send)]) == 0
+    assert len([header for header in central.received[sent:] if isinstance(header, Send)]) == 0
     assert connection.session.sends.untold == MOST_UNTOLD
 
 
 def test_task_after_lost_siblings_is_not_sent_to_new_central() -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     with user.parallel():
         for _ in range(MOST_UNTOLD):
             user.command(STOP)
-    central.heard.clear()
+    central.received.clear()
     news = headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "two")
-    central.say(*news, at=central.now + 0.1)  # while it waits, for so many are on their way
+    central.deliver(*news, at=central.now + 0.1)  # while it waits, for so many are on their way
     with pytest.raises(CentralLost, match="command 'stop' is lost: central was restarted"):
         user.command(STOP)
-    assert Send not in map(type, central.heard)
+    assert Send not in map(type, central.received)
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -178,7 +180,7 @@ USES: dict[str, Callable[[Any, Client], object]] = {
 @pytest.mark.parametrize("use", USES)
 def test_refusal_is_raised_once_by_next_use(central: LocalCentral, use: str) -> None:
     with connect("user", central) as user:
-        stop = circle(user)
+        stop = send_circular(user)
         with pytest.raises(Refused, match=REFUSED) as refused:
             USES[use](stop, user)
         assert refused.value.refusal is Refusal.CYCLE
@@ -187,7 +189,7 @@ def test_refusal_is_raised_once_by_next_use(central: LocalCentral, use: str) -> 
 
 def test_unread_refusal_is_raised_when_client_closes(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), connect("user", central) as user:
-        circle(user)
+        send_circular(user)
 
 
 def test_block_error_precedes_refusal_at_close(
@@ -195,7 +197,7 @@ def test_block_error_precedes_refusal_at_close(
 ) -> None:
     def use() -> None:
         with connect("user", central) as user:
-            circle(user)
+            send_circular(user)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -205,15 +207,17 @@ def test_block_error_precedes_refusal_at_close(
 
 def test_refusal_is_raised_when_module_ends(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), Module("legs", central).running() as legs:
-        circle(legs)
+        send_circular(legs)
 
 
 def test_further_refusals_are_added_as_notes() -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     for _ in range(2):
         user.command(STOP)
-    central.say(*(headers.Refused(number, Refusal.CYCLE, f"circle {number}") for number in (3, 4)))
+    central.deliver(
+        *(headers.Refused(number, Refusal.CYCLE, f"circle {number}") for number in (3, 4))
+    )
     with pytest.raises(Refused, match="command 'stop' was refused: circle 3") as refused:
         user.command(STOP)
     assert refused.value.__notes__ == ["command 'stop' was refused: circle 4"]
@@ -222,10 +226,10 @@ def test_further_refusals_are_added_as_notes() -> None:
 @pytest.mark.parametrize("is_async", [False, True], ids=["plain", "async"])
 def test_refusal_fails_handler(robot: Robot, user: Client, *, is_async: bool) -> None:
     def rest(task: Task) -> None:
-        circle(task)
+        send_circular(task)
 
     async def rest_in_time(task: Task) -> None:
-        circle(task)
+        send_circular(task)
 
     robot.planner.handles(REST)(rest_in_time if is_async else rest)
     with (
@@ -240,7 +244,7 @@ def test_handler_may_catch_refusal_and_continue(robot: Robot, user: Client) -> N
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         with pytest.raises(Refused, match=REFUSED):
-            circle(task).result()
+            send_circular(task).result()
         task.command(MOVE_LEG, 1)
 
     with robot.running():
@@ -252,7 +256,7 @@ def test_late_refusal_still_fails_handler() -> None:
     """In real processes the refusal may come after the handler has returned."""
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address, capacity=3)
-        legs.handles(REST)(lambda task: circle(task) and None)
+        legs.handles(REST)(lambda task: send_circular(task) and None)
         with legs.running(), connect("user", central.address) as user:
             for _ in range(20):
                 with pytest.raises(TaskFailed, match="'stop' was refused") as failed:
@@ -264,13 +268,13 @@ def test_late_refusal_still_fails_handler() -> None:
 def test_late_refusal_is_logged_with_handler(
     caplog: pytest.LogCaptureFixture, *, is_heard: bool
 ) -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     session = connection.session
     session.open_deliveries.begin(9, "rest {1}")
     request = session.send(headers.Send(0, "stop", origin=9), b"", "command 'stop'")
     if not is_heard:
         session.reply(headers.Reply(9), b"")
-    central.say(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))
+    central.deliver(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))
     connection.line.catch_up()
     if is_heard:
         session.reply(headers.Reply(9), b"")
@@ -291,7 +295,7 @@ def test_refused_task_leaves_sibling_order_unchanged(
             for number in range(4):
                 if refused and number == 2:
                     with pytest.raises(Refused):
-                        circle(user).id  # noqa: B018
+                        send_circular(user).id  # noqa: B018
                 user.command(MOVE_LEG, number)
         user.command(MOVE_LEG, 9)
         sent = [fact for fact in central.facts[before:] if isinstance(fact, Received)]
@@ -313,7 +317,7 @@ def test_successor_of_refused_task_is_not_sent(central: LocalCentral) -> None:
     def use() -> None:
         with connect("user", central) as user, user.sequence():
             user.command(MOVE_LEG, 0)
-            circle(user)
+            send_circular(user)
             user.command(MOVE_LEG, 1)
 
     with pytest.raises(Refused, match=REFUSED):
@@ -325,7 +329,7 @@ def test_refusal_fails_callback(central: LocalCentral, caplog: pytest.LogCapture
     legs, called = Module("legs", central), threading.Event()
 
     def stop(callback: Any) -> None:
-        circle(callback)
+        send_circular(callback)
         legs.after(0, called.set)
 
     legs.after(0, stop)
@@ -338,7 +342,7 @@ def test_refusal_fails_callback(central: LocalCentral, caplog: pytest.LogCapture
 def test_refusal_fails_direct_handler() -> None:
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address)
-        legs.handles(ASK, direct=True)(lambda task: circle(task) and 1)
+        legs.handles(ASK, direct=True)(lambda task: send_circular(task) and 1)
         with legs.running(), connect("user", central.address) as user:
             for _ in range(5):
                 with pytest.raises(QueryFailed, match="'stop' was refused"):
@@ -533,7 +537,7 @@ def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
 # --- packets --------------------------------------------------------------------------------------
 
 
-class Counted(LocalCentral):
+class CountingCentral(LocalCentral):
     """Counts the packets that go to central and come from it."""
 
     there = back = 0
@@ -572,7 +576,7 @@ def use_goal(user: Client) -> None:
 )
 def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
     """As docs/protocol.md has it."""
-    with Counted() as central:
+    with CountingCentral() as central:
         legs, planner = Module("legs", central), Module("planner", central)
         legs.handles(ASK)(lambda _: 1)
         legs.handles(STOP)(lambda _: None)

@@ -1,7 +1,7 @@
-"""The session alone: what is said after a restart of central, and what is called back."""
+"""The session alone: what is take_sent after a restart of central, and what is called back."""
 
 import pytest
-from module.test_session import A_GOAL, HANDLES_WALK, HELLO, WALK, hear, said, welcome
+from module.scripted_session import A_GOAL, HANDLES_WALK, HELLO, WALK, receive, take_sent, welcome
 
 from tca_module import Command, Inform, PointMonitor, Query
 from tca_module.session import given_up
@@ -47,38 +47,38 @@ def attach(number: int = 0) -> Attach:
 def session() -> Session:
     """A session that has a handler, a wiretap 10 and an exception handler 11."""
     session = Session(HELLO)
-    hear(session, welcome("one"))
+    receive(session, welcome("one"))
     session.declared([WALK, CHECK], [HANDLES_WALK])
     for header, number in ((tap(), 10), (attach(), 11)):
-        hear(session, Accepted(session.request(header).header.number, number))
-    said(session)
+        receive(session, Accepted(session.request(header).header.number, number))
+    take_sent(session)
     return session
 
 
-def standing(session: Session, header: Tap | Attach) -> LastingAttachment:
+def lasting_attachment(session: Session, header: Tap | Attach) -> LastingAttachment:
     found = session.attachments.of(header)
     assert found is not None
     return found
 
 
-def known_as(session: Session, header: Tap | Attach) -> tuple[str, int]:
-    number = standing(session, header).number
+def known_number(session: Session, header: Tap | Attach) -> tuple[str, int]:
+    number = lasting_attachment(session, header).number
     return number.epoch, int(number)
 
 
 def restart(session: Session, epoch: str) -> list[object]:
-    hear(session, Unknown(), welcome(epoch))
-    return [*said(session)]
+    receive(session, Unknown(), welcome(epoch))
+    return [*take_sent(session)]
 
 
 def test_handlers_are_declared_after_attachments_are_accepted(session: Session) -> None:
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
-    hear(session, Accepted(4), Accepted(5, 1))
-    assert said(session) == []
-    hear(session, Accepted(6, 2))
-    assert said(session) == [HANDLERS]
-    assert known_as(session, tap()) == ("two", 1)
-    assert known_as(session, attach()) == ("two", 2)
+    receive(session, Accepted(4), Accepted(5, 1))
+    assert take_sent(session) == []
+    receive(session, Accepted(6, 2))
+    assert take_sent(session) == [HANDLERS]
+    assert known_number(session, tap()) == ("two", 1)
+    assert known_number(session, attach()) == ("two", 2)
     assert session.complaints == [
         "central was restarted: exception handlers and wiretaps attached anew: 2"
     ]
@@ -88,8 +88,8 @@ def test_readiness_is_declared_again_after_attachments(session: Session) -> None
     session.declared([], [], is_ready=True)
     assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
-    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert said(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
+    receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert take_sent(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
 
 
 def test_wiretap_until_end_of_forgotten_task_is_lost(
@@ -99,8 +99,8 @@ def test_wiretap_until_end_of_forgotten_task_is_lost(
     guard = Tap(
         0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until)
     )
-    hear(session, Accepted(session.request(guard).header.number, 12))
-    said(session)
+    receive(session, Accepted(session.request(guard).header.number, 12))
+    take_sent(session)
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach]
     (complaint,) = session.complaints
     assert complaint.startswith(
@@ -109,8 +109,8 @@ def test_wiretap_until_end_of_forgotten_task_is_lost(
     assert complaint.endswith(
         "has forgotten its tree, in which it was to watch until end achieving task 7"
     )
-    hear(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
-    assert said(session) == [HANDLERS]
+    receive(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
+    assert take_sent(session) == [HANDLERS]
     assert session.attachments.of(guard) is None
 
 
@@ -118,12 +118,12 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
     session: Session,
 ) -> None:
     walk = session.request(A_GOAL)
-    hear(session, Accepted(walk.header.number, 7))
+    receive(session, Accepted(walk.header.number, 7))
     under = session.request(Send(0, "walk", parent=TaskId(7)))
-    said(session)
-    hear(session, welcome("two"))
+    take_sent(session)
+    receive(session, welcome("two"))
     assert under.lost
-    assert [type(header) for header in said(session)] == [Register, Tap, Attach]
+    assert [type(header) for header in take_sent(session)] == [Register, Tap, Attach]
     assert walk.accepted is not None
     assert (walk.accepted, walk.accepted.epoch) == (
         7,
@@ -132,22 +132,22 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
 
 
 def test_variable_of_forgotten_handler_is_not_set(session: Session) -> None:
-    hear(session, Unknown())
+    receive(session, Unknown())
     mine, handlers = (
         SetVariable(0, "level", origin) for origin in (0, with_epoch(8, "one", "'walk'"))
     )
     kept, lost = session.request(mine), session.request(handlers)
-    hear(session, welcome("two"))
+    receive(session, welcome("two"))
     assert not kept.lost
     assert (lost.lost, lost.gone) == ("central was restarted and has forgotten its tree", "'walk'")
 
 
 def test_earlier_request_follows_reattachment(session: Session) -> None:
-    hear(session, Unknown())
+    receive(session, Unknown())
     walk = session.request(A_GOAL)
-    hear(session, welcome("two"))
-    assert [type(header) for header in said(session)] == [Register, Tap, Attach, Send]
-    hear(session, Accepted(walk.header.number, 5))
+    receive(session, welcome("two"))
+    assert [type(header) for header in take_sent(session)] == [Register, Tap, Attach, Send]
+    receive(session, Accepted(walk.header.number, 5))
     assert walk.accepted == 5
 
 
@@ -155,30 +155,30 @@ def test_break_repeats_unanswered_attachments_and_holds_handlers(
     session: Session,
 ) -> None:
     restart(session, "two")
-    hear(session, Accepted(5, 1))
+    receive(session, Accepted(5, 1))
     assert restart(session, "two") == [
         Register(0, [WALK, CHECK], []),
         Register(4, [WALK, CHECK], []),
         attach(6),
     ]
-    hear(session, Accepted(4), Accepted(6, 2))
-    assert said(session) == [HANDLERS]
+    receive(session, Accepted(4), Accepted(6, 2))
+    assert take_sent(session) == [HANDLERS]
 
 
 def test_second_restart_repeats_all_attachments(session: Session) -> None:
     restart(session, "two")
-    hear(session, Accepted(4), Accepted(5, 1))
+    receive(session, Accepted(4), Accepted(5, 1))
     assert restart(session, "three") == [Register(7, [WALK, CHECK], []), tap(8), attach(9)]
-    hear(session, Accepted(7), Accepted(8, 3), Accepted(9, 4))
-    assert said(session) == [HANDLERS]
-    assert known_as(session, tap()) == ("three", 3)
+    receive(session, Accepted(7), Accepted(8, 3), Accepted(9, 4))
+    assert take_sent(session) == [HANDLERS]
+    assert known_number(session, tap()) == ("three", 3)
 
 
 def test_attachment_removed_during_reattachment_is_removed(session: Session) -> None:
     restart(session, "two")
-    session.attachments.forget(standing(session, tap()), "two")
-    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert said(session) == [Remove(7, 1), HANDLERS]
+    session.attachments.forget(lasting_attachment(session, tap()), "two")
+    receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert take_sent(session) == [Remove(7, 1), HANDLERS]
 
 
 def test_removal_by_stale_connection_is_carried_out(
@@ -186,32 +186,32 @@ def test_removal_by_stale_connection_is_carried_out(
 ) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     restart(session, "two")
-    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    said(session)
-    slot.attachments.forget(standing(session, tap()), "one")
+    receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    take_sent(session)
+    slot.attachments.forget(lasting_attachment(session, tap()), "one")
     session.tend(0.0, 0.0)
     session.tend(0.1, 0.0)
-    assert said(session) == [Remove(7, 1)]
+    assert take_sent(session) == [Remove(7, 1)]
 
 
 def test_first_connection_reattaches_for_all(session: Session) -> None:
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
-    hear(slot, welcome("one"))
-    hear(
+    receive(slot, welcome("one"))
+    receive(
         slot,
         Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12),
     )
-    said(slot)
+    take_sent(slot)
     assert restart(slot, "two") == []
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach, Tap]
 
 
 def test_refused_attachment_is_retried(session: Session) -> None:
     restart(session, "two")
-    hear(
+    receive(
         session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already")
     )
-    assert said(session) == []
+    assert take_sent(session) == []
     assert (
         "refuses the exception handler 'recover' of all 'walk': there are 1000 already"
         in session.complaints[0]
@@ -223,29 +223,29 @@ def test_refused_attachment_is_retried(session: Session) -> None:
     ]:
         session.heard = now
         session.tend(now, now)
-        assert said(session) == expected
-    hear(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
+        assert take_sent(session) == expected
+    receive(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
     for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
         session.tend(session.heard, session.heard)
-    assert said(session) == [Register(9, [WALK, CHECK], []), attach(10)]
+    assert take_sent(session) == [Register(9, [WALK, CHECK], []), attach(10)]
     assert len(session.complaints) == 1
-    hear(session, Accepted(9), Accepted(10, 2))
-    assert said(session) == [HANDLERS]
+    receive(session, Accepted(9), Accepted(10, 2))
+    assert take_sent(session) == [HANDLERS]
 
 
 def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
     session.redeclaration.required = ["check"]
     restart(session, "two")
-    hear(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert said(session) == [Wait(7, ["check"])]
+    receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
+    assert take_sent(session) == [Wait(7, ["check"])]
     for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
         session.heard = now
         session.tend(now, now)
     assert session.complaints == [
         "waits for handlers of 'check', which it requires; see 'tca messages'"
     ]
-    hear(session, Answer(7))
-    assert said(session) == [HANDLERS]
+    receive(session, Answer(7))
+    assert take_sent(session) == [HANDLERS]
 
 
 def test_leaving_module_reattaches_nothing(session: Session) -> None:
@@ -263,7 +263,7 @@ def test_repeated_wiretap_keeps_place_repeated_handler_is_newest() -> None:
     assert attachments.unknown_to("one") == []
 
 
-# --- A task that is given up before central has said that it was taken is called back -------------
+# --- A task that is given up before central has take_sent that it was taken is called back -------------
 
 
 REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)
@@ -271,54 +271,54 @@ LOOK = PointMonitor("look", condition=IS_FREE)
 A_REST = Send(0, "rest")
 
 
-def callback(number: int, request: int) -> Kill:
+def kill_of_request(number: int, request: int) -> Kill:
     return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
 
 
 @pytest.fixture
-def declared() -> Session:
-    """One that has declared a command and an inform."""
+def user_session() -> Session:
+    """One that has user_session a command and an inform."""
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
-    hear(session, Welcome(1, 1, "user", "one"))
+    receive(session, Welcome(1, 1, "user", "one"))
     session.declared([REST.format, SAY.format, LOOK.format], [])
-    said(session)
+    take_sent(session)
     return session
 
 
-def test_given_up_task_is_killed_by_request_number(declared: Session) -> None:
-    given_up.abandon(declared, declared.request(A_REST))
-    assert said(declared) == [Send(2, "rest"), callback(3, 2)]
-    hear(declared, Accepted(2, 17), Accepted(3, 17))
-    hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
-    assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+def test_given_up_task_is_killed_by_request_number(user_session: Session) -> None:
+    given_up.abandon(user_session, user_session.request(A_REST))
+    assert take_sent(user_session) == [Send(2, "rest"), kill_of_request(3, 2)]
+    receive(user_session, Accepted(2, 17), Accepted(3, 17))
+    receive(user_session, Unknown(), Welcome(1, 1, "user", "one"))
+    assert take_sent(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
-def test_break_repeats_kill_but_not_given_up_task(declared: Session) -> None:
+def test_break_repeats_kill_but_not_given_up_task(user_session: Session) -> None:
     """Else the task would begin only to learn whether it had."""
-    rest = declared.request(A_REST)
-    hear(declared, Unknown())
-    given_up.abandon(declared, rest)
-    hear(declared, Welcome(1, 1, "user", "one"))
-    assert said(declared)[1:] == [callback(3, 2)]
-    hear(declared, Unknown(), Welcome(1, 1, "user", "one"))
-    assert said(declared)[1:] == [callback(3, 2)]
+    rest = user_session.request(A_REST)
+    receive(user_session, Unknown())
+    given_up.abandon(user_session, rest)
+    receive(user_session, Welcome(1, 1, "user", "one"))
+    assert take_sent(user_session)[1:] == [kill_of_request(3, 2)]
+    receive(user_session, Unknown(), Welcome(1, 1, "user", "one"))
+    assert take_sent(user_session)[1:] == [kill_of_request(3, 2)]
 
 
-def test_restarted_central_is_sent_no_kill(declared: Session) -> None:
-    given_up.abandon(declared, declared.request(A_REST))
-    hear(declared, Unknown(), Welcome(1, 1, "user", "two"))
-    assert said(declared) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+def test_restarted_central_is_sent_no_kill(user_session: Session) -> None:
+    given_up.abandon(user_session, user_session.request(A_REST))
+    receive(user_session, Unknown(), Welcome(1, 1, "user", "two"))
+    assert take_sent(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
-def test_given_up_monitor_is_killed_and_non_tasks_are_not(declared: Session) -> None:
-    given_up.abandon(declared, declared.request(Send(0, "look")))
-    assert said(declared) == [Send(2, "look"), callback(3, 2)]
+def test_given_up_monitor_is_killed_and_non_tasks_are_not(user_session: Session) -> None:
+    given_up.abandon(user_session, user_session.request(Send(0, "look")))
+    assert take_sent(user_session) == [Send(2, "look"), kill_of_request(3, 2)]
     for header in (
         Send(0, "say", if_handled=True),
         Send(0, "rest", when_killed=True),
         Register(0, []),
     ):
-        given_up.abandon(declared, declared.request(header))
-    assert not [header for header in said(declared) if isinstance(header, Kill)]
-    given_up.abandon(declared, declared.request(A_REST, wants_answer=True))
-    assert isinstance(said(declared)[-1], GiveUp)
+        given_up.abandon(user_session, user_session.request(header))
+    assert not [header for header in take_sent(user_session) if isinstance(header, Kill)]
+    given_up.abandon(user_session, user_session.request(A_REST, wants_answer=True))
+    assert isinstance(take_sent(user_session)[-1], GiveUp)

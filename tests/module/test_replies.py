@@ -8,27 +8,22 @@ from contextlib import contextmanager
 import pytest
 from module.real_central import SOON, Gate, until
 from module.robot import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
-    BadData,
     CentralLost,
     Client,
     Command,
-    LaterReply,
     MisuseError,
     Module,
-    Outcome,
     QueryFailed,
     Sender,
-    Stopped,
     Task,
-    TaskFailed,
     Timeout,
 )
 from tca_module.testing import LocalCentral
 from tca_tools.journal.fold import History
-from tca_wire.journal.facts import Awaited, Delivered, Dropped, Failed, Received, Returned
+from tca_wire.journal.facts import Awaited, Dropped, Received
 
 
 def test_reply_function_gets_sender_that_sends(legs: Module, user: Client) -> None:
@@ -134,7 +129,7 @@ def test_reply_functions_never_nest(legs: Module, user: Client) -> None:
 def test_wait_for_other_callback_inside_callback_is_misuse(legs: Module, user: Client) -> None:
     caught: list[BaseException] = []
 
-    def waits(sender: Sender, degrees: float) -> None:
+    def wait_for_other(sender: Sender, degrees: float) -> None:
         note = sender.query_notify(TEMPERATURE, None, lambda *_: None)
         with pytest.raises(MisuseError, match="a callback waits for another one") as error:
             note.wait(SOON)
@@ -142,7 +137,7 @@ def test_wait_for_other_callback_inside_callback_is_misuse(legs: Module, user: C
 
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
-        assert user.query_notify(TEMPERATURE, None, waits).wait(SOON)
+        assert user.query_notify(TEMPERATURE, None, wait_for_other).wait(SOON)
     assert len(caught) == 1
 
 
@@ -225,7 +220,7 @@ def test_unfetched_multi_query_is_given_up(
 
 
 def test_status_times_out_when_central_only_beats() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     central.beat()
     with pytest.raises(
         Timeout,
@@ -262,6 +257,9 @@ def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client)
         assert "belongs to thread " in caught.get(timeout=SOON)
 
 
+pytestmark = pytest.mark.usefixtures("short_timeouts")
+
+
 # --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ---
 
 
@@ -270,7 +268,7 @@ ASK_LATER = Command("ask later")
 Way = Callable[[Task], object]
 
 
-def waits(central: LocalCentral, delivery: int) -> list[int]:
+def open_waits(central: LocalCentral, delivery: int) -> list[int]:
     """What the handler of a delivery waits for, as the journal tells it."""
     with central._lock:
         history = History.until(list(central.entries))
@@ -278,11 +276,11 @@ def waits(central: LocalCentral, delivery: int) -> list[int]:
     return [wait.awaited for run in runs for wait in run.waits if wait.end is None]
 
 
-def once_seen(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
+def answer_once_waiting(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
     """A handler that answers when the journal says that the first of these waits."""
 
     def answer(_: Task) -> float:
-        until(lambda: waits(central, deliveries[0]), "it is seen to wait")
+        until(lambda: open_waits(central, deliveries[0]), "it is seen to wait")
         return 1.0
 
     return answer
@@ -315,7 +313,7 @@ def test_handler_wait_for_reply_is_journaled(
     central: LocalCentral, legs: Module, eyes: Module, user: Client, way: str
 ) -> None:
     deliveries: list[int] = []
-    answer = once_seen(central, deliveries)
+    answer = answer_once_waiting(central, deliveries)
 
     @legs.handles(ASK)
     def ask(task: Task) -> None:
@@ -326,7 +324,7 @@ def test_handler_wait_for_reply_is_journaled(
     eyes.handles(HEALTH)(lambda task: str(answer(task)))
     with legs.running(), eyes.running():
         user.command(ASK).result(SOON)
-    assert not waits(central, deliveries[0])
+    assert not open_waits(central, deliveries[0])
 
 
 def test_coroutine_await_of_reply_is_journaled(
@@ -339,7 +337,7 @@ def test_coroutine_await_of_reply_is_journaled(
         deliveries.append(int(task.id))
         assert await task.query_send(TEMPERATURE) == 1.0
 
-    eyes.handles(TEMPERATURE)(once_seen(central, deliveries))
+    eyes.handles(TEMPERATURE)(answer_once_waiting(central, deliveries))
     with legs.running(), eyes.running():
         user.command(ASK).result(SOON)
     assert [fact.blocking for fact in central.facts if isinstance(fact, Received)] == [False, False]
@@ -354,7 +352,7 @@ def test_query_send_alone_is_no_journaled_wait(
     def ask(task: Task) -> None:
         pending = task.query_send(TEMPERATURE)
         assert is_asked.wait(SOON)
-        assert not waits(central, int(task.id))
+        assert not open_waits(central, int(task.id))
         until(lambda: not task.cancelled and pending.request.is_over, "the reply is there")
         assert pending.receive() == 36.6
 
@@ -371,7 +369,7 @@ def test_query_send_alone_is_no_journaled_wait(
 
 
 @contextmanager
-def busy(eyes: Module, client: Client) -> Iterator[None]:
+def busy_eyes(eyes: Module, client: Client) -> Iterator[None]:
     """The eyes have a question that they do not answer before the end of the block."""
     gate = Gate(36.6)
     eyes.handles(TEMPERATURE)(gate)
@@ -390,7 +388,7 @@ def test_short_timeout_is_journaled_and_says_where_query_stood(
     def ask(task: Task) -> None:
         task.query(TEMPERATURE, timeout=0.02)
 
-    with legs.running(), busy(eyes, user):
+    with legs.running(), busy_eyes(eyes, user):
         asked = user.command(ASK)
         assert asked.wait(SOON) == "failed"
         with pytest.raises(
@@ -404,244 +402,3 @@ def test_short_timeout_is_journaled_and_says_where_query_stood(
     assert wait.end == history.messages[wait.awaited].written("dropped")
     (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
     assert why == "it is queued for eyes, busy with temperature {1}"
-
-
-# --- Handlers that leave the answer to somebody else ----------------------------------------------
-
-
-pytestmark = pytest.mark.usefixtures("attentive")
-
-
-@pytest.fixture
-def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
-    """What the handler of "move leg" leaves to others."""
-    owed = queue.Queue[LaterReply[Footfall]]()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
-        later = task.reply_later()
-        owed.put(later)
-        return later
-
-    return owed
-
-
-Owed = queue.Queue[LaterReply[Footfall]]
-
-
-def test_later_reply_keeps_resource_slot_busy(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    with legs.running():
-        moves = [user.command(MOVE_LEG, leg, sequential=False) for leg in range(3)]
-        for leg in range(3):
-            later = owed.get(timeout=SOON)
-            user.status()
-            assert owed.empty()
-            later.reply(Footfall(leg, 0.0))
-        assert [move.result(SOON).leg for move in moves] == [0, 1, 2]
-    order = [
-        type(fact).__name__ for fact in central.facts if isinstance(fact, Delivered | Returned)
-    ]
-    assert order == ["Delivered", "Returned"] * 3
-
-
-def test_early_later_reply_waits_for_handler_return(
-    legs: Module, user: Client, central: LocalCentral
-) -> None:
-    @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> LaterReply[list[int]]:
-        later = task.reply_later()
-        assert task.reply_later() is later
-        thread = threading.Thread(target=later.reply, args=([1],))
-        thread.start()
-        thread.join(SOON)
-        assert (
-            task.query(TEMPERATURE, timeout=SOON) == 36.6
-        )  # a wait in which the answer does not leave yet
-        assert not [
-            fact
-            for fact in central.facts
-            if isinstance(fact, Returned) and fact.id == task.delivery
-        ]
-        return later
-
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-
-
-@pytest.mark.parametrize("is_coroutine", [False, True])
-def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bool) -> None:
-    """In the thread of the handler itself, which is free meanwhile."""
-
-    def temperature(task: Task) -> LaterReply[float]:
-        later = task.reply_later()
-        legs.after(0.01, lambda: later.reply(36.6), resource="legs")
-        return later
-
-    async def temperature_of_coroutine(task: Task) -> LaterReply[float]:
-        return temperature(task)
-
-    legs.handles(TEMPERATURE)(temperature_of_coroutine if is_coroutine else temperature)
-    with legs.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-
-
-def test_later_reply_to_nested_query_wakes_waiting_slot(legs: Module, user: Client) -> None:
-    """The handler of a nested query leaves the answer to another thread, while the outer handler
-    blocks the slot.
-    """
-
-    @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> list[int]:
-        return [int(task.query(TEMPERATURE, timeout=SOON))]
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> LaterReply[float]:
-        later = task.reply_later()
-        threading.Thread(target=later.reply, args=(36.6,)).start()
-        return later
-
-    with legs.running():
-        assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-
-
-def collides() -> BaseException:
-    return COLLISION(Footfall(1, 0.5), "rock")
-
-
-@pytest.mark.parametrize(
-    ("error", "failure", "text"),
-    [
-        (collides, "collision", "rock"),
-        (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot"),
-    ],
-)
-def test_later_reply_may_fail(
-    legs: Module,
-    owed: Owed,
-    user: Client,
-    error: Callable[[], BaseException],
-    failure: str,
-    text: str,
-) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        owed.get(timeout=SOON).fail(error())
-        with pytest.raises(TaskFailed) as failed:
-            move.result(SOON)
-        assert failed.value.failure == failure
-        assert failed.value.text.startswith(text)
-
-
-def test_wrong_data_leaves_later_reply_open(legs: Module, owed: Owed, user: Client) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        with pytest.raises(BadData, match="the handler of command 'move leg' must return"):
-            later.reply("left")  # type: ignore[arg-type]
-        assert later.is_open
-        later.reply(Footfall(1, 0.0))
-        assert move.result(SOON) == Footfall(1, 0.0)
-
-
-def test_handler_must_return_its_own_later_reply(legs: Module, user: Client) -> None:
-    kept: list[LaterReply[float]] = []
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        kept.append(task.reply_later())
-        return 36.6
-
-    legs.handles(STANCE)(lambda _, _radius: kept[0])  # type: ignore[arg-type,return-value]
-    with legs.running():
-        asks: list[Callable[[], object]] = [
-            lambda: user.query(TEMPERATURE, timeout=SOON),
-            lambda: user.query(STANCE, 1.0, timeout=SOON),
-        ]
-        for ask in asks:
-            with pytest.raises(
-                QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"
-            ):
-                ask()
-    with pytest.raises(
-        Stopped, match="'temperature' can't be answered any more: its handler failed: MisuseError"
-    ):
-        kept[0].reply(36.6)
-
-
-def test_error_in_handler_closes_later_reply(legs: Module, user: Client) -> None:
-    kept: list[LaterReply[float]] = []
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        kept.append(task.reply_later())
-        kept[0].reply(36.6)
-        raise COLLISION(Footfall(1, 0.0))
-
-    with legs.running():
-        with pytest.raises(QueryFailed, match="collision"):
-            user.query(TEMPERATURE, timeout=SOON)
-        assert not kept[0].is_open
-
-
-def test_later_reply_learns_that_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        assert not later.cancelled
-        move.kill("enough")
-        never = threading.Event()
-        assert any(
-            later.cancelled or never.wait(0.005) for _ in range(1000)
-        )  # the thread of its handler listens
-        pending = user.query_send(TEMPERATURE)  # for the same slot, which is taken until the answer
-        later.reply(Footfall(1, 0.0))
-        assert move.wait(SOON) is Outcome.KILLED
-        assert pending.receive(SOON) == 36.6
-        assert not later.cancelled
-
-
-def test_module_end_fails_owed_replies(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-    with pytest.raises(TaskFailed, match="module lost: its module ended before it was answered"):
-        move.result(SOON)
-    with pytest.raises(
-        Stopped, match=r"move leg \{1\} can't be answered any more: its module has ended"
-    ):
-        later.reply(Footfall(1, 0.0))
-    assert [fact.failure for fact in central.facts if isinstance(fact, Failed)] == ["module lost"]
-
-
-def test_reply_just_before_module_end_is_sent(legs: Module, owed: Owed, user: Client) -> None:
-    busy = Gate()
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        legs.after(0.0, busy, resource="legs")
-        assert busy.begun.wait(SOON)
-        legs.stop()
-        later.reply(Footfall(1, 0.0))
-        busy.go_on.set()
-    assert move.result(SOON) == Footfall(1, 0.0)
-
-
-def test_connection_break_fails_owed_replies(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        central.cut("legs")
-        with pytest.raises(TaskFailed, match="module lost"):
-            move.result(SOON)
-        later.reply(Footfall(1, 0.0))  # nobody wants it any more, which does no harm
-        central.restart("afresh")
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6

@@ -30,14 +30,14 @@ LATEST = 30.0  # seconds
 PLAY, SING = (Command(name, int, result=int, progress=int) for name in ("play", "sing"))
 
 
-class Fickle:
+class RandomHandler:
     """Does what it likes with requests."""
 
     def __init__(self) -> None:
         self.answered: Counter[str] = Counter()
         self._lock = threading.Lock()
 
-    def play(self, task: Task, goal: int) -> int:
+    def run_band(self, task: Task, goal: int) -> int:
         dice = random.Random(goal)
         if dice.random() < 0.1:
             raise task.rejected("it does not feel like it")
@@ -62,7 +62,7 @@ class Fickle:
         return goal
 
 
-class FickleServer(Server[int, int]):
+class RandomServer(Server[int, int]):
     """The same, with methods."""
 
     def initiated(self, task: Task, goal: int) -> int:
@@ -80,7 +80,7 @@ class FickleServer(Server[int, int]):
         return why == "please"
 
 
-class Customer(threading.Thread):
+class RandomClient(threading.Thread):
     """Sends tasks, and wants this and that of them."""
 
     def __init__(self, central: LocalCentral, seed: int, tasks: int) -> None:
@@ -89,7 +89,7 @@ class Customer(threading.Thread):
         self.errors: list[str] = []
 
     def run(self) -> None:
-        with connect(f"customer {self.name}", self._central) as user:
+        with connect(f"client {self.name}", self._central) as user:
             for _ in range(self._tasks):
                 try:
                     self._order(user)
@@ -117,29 +117,29 @@ class Customer(threading.Thread):
         assert not any(one.missed for one in heard)
 
 
-def play(seed: int, customers: int, tasks: int) -> None:
-    fickle = Fickle()
+def run_band(seed: int, clients: int, tasks: int) -> None:
+    handler = RandomHandler()
     with LocalCentral(check=check_invariants) as central:
         band = Module("band", central)
         band.resource("drums", capacity=3)
-        band.handles(PLAY, resource="drums", accepts=True, takes=["update", "cancel"])(fickle.play)
-        band.serve(SING, FickleServer(), resource="voice")
+        band.handles(PLAY, resource="drums", accepts=True, takes=["update", "cancel"])(handler.play)
+        band.serve(SING, RandomServer(), resource="voice")
         with band.running():
-            threads = [Customer(central, seed + number, tasks) for number in range(customers)]
+            threads = [RandomClient(central, seed + number, tasks) for number in range(clients)]
             for thread in threads:
                 thread.start()
             for thread in threads:
                 thread.join(LATEST)
             assert not any(thread.is_alive() for thread in threads)
     assert [error for thread in threads for error in thread.errors] == []
-    assert set(fickle.answered.values()) <= {0, 1}
+    assert set(handler.answered.values()) <= {0, 1}
 
 
 def test_few_random_customers_and_servers_agree() -> None:
-    play(seed=0, customers=3, tasks=6)
+    run_band(seed=0, clients=3, tasks=6)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(0, 1000, 100))
 def test_many_random_customers_and_servers_agree(seed: int) -> None:
-    play(seed, customers=5, tasks=40)
+    run_band(seed, clients=5, tasks=40)

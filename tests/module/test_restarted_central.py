@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from module.real_central import SOON, until
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
     AttachmentRef,
@@ -45,7 +45,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point, TaskId
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 WALK = Goal("walk")
 MOVE = Command("move", int)
@@ -87,7 +87,7 @@ class Robot:
         with self.legs.running(), self.safety.running():
             yield
 
-    def moves(self, leg: int, user: Client) -> list[str]:
+    def effects_of_move(self, leg: int, user: Client) -> list[str]:
         """What a move brings about now."""
         self.done.clear()
         user.command(MOVE, leg).wait(SOON)
@@ -121,11 +121,11 @@ def test_attachments_of_module_return_before_its_handlers(
         module.on_failure(SLIP, STOP, of=MOVE)
 
     with robot.running():
-        assert robot.moves(1, user) == ["check 1", "move 1"]
+        assert robot.effects_of_move(1, user) == ["check 1", "move 1"]
         before = len(central.facts)
         restarted(central, user)
-        assert robot.moves(2, user) == ["check 2", "move 2"]
-        assert robot.moves(-1, user) == ["check -1", "move -1", "stop"]
+        assert robot.effects_of_move(2, user) == ["check 2", "move 2"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "stop"]
         anew = central.facts[before:]
         order = [
             type(fact)
@@ -159,12 +159,12 @@ def test_attachments_of_handler_return_in_place_after_restart(
 
     with robot.running():
         assert user.goal(WALK).wait(SOON)
-        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "recover", "stop"]
         restarted(central, user)
-        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "recover", "stop"]
         user.inform(NOTE, 1)
         until(lambda: "removed" in robot.done, "the handler has removed its wiretap")
-        assert robot.moves(-1, user) == ["move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["move -1", "recover", "stop"]
 
 
 def test_tapped_monitor_returns_with_its_parts_after_restart(
@@ -221,9 +221,9 @@ def test_attachment_detached_by_operator_returns_after_restart(
 
     with robot.running():
         assert user.detach(robot.taps[0].id)
-        assert robot.moves(1, user) == ["move 1"]
+        assert robot.effects_of_move(1, user) == ["move 1"]
         restarted(central, user)
-        assert robot.moves(1, user) == ["check 1", "move 1"]
+        assert robot.effects_of_move(1, user) == ["check 1", "move 1"]
 
 
 # --- before the handlers --------------------------------------------------------------------------
@@ -233,10 +233,10 @@ def test_attachment_detached_by_operator_returns_after_restart(
 
 
 WORK = Command("work", str, result=str)
-NOBODY, LAST = Query("nobody", reply=int), Query("last", reply=int)
+UNHANDLED, LAST = Query("nobody", reply=int), Query("last", reply=int)
 
 
-def the_new_one_has_the_number_and_its_own_answer(
+def check_that_new_task_gets_own_answer(
     central: LocalCentral, user: Client, begun: "queue.Queue[str]"
 ) -> None:
     """The same work once in the old central, and in the new one under the same number."""
@@ -257,7 +257,7 @@ def test_forgotten_coroutine_does_not_answer_new_task(central: LocalCentral, use
         begun.put(f"{data} {task.id}")
         if data == "old":
             with suppress(asyncio.CancelledError):
-                await task.query_send(NOBODY)
+                await task.query_send(UNHANDLED)
             await asyncio.to_thread(go_on.wait, SOON)
         else:
             go_on.set()
@@ -267,7 +267,7 @@ def test_forgotten_coroutine_does_not_answer_new_task(central: LocalCentral, use
 
     module.handles(LAST)(lambda _: 1)
     with module.running():
-        the_new_one_has_the_number_and_its_own_answer(central, user, begun)
+        check_that_new_task_gets_own_answer(central, user, begun)
 
 
 def test_forgotten_later_reply_does_not_answer_new_task(
@@ -287,7 +287,7 @@ def test_forgotten_later_reply_does_not_answer_new_task(
 
     module.handles(LAST, resource="last")(lambda _: 1)
     with module.running():
-        the_new_one_has_the_number_and_its_own_answer(central, user, begun)
+        check_that_new_task_gets_own_answer(central, user, begun)
 
 
 def test_forgotten_later_reply_reads_as_cancelled(central: LocalCentral, user: Client) -> None:
@@ -352,7 +352,7 @@ PROBE = PointMonitor("check", condition=IS_LOW, action=HALT)
 
 
 @dataclass
-class Had:
+class Forgotten:
     """What a program still has of tasks that were forgotten, and a task that it sent since."""
 
     user: Client
@@ -364,64 +364,72 @@ class Had:
     new: Callable[[], SentTask[int]]
 
 
-CALLS: dict[str, Callable[[Had], object]] = {
+CALLS: dict[str, Callable[[Forgotten], object]] = {
     # points
-    "constrain what comes after it": lambda had: had.user.constrain(
-        had.task.achieving.end <= had.new().handling.start
+    "constrain what comes after it": lambda forgotten: forgotten.user.constrain(
+        forgotten.task.achieving.end <= forgotten.new().handling.start
     ),
-    "constrain it": lambda had: had.user.constrain(
-        had.new().achieving.end <= had.task.handling.start
+    "constrain it": lambda forgotten: forgotten.user.constrain(
+        forgotten.new().achieving.end <= forgotten.task.handling.start
     ),
-    "constrain, later": lambda had: had.user.constrain(
-        had.task.achieving.end + 1 <= had.new().handling.start
+    "constrain, later": lambda forgotten: forgotten.user.constrain(
+        forgotten.task.achieving.end + 1 <= forgotten.new().handling.start
     ),
-    "constrain without <=": lambda had: had.user.constrain(
-        Constraint(had.task.achieving.end, had.new().achieving.start)
+    "constrain without <=": lambda forgotten: forgotten.user.constrain(
+        Constraint(forgotten.task.achieving.end, forgotten.new().achieving.start)
     ),
-    "constrain two of them": lambda had: had.user.constrain(
-        had.goal.achieving.end <= had.task.achieving.start
+    "constrain two of them": lambda forgotten: forgotten.user.constrain(
+        forgotten.goal.achieving.end <= forgotten.task.achieving.start
     ),
-    "send after it": lambda had: had.user.command(
-        LABOUR, constraints=[had.task.achieving.end <= this.achieving.start]
+    "send after it": lambda forgotten: forgotten.user.command(
+        LABOUR, constraints=[forgotten.task.achieving.end <= this.achieving.start]
     ),
-    "kill after it": lambda had: had.new().kill(after=had.task.achieving.end),
-    "wait for its point": lambda had: had.new().wait_for(had.task.handling.start, SOON),
-    "a deadline for its point": lambda had: had.new().deadline(3, had.task.achieving.end),
-    "watch until it ends": lambda had: had.user.monitor(
-        BATTERY, period=1, until=had.task.achieving.end
+    "kill after it": lambda forgotten: forgotten.new().kill(after=forgotten.task.achieving.end),
+    "wait for its point": lambda forgotten: forgotten.new().wait_for(
+        forgotten.task.handling.start, SOON
     ),
-    "watch after it": lambda had: had.user.monitor(
-        PROBE, constraints=[had.task.achieving.end <= this.achieving.start], sequential=False
+    "a deadline for its point": lambda forgotten: forgotten.new().deadline(
+        3, forgotten.task.achieving.end
     ),
-    "listen until it ends": lambda had: had.user.tap(
-        Condition.WHILE_ACHIEVING, STRIDE, BATTERY, period=1, until=had.task.achieving.end
+    "watch until it ends": lambda forgotten: forgotten.user.monitor(
+        BATTERY, period=1, until=forgotten.task.achieving.end
+    ),
+    "watch after it": lambda forgotten: forgotten.user.monitor(
+        PROBE, constraints=[forgotten.task.achieving.end <= this.achieving.start], sequential=False
+    ),
+    "listen until it ends": lambda forgotten: forgotten.user.tap(
+        Condition.WHILE_ACHIEVING, STRIDE, BATTERY, period=1, until=forgotten.task.achieving.end
     ),
     # handles
-    "kill": lambda had: had.task.kill(),
-    "wait": lambda had: had.task.wait(SOON),
-    "result": lambda had: had.task.result(SOON),
-    "deadline": lambda had: had.task.deadline(3),
-    "fail": lambda had: had.task.fail(STUCK()),
-    "retry": lambda had: had.task.retry(),
-    "suspend": lambda had: had.task.suspend(),
-    "resume": lambda had: had.task.resume(),
-    "keep": lambda had: had.task.keep(),
-    "release": lambda had: had.task.release(),
-    "info": lambda had: had.task.info(),
-    "children": lambda had: had.goal.children(),
-    "on failure": lambda had: had.task.on_failure(STUCK, FREE),
-    "on failure of": lambda had: had.user.on_failure(STUCK, FREE, of=had.task),
-    "on termination": lambda had: had.task.on_termination(HALT),
-    "tap": lambda had: had.user.tap(Condition.AFTER_ACHIEVED, had.task, NOTICE),
-    "fire": lambda had: had.monitor.fire(HALT),
-    "end": lambda had: had.monitor.end(),
+    "kill": lambda forgotten: forgotten.task.kill(),
+    "wait": lambda forgotten: forgotten.task.wait(SOON),
+    "result": lambda forgotten: forgotten.task.result(SOON),
+    "deadline": lambda forgotten: forgotten.task.deadline(3),
+    "fail": lambda forgotten: forgotten.task.fail(STUCK()),
+    "retry": lambda forgotten: forgotten.task.retry(),
+    "suspend": lambda forgotten: forgotten.task.suspend(),
+    "resume": lambda forgotten: forgotten.task.resume(),
+    "keep": lambda forgotten: forgotten.task.keep(),
+    "release": lambda forgotten: forgotten.task.release(),
+    "info": lambda forgotten: forgotten.task.info(),
+    "children": lambda forgotten: forgotten.goal.children(),
+    "on failure": lambda forgotten: forgotten.task.on_failure(STUCK, FREE),
+    "on failure of": lambda forgotten: forgotten.user.on_failure(STUCK, FREE, of=forgotten.task),
+    "on termination": lambda forgotten: forgotten.task.on_termination(HALT),
+    "tap": lambda forgotten: forgotten.user.tap(Condition.AFTER_ACHIEVED, forgotten.task, NOTICE),
+    "fire": lambda forgotten: forgotten.monitor.fire(HALT),
+    "end": lambda forgotten: forgotten.monitor.end(),
     # what is sent under it
-    "a command under it": lambda had: had.user.under(had.goal).command(LABOUR),
-    "a goal under it": lambda had: had.user.under(had.goal).goal(STRIDE),
-    "a monitor under it": lambda had: had.user.under(had.goal).monitor(BATTERY, period=1),
+    "a command under it": lambda forgotten: forgotten.user.under(forgotten.goal).command(LABOUR),
+    "a goal under it": lambda forgotten: forgotten.user.under(forgotten.goal).goal(STRIDE),
+    "a monitor under it": lambda forgotten: forgotten.user.under(forgotten.goal).monitor(
+        BATTERY, period=1
+    ),
     # its number
-    "by its number": lambda had: had.user.task(had.task.id),
-    "by a copy of its number": lambda had: had.user.task(pickle.loads(pickle.dumps(had.task.id))),
+    "by its number": lambda forgotten: forgotten.user.task(forgotten.task.id),
+    "by a copy of its number": lambda forgotten: forgotten.user.task(
+        pickle.loads(pickle.dumps(forgotten.task.id))
+    ),
 }
 
 
@@ -431,14 +439,16 @@ LOST = (
 )
 
 
-def had_by(user: Client) -> Had:
+def send_tasks(user: Client) -> Forgotten:
     goal, task = user.goal(STRIDE), user.command(LABOUR)
     monitor = user.monitor(CUPS, waited_for=True)
     removal = task.on_failure(STUCK, FREE)
-    return Had(user, goal, task, monitor, removal, lambda: user.command(LABOUR, sequential=False))
+    return Forgotten(
+        user, goal, task, monitor, removal, lambda: user.command(LABOUR, sequential=False)
+    )
 
 
-def strangers_in(central: LocalCentral, stranger: Client) -> None:
+def add_tasks_of_stranger(central: LocalCentral, stranger: Client) -> None:
     """Tasks of somebody else with the same numbers."""
     for _ in range(4):
         stranger.goal(STRIDE, sequential=False)
@@ -456,31 +466,31 @@ def state_of(stranger: Client) -> tuple[Any, Any]:
 def test_call_on_forgotten_task_raises_and_harms_no_stranger(
     central: LocalCentral, user: Client, call: str, *, has_heard: bool
 ) -> None:
-    had = had_by(user)
+    forgotten = send_tasks(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
-        strangers_in(central, stranger)
+        add_tasks_of_stranger(central, stranger)
         before = state_of(stranger)
         if has_heard:
             user.modules()
-            new = had.new()
-            had.new = lambda: new
+            new = forgotten.new()
+            forgotten.new = lambda: new
         with pytest.raises(CentralLost, match=LOST):
-            CALLS[call](had)
+            CALLS[call](forgotten)
         assert state_of(stranger) == before
 
 
 def test_removing_forgotten_attachment_harms_no_stranger(
     central: LocalCentral, user: Client
 ) -> None:
-    had = had_by(user)
+    forgotten = send_tasks(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
-        strangers_in(central, stranger)
+        add_tasks_of_stranger(central, stranger)
         before = state_of(stranger)
-        had.removal.remove()
+        forgotten.removal.remove()
         user.modules()
-        had.removal.remove()
+        forgotten.removal.remove()
         assert state_of(stranger) == before
 
 
@@ -547,7 +557,7 @@ def test_monitor_is_not_ordered_after_forgotten_sibling(
         assert user.command(LABOUR).id == 2
         central.restart("two")
         with connect("stranger", central) as stranger:
-            strangers_in(central, stranger)
+            add_tasks_of_stranger(central, stranger)
             user.modules()
             check = user.monitor(PROBE)
             info = check.info()
@@ -569,9 +579,9 @@ def test_task_numbers_and_points_travel_as_plain_data(
 
 
 def test_request_naming_forgotten_number_is_lost() -> None:
-    connection, central = connected()
+    connection, central = scripted_connection()
     task, delivery = with_epoch(TaskId(3), "one", "walk {3}"), with_epoch(8, "one", "walk {3}")
-    central.say(Unknown(), Welcome(1, 1, "legs", "two"))
+    central.deliver(Unknown(), Welcome(1, 1, "legs", "two"))
     with pytest.raises(
         CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "
     ):
@@ -582,4 +592,4 @@ def test_request_naming_forgotten_number_is_lost() -> None:
         connection.request(
             headers.AwaitPoint(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True
         )
-    assert {type(header) for header in central.heard} == {Register}
+    assert {type(header) for header in central.received} == {Register}

@@ -61,7 +61,7 @@ def test_blocking_async_handler_is_warned_of_once(
     assert said.startswith("the async handler of rest has blocked its event loop for 0.")
 
 
-class Broken(logging.Handler):
+class RaisingHandler(logging.Handler):
     """Raises instead of calling ``handleError``."""
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -75,7 +75,7 @@ def test_raising_log_handler_does_not_end_module(
     def rest(_: Task) -> None:
         raise ValueError
 
-    logging.getLogger("tca.legs").addHandler(broken := Broken())
+    logging.getLogger("tca.legs").addHandler(broken := RaisingHandler())
     with legs.running():
         assert [user.command(REST).wait(SOON) for _ in range(2)] == [Outcome.FAILED, Outcome.FAILED]
     logging.getLogger("tca.legs").removeHandler(broken)

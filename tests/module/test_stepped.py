@@ -77,7 +77,7 @@ def test_deadline_ends_waiting_handler(central: LocalCentral, user: Client, legs
         central.advance(100)
 
 
-def planned(central: LocalCentral) -> str:
+def run_plan(central: LocalCentral) -> str:
     """A plan of three steps whose handlers run in four threads, and ask a fifth."""
     planner, legs, wheel = (Module(name, central) for name in ("planner", "legs", "wheel"))
     legs.resource("feet", capacity=3)
@@ -107,7 +107,7 @@ def planned(central: LocalCentral) -> str:
 def test_transcript_matches_approved_text(central: LocalCentral, *, rewrite: bool) -> None:
     """``pytest --rewrite`` writes it anew: commit only differences that you can explain."""
     approved = Path(__file__).parent / "stepped.txt"
-    said = planned(central)
+    said = run_plan(central)
     if rewrite:
         approved.write_text(said)
     assert said == approved.read_text()
@@ -116,7 +116,7 @@ def test_transcript_matches_approved_text(central: LocalCentral, *, rewrite: boo
 def test_transcript_is_same_in_each_run() -> None:
     for _ in range(10):
         with LocalCentral(stepped=True) as central:
-            assert planned(central) == (Path(__file__).parent / "stepped.txt").read_text()
+            assert run_plan(central) == (Path(__file__).parent / "stepped.txt").read_text()
 
 
 def test_until_quiet_waits_for_running_handler(
@@ -284,7 +284,7 @@ def test_wrong_clock_arguments_are_misuse(central: LocalCentral) -> None:
             call()
 
 
-def slept(central: LocalCentral) -> list[str]:
+def wake_order(central: LocalCentral) -> list[str]:
     """The order in which two modules wake, with three threads and a timer each, whose sleeps end
     together.
     """
@@ -310,7 +310,7 @@ def slept(central: LocalCentral) -> list[str]:
 def test_simultaneous_sleeps_end_in_declared_order() -> None:
     for _ in range(20):
         with LocalCentral(stepped=True) as central:
-            assert slept(central) == [
+            assert wake_order(central) == [
                 "legs 0",
                 "legs 1",
                 "legs 2",

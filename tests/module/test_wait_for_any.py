@@ -1,4 +1,4 @@
-"""The wait for the first of several tasks to end."""
+"""The wait for the first of several tasks to release."""
 
 import threading
 from collections.abc import Iterator
@@ -21,19 +21,19 @@ QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
 
 
 @pytest.fixture
-def end() -> threading.Event:
+def release() -> threading.Event:
     """Ends what is slow."""
     return threading.Event()
 
 
 @pytest.fixture(autouse=True)
-def _robot(central: LocalCentral, end: threading.Event) -> Iterator[None]:
+def _robot(central: LocalCentral, release: threading.Event) -> Iterator[None]:
     module = Module("robot", central, capacity=3)
     module.handles(QUICK)(lambda _: None)
 
     @module.handles(SLOW)
     def slow(_: Task) -> None:
-        end.wait(10)
+        release.wait(10)
 
     @module.handles(FAILS)
     def fails(_: Task) -> None:
@@ -41,14 +41,14 @@ def _robot(central: LocalCentral, end: threading.Event) -> Iterator[None]:
 
     with module.running():
         yield
-        end.set()
+        release.set()
 
 
-def test_wait_for_any_returns_first_ended_task(user: Client, end: threading.Event) -> None:
+def test_wait_for_any_returns_first_ended_task(user: Client, release: threading.Event) -> None:
     slow, quick = user.command(SLOW, sequential=False), user.command(QUICK, sequential=False)
     assert wait_for_any([slow, quick]) == [quick]
     assert wait_for_any([slow, quick]) == [quick]  # it has ended, and is given again
-    end.set()
+    release.set()
     assert wait_for_any([slow]) == [slow]
     assert slow.result(0) is None
 

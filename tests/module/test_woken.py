@@ -30,20 +30,20 @@ from tca_module import (
 )
 from tca_wire.journal.facts import Failed, Returned
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
 ASK = Goal("ask", str)
-NEVER, NOBODY = Command("never"), Query("nobody", reply=int)
+NEVER, UNHANDLED = Command("never"), Query("nobody", reply=int)
 BUSY, DIRECT = Query("busy", reply=int), Query("direct", reply=int)
 BIDS = MultiQuery("bids", reply=int)
 HERE = Query("here", reply=str)
 
 WAITS: dict[str, Callable[[Task], object]] = {
-    "query": lambda task: task.query(NOBODY, timeout=None),
-    "query with its usual timeout": lambda task: task.query(NOBODY, timeout=1000),
+    "query": lambda task: task.query(UNHANDLED, timeout=None),
+    "query with its usual timeout": lambda task: task.query(UNHANDLED, timeout=1000),
     "direct query": lambda task: task.query(DIRECT, timeout=None),
-    "receive": lambda task: task.query_send(NOBODY).receive(None),
+    "receive": lambda task: task.query_send(UNHANDLED).receive(None),
     "multi-query": lambda task: task.multi_query(BIDS, timeout=None),
     "multi-query, one by one": lambda task: next(task.multi_query_send(BIDS, timeout=None)),
     "execute": lambda task: task.execute(BUSY),
@@ -57,13 +57,13 @@ WAITS: dict[str, Callable[[Task], object]] = {
     "lock": lambda task: task.lock("arm"),
     "reserve": lambda task: task.reserve("arm", timeout=1000),
     "until handled": lambda task: task.wait_until_handled(NEVER),
-    "callback": lambda task: task.query_notify(NOBODY, None, lambda *_: None).wait(),
+    "callback": lambda task: task.query_notify(UNHANDLED, None, lambda *_: None).wait(),
 }
 
 
 class Robot:
     """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its
-    wait raised, and what was answered when it then asked where it is.
+    wait raised, and what was answered when it then pending_names where it is.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -110,7 +110,7 @@ class Robot:
             yield user
 
     @contextmanager
-    def works(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
+    def working(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
         """A command that the legs handle so; the handler has begun."""
         work, begun = Command("work"), threading.Event()
 
@@ -129,12 +129,12 @@ class Robot:
             assert begun.wait(SOON)
             yield working
 
-    def waits(self, how: str) -> None:
+    def until_waiting(self, how: str) -> None:
         """Until the handler does."""
         if "direct" in how:
             assert self.asked.wait(SOON)
         else:
-            until(lambda: self.central.asked_by("legs"), "the handler waits")
+            until(lambda: self.central.open_requests_of("legs"), "the handler waits")
 
 
 @pytest.fixture
@@ -153,11 +153,11 @@ def test_kill_wakes_waiting_handler_and_gives_up_its_request(
             robot.go_on.clear()
             robot.asked.clear()
         asking = user.goal(ASK, how, sequential=False)
-        robot.waits(how)
+        robot.until_waiting(how)
         asking.kill("enough")
         assert asking.wait(SOON) is Outcome.KILLED
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-        until(lambda: not robot.central.asked_by("legs"), "nothing is left of it")
+        until(lambda: not robot.central.open_requests_of("legs"), "nothing is left of it")
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
@@ -167,7 +167,7 @@ def test_module_end_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user:
         with robot.legs.running():
             asking = user.goal(ASK, how, sequential=False)
-            robot.waits(how)
+            robot.until_waiting(how)
         assert robot.seen.get(timeout=SOON) == (Stopped, "at home")
         with pytest.raises(TaskFailed, match="module lost"):
             asking.result(SOON)
@@ -178,13 +178,13 @@ def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user, robot.legs.running():
         asking = user.goal(ASK, how, sequential=False)
         for _ in range(2):
-            robot.waits(how)
+            robot.until_waiting(how)
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
             until(
                 lambda: (info := asking.info()) is not None and info.module, "it is handled again"
             )
-        robot.waits(how)
+        robot.until_waiting(how)
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
 
@@ -195,19 +195,19 @@ def test_woken_handler_learns_reason(robot: Robot) -> None:
     def work(task: Task) -> None:
         begun.put(None)
         try:
-            task.query(NOBODY, timeout=None)
+            task.query(UNHANDLED, timeout=None)
         except TaskKilled as error:
             said.put(str(error))
             raise
 
-    with robot.works(work) as working:
-        robot.waits("query")
+    with robot.working(work) as working:
+        robot.until_waiting("query")
         working.retry()
         again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
         assert said.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
-        robot.waits("query")
+        robot.until_waiting("query")
         working.kill("the floor is wet")
         killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
         assert said.get(timeout=SOON) == killed
@@ -226,7 +226,7 @@ def test_kill_of_busy_handler_ends_its_next_wait(robot: Robot) -> None:
         assert killed.wait(SOON)
         robot.ask(task, "query")
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         working.kill()
         killed.set()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
@@ -238,7 +238,7 @@ def test_handler_that_saw_cancellation_is_not_woken(robot: Robot) -> None:
             pass
         robot.seen.put((None, task.query(HERE)))
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         working.kill()
         assert robot.seen.get(timeout=SOON) == (None, "at home")
 
@@ -252,16 +252,16 @@ def test_module_end_wakes_killed_handler_that_waits_again(
 
     def work(task: Task) -> None:
         try:
-            task.query(NOBODY, timeout=None)
+            task.query(UNHANDLED, timeout=None)
         except TaskKilled:
             robot.seen.put((TaskKilled, ""))
             task.wait_until_handled(NEVER)
 
-    with robot.works(work) as working:
-        robot.waits("query")
+    with robot.working(work) as working:
+        robot.until_waiting("query")
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
-        robot.waits("until handled")
+        robot.until_waiting("until handled")
     assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [
         Outcome.DONE
     ]
@@ -273,14 +273,14 @@ def test_abandoned_replies_are_over_after_kill(robot: Robot) -> None:
     said = queue.Queue[object]()
 
     def work(task: Task) -> None:
-        pending, bids = task.query_send(NOBODY), task.multi_query_send(BIDS, timeout=None)
+        pending, bids = task.query_send(UNHANDLED), task.multi_query_send(BIDS, timeout=None)
         with pytest.raises(TaskKilled):
             next(bids)
         said.put(list(bids))
         said.put(task.cancelled)
         pending.cancel()
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         assert robot.asked.wait(SOON)
         working.kill()
         assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
@@ -301,7 +301,7 @@ def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
         answered.set()
         return ""
 
-    with robot.works(lambda task: task.query(inner, timeout=None)) as working:
+    with robot.working(lambda task: task.query(inner, timeout=None)) as working:
         assert robot.asked.wait(SOON)
         working.kill()
         robot.go_on.set()
@@ -309,8 +309,8 @@ def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
         assert working.wait(SOON) is Outcome.KILLED
 
 
-def asked(robot: Robot, module: str) -> list[str]:
-    return [due.message.name for due in robot.central.asked_by(module)]
+def pending_names(robot: Robot, module: str) -> list[str]:
+    return [due.message.name for due in robot.central.open_requests_of(module)]
 
 
 def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
@@ -323,11 +323,11 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
     def work(task: Task) -> None:
         threading.Thread(target=elsewhere).start()
         task.query_notify(HERE, None, lambda sender, _: told.put(sender.query(BUSY, timeout=SOON)))
-        task.query(NOBODY, timeout=None)
+        task.query(UNHANDLED, timeout=None)
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         for module in ("legs", "thread"):
-            until(lambda module=module: BUSY.name in asked(robot, module), "it waits")  # type: ignore[misc]
+            until(lambda module=module: BUSY.name in pending_names(robot, module), "it waits")  # type: ignore[misc]
         working.kill()
         robot.go_on.set()
         assert [told.get(timeout=SOON) for _ in range(2)] == [1, 1]
@@ -335,7 +335,7 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    "waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")]
+    "waits", [lambda task: task.query(UNHANDLED, timeout=None), lambda task: task.lock("arm")]
 )
 def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any]) -> None:
     """And is then not cancelled: it was told."""
@@ -347,8 +347,8 @@ def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any
             robot.seen.put((TaskKilled, await task.query_send(HERE)))
             raise
 
-    with robot.works(work) as working:
-        robot.waits("")
+    with robot.working(work) as working:
+        robot.until_waiting("")
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
         assert working.wait(SOON) is Outcome.KILLED
