@@ -1,4 +1,4 @@
-"""A central behind a real socket, in a thread of the tests, with description it recorded."""
+"""A central behind a real socket, in a thread of the tests, with the facts that it recorded."""
 
 import queue
 import threading
@@ -20,12 +20,12 @@ SOON = 10.0
 
 
 class Gate:
-    """A handler that says when it has begun, and returns when it may."""
+    """A handler that signals its start, and returns when ``go_on`` is set."""
 
     def __init__(self, result: Any = None) -> None:
         self.result = result
         self.begun, self.go_on = threading.Event(), threading.Event()
-        self.threads = queue.SimpleQueue[str]()  #: in which it was called
+        self.threads = queue.SimpleQueue[str]()  #: the names of the threads that called it
 
     def __call__(self, *_: Any) -> Any:
         self.threads.put(threading.current_thread().name)
@@ -47,7 +47,7 @@ class _RecordingDaemon(Daemon):
 
 
 class RealCentral:
-    """A running central; ``end`` is sudden: no module hears of it."""
+    """A running central."""
 
     def __init__(self, address: str, epoch: str = "real", gate: EntranceGate | None = None) -> None:
         self.server = _RecordingDaemon(epoch, address, gate)
@@ -64,7 +64,7 @@ class RealCentral:
         return [fact for fact in self.server.recorded[:] if isinstance(fact, kind)]
 
     def open_requests_of(self, module: str) -> list[Any]:
-        """What the handlers of a module wait for now."""
+        """The open requests of a module's handlers."""
         connections = list(self.server.central.registry.connections.values())
         return [
             due
@@ -91,7 +91,7 @@ class RealCentral:
 
 
 def until(condition: Callable[[], Any], description: str, seconds: float = SOON) -> None:
-    """Wait until something is so."""
+    """Wait until a condition holds."""
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds:g} s: {description}"

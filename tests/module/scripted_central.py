@@ -28,8 +28,8 @@ Script = Callable[[ToCentral], list[ToModule]]
 
 
 class ScriptedCentral:
-    """A transport whose far end answers each header as *script* says; waiting takes time on its own
-    clock.
+    """A transport whose far end answers each header with *script*. Waiting takes time on its
+    own clock.
     """
 
     address = "ipc://scripted"
@@ -40,14 +40,14 @@ class ScriptedCentral:
         self.received: list[ToCentral] = []
         self.packets: list[tuple[float, bytes]] = []
         self.is_present = True
-        self.room = -1  # packets that it takes before it is gone
+        self.room = -1  # packets that it accepts before it is gone
 
     def deliver(self, *headers: ToModule, at: float = 0.0) -> None:
-        """Let these arrive; at a later time, if given."""
+        """Let these headers arrive, at a later time if given."""
         self.packets.append((at, pack((header, b"") for header in headers)))
 
     def beat(self) -> None:
-        """Say that it lives, for a while."""
+        """Send a beat every second, for a while."""
         for second in range(100):
             self.deliver(Beat(), at=self.now + second)
 
@@ -101,7 +101,7 @@ class ScriptedCentral:
 
 
 def accept_all(header: ToCentral) -> list[ToModule]:
-    """A central that takes everything and answers no question."""
+    """A central that accepts everything and answers no question."""
     if isinstance(header, Hello):
         return [WELCOME]
     if isinstance(header, Send) and header.number and header.message == "walk":

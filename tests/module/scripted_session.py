@@ -20,7 +20,7 @@ HANDLES_WALK = HandlerFormat("walk", "legs")
 
 
 def take_sent(session: Session) -> list[ToCentral]:
-    """What the session has to say, which then has left."""
+    """The headers that the session has to send. They count as sent then."""
     outgoing = [header for header, _ in session.outgoing]
     session.outgoing.clear()
     return outgoing
@@ -32,7 +32,7 @@ def receive(session: Session, *heard: ToModule, now: float = 0.0) -> None:
 
 
 def send_requests(session: Session, *asked: ToCentral, wants_answer: bool = True) -> list[Request]:
-    """Requests that have left."""
+    """Make requests and count them as sent."""
     requests = [session.request(one, wants_answer=wants_answer) for one in asked]
     take_sent(session)
     return requests

@@ -1,5 +1,5 @@
-"""``async def`` handlers: what they may await, what goes on meanwhile, how they end, and circles
-through ``await``.
+"""``async def`` handlers: their awaits, their background tasks, their ends, and deadlocks through
+``await``.
 """
 
 import asyncio
@@ -159,7 +159,7 @@ def test_killed_task_is_cancelled_at_its_await(
             await asyncio.Event().wait()
         except asyncio.CancelledError as cancelled:
             cleaned.put((str(cancelled), task.cancelled))
-            await asyncio.sleep(0)  # cleaning up may take its time
+            await asyncio.sleep(0)  # cleaning up may take time
             cleaned.put(("cleaned", task.cancelled))
             if not ends_well:
                 raise
@@ -339,7 +339,7 @@ def test_gathered_awaits_reach_central_in_one_packet(
     assert [kinds for kinds in packets if Await in kinds] == [[Await] * count]
 
 
-# --- Circles through ``await`` --------------------------------------------------------------------
+# --- Deadlocks through ``await`` ------------------------------------------------------------------
 
 
 DRAW, MAP = Command("draw"), Command("map")
@@ -348,7 +348,7 @@ LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)
 
 @pytest.fixture(autouse=True)
 def _report_waits_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Central hears of a coroutine that waits after 0.2 s already, and not after 1 s."""
+    """Coroutines report their waits to central after 0.2 s instead of 1 s."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
 
 
@@ -386,7 +386,7 @@ async def await_with_timeout(awaited: Awaitable[Any]) -> Any:
 
 
 class WaitCycle:
-    """Two modules, each of whose one slot waits for what the other's must handle."""
+    """Two modules with one slot each, whose handlers wait for each other's module."""
 
     def __init__(self, central: Any, style: AwaitStyle) -> None:
         self.eyes, self.maps = Module("eyes", central), Module("maps", central)
@@ -405,7 +405,7 @@ class WaitCycle:
             await style(task.query_send(LOOK))
 
     def outcomes(self, user: Client) -> tuple[str, list[Outcome]]:
-        """What became of both; the failure of the one that failed."""
+        """The failure of the handler that failed, and the outcomes of both."""
         with self.eyes.running(), self.maps.running():
             refs = user.command(DRAW, sequential=False), user.command(MAP, sequential=False)
             outcomes = sorted(ref.wait(SOON) for ref in refs)
@@ -437,7 +437,7 @@ def test_one_await_of_deadlock_is_refused_and_other_completes(
 
 
 class Device:
-    """Lets go of what coroutines wait for, from a thread of its own."""
+    """Releases waiting coroutines from a thread of its own."""
 
     def __init__(self) -> None:
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -453,9 +453,7 @@ class Device:
 
 
 async def await_reply_then_device(awaited: Awaitable[Any], device: Device) -> None:
-    """It waits for the map, while an asyncio task beside holds the legs until the device is
-    ready.
-    """
+    """Await the reply, while an asyncio task beside it holds the slot until the device is ready."""
     beside = asyncio.create_task(device.wait())
     await awaited
     await beside
@@ -484,7 +482,7 @@ async def await_shielded(awaited: Awaitable[Any], device: Device) -> None:
 
 
 def waiting_messages(central: LocalCentral) -> set[str]:
-    """The messages of the coroutines that central takes to wait."""
+    """The messages whose coroutines central counts as waiting."""
     core = central.core
     waits = [
         wait
@@ -504,8 +502,9 @@ def test_await_beside_external_event_is_no_deadlock(
     central: LocalCentral,
     user: Client,
 ) -> None:
-    """Of what is awaited besides central's answers nothing is known. Somebody else, who can be seen
-    to wait, is waited for twice, so that there was time enough to be wrong.
+    """Central knows nothing of awaited things other than its answers, so a coroutine may not
+    count as waiting because of one. Another module's visible wait is observed twice, which
+    leaves time for a wrong report.
     """
     eyes, maps, control = (
         Module("eyes", central),
@@ -550,7 +549,7 @@ def test_await_beside_external_event_is_no_deadlock(
 
 
 def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: Client) -> None:
-    """And who waited so is no longer taken to wait."""
+    """The coroutine no longer counts as waiting then."""
     eyes, maps, go_on = Module("eyes", central), Module("maps", central), threading.Event()
     ended: list[bool] = []
 

@@ -1,5 +1,5 @@
-"""Functions that a module's threads call between messages: at times, and when files have something
-to read.
+"""Functions that a module's threads call between messages: at times, and when files become
+readable.
 """
 
 import math
@@ -25,14 +25,14 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 @pytest.fixture
 def line() -> Iterator[tuple[socket.socket, socket.socket]]:
-    """The two ends of a line: ours and the device's."""
+    """The two ends of a line: the module's and the device's."""
     near, far = socket.socketpair()
     with near, far:
         yield near, far
 
 
 class Clock:
-    """A thread's callbacks on a clock of the test's own."""
+    """A thread's callbacks on the test's own clock."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -45,7 +45,7 @@ class Clock:
         return moment - self.now
 
     def wake(self) -> None:
-        """Nobody waits."""
+        """No thread waits, so none needs to wake."""
 
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
@@ -56,7 +56,7 @@ class Clock:
         self.callbacks.begin(connection)
 
     def advance(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
-        """Wait as a slot does, and call what is due."""
+        """Wait as a slot does, and call the callbacks that are due."""
         self.now += seconds
         if self.callbacks.connection is not None:
             self.callbacks.found(ready or {})
@@ -215,7 +215,7 @@ def test_callback_sends_under_root(legs: Module, central: LocalCentral) -> None:
 
 
 def test_callbacks_and_handlers_of_resource_take_turns(legs: Module, user: Client) -> None:
-    """One resource is one thread: neither needs locks."""
+    """One resource is one thread: neither callbacks nor handlers need locks."""
     threads, go = queue.Queue[str](), threading.Event()
 
     @legs.handles(TEMPERATURE, resource="arm")
@@ -256,28 +256,30 @@ def test_files_timers_and_coroutines_share_slot_thread(
     legs: Module, user: Client, line: tuple[socket.socket, socket.socket]
 ) -> None:
     near, far = line
-    heard, beats = queue.Queue[tuple[str, bytes]](), queue.Queue[str]()
+    packets, beats = queue.Queue[tuple[str, bytes]](), queue.Queue[str]()
 
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return [int(radius)]
 
     legs.on_readable(
-        near, lambda: heard.put((threading.current_thread().name, near.recv(100))), resource="legs"
+        near,
+        lambda: packets.put((threading.current_thread().name, near.recv(100))),
+        resource="legs",
     )
     legs.every(0.01, resource="legs")(lambda: beats.put(threading.current_thread().name))
     with legs.running():
         for number in range(3):
             assert user.query(STANCE, float(number), timeout=SOON) == [number]
             far.send(b"word")
-            assert heard.get(timeout=SOON) == ("legs 1", b"word")
+            assert packets.get(timeout=SOON) == ("legs 1", b"word")
             assert beats.get(timeout=SOON) == "legs 1"
 
 
 def test_closed_file_is_noticed_by_waiting_slot(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """With and without an event loop."""
+    """The slot has an event loop in the second round only."""
     rang = queue.Queue[str]()
 
     @legs.handles(TEMPERATURE)
@@ -299,7 +301,7 @@ def test_closed_file_is_noticed_by_waiting_slot(
     assert caplog.text.count("was closed") == 2
 
 
-# --- When timers are due, on a clock of the test's own --------------------------------------------
+# --- Due times of timers, on the test's own clock -------------------------------------------------
 
 
 def test_one_shot_timer_is_due_once() -> None:
@@ -321,7 +323,7 @@ def test_period_does_not_drift() -> None:
 
 
 def test_missed_periods_are_skipped() -> None:
-    """After a stall, or a long call, the next is at a multiple of the period again."""
+    """After a stall, or a long call, the next call is at a multiple of the period again."""
     time = DueTime(1.0, is_once=False)
     time.begin(0.0)
     time.was_done(9.4)

@@ -1,4 +1,6 @@
-"""What central itself answers: who is there, shared variables, locks and reservations."""
+"""Services of central itself: lists of modules and handlers, shared variables, locks and
+reservations.
+"""
 
 import logging
 import queue
@@ -51,7 +53,7 @@ def walkers(central: LocalCentral) -> Module:
 
 
 class BackgroundModule:
-    """A module that is run in the background, and may have to wait before it serves."""
+    """A module that runs in the background, and may have to wait before it serves."""
 
     def __init__(self, started: Module) -> None:
         self.module, self.error = started, list[TcaError]()
@@ -72,14 +74,14 @@ class BackgroundModule:
 
 def test_modules_and_handlers_are_listed(walkers: Module, user: Client) -> None:
     with walkers.running():
-        known = {info.name: info for info in user.modules()}
-        assert set(known) == {"legs", "user"}
-        assert known["legs"].handles == ("move leg", "temperature")
-        assert [(part.name, part.capacity) for part in known["legs"].resources] == [
+        modules = {info.name: info for info in user.modules()}
+        assert set(modules) == {"legs", "user"}
+        assert modules["legs"].handles == ("move leg", "temperature")
+        assert [(part.name, part.capacity) for part in modules["legs"].resources] == [
             ("legs", 2),
             ("thermometer", 1),
         ]
-        assert known["user"].resources == ()
+        assert modules["user"].resources == ()
         assert user.handlers(MOVE_LEG) == [HandlerInfo("legs", "legs", 2, "both", 3, 0)]
         assert user.handlers(STANCE) == []
         assert walkers.modules() == user.modules()
@@ -94,7 +96,7 @@ def test_wait_until_handled_returns_when_handlers_exist(walkers: Module, user: C
     assert user.query(TEMPERATURE) == 36.6
     later.join()
     started[0].stop()
-    user.wait_until_handled(timeout=SOON)  # for nothing
+    user.wait_until_handled(timeout=SOON)  # nothing to wait for
 
 
 def test_unhandled_messages_are_named_at_timeout(walkers: Module, user: Client) -> None:
@@ -115,7 +117,7 @@ def test_module_serves_once_required_messages_are_handled(
     with walkers.running():
         user.wait_until_handled(STANCE, timeout=SOON)
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-    assert user.handlers(STANCE) != []  # it goes on serving
+    assert user.handlers(STANCE) != []  # it continues to serve
     started.stop()
     assert started.error == []
 
@@ -151,8 +153,8 @@ def test_waiting_module_names_requirements_and_can_be_stopped(
 def test_mutually_requiring_modules_are_warned_at_once(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Each would wait for the other for ever; one that another module still may handle is not
-    named.
+    """Each would wait for the other for ever. A message that another module may still handle is
+    not named.
     """
     legs, planner = (
         Module("legs", central, requires=[STANCE]),
@@ -184,7 +186,7 @@ def test_requirement_wait_survives_central_restart(central: LocalCentral, walker
 
 @pytest.fixture
 def notices(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
-    """What a module is notices that listens to all notices."""
+    """The notices that a module with handlers for all of them gets."""
     notices: queue.SimpleQueue[Any] = queue.SimpleQueue()
     guard = Module("guard", central)
     guard.handles(MODULE_JOINED)(lambda _, who: notices.put(who.module))
@@ -210,7 +212,7 @@ def test_notices_reach_listening_module(walkers: Module, notices: "queue.SimpleQ
 def test_shell_commands_cause_no_notices(
     central: LocalCentral, notices: "queue.SimpleQueue[Any]"
 ) -> None:
-    """Who suspends the robot when a module leaves would do so for each ``tca status``."""
+    """Otherwise each ``tca status`` would suspend a robot whose supervisor reacts to departures."""
     with connect("tca status", central) as first, connect("tca status", central):
         assert "tca status" in {one.name for one in first.modules()}
     with connect("operator panel", central):
@@ -306,7 +308,7 @@ def test_handler_sets_and_gets_variable(central: LocalCentral, user: Client) -> 
     ]
 
 
-# --- Locks and reservations, as modules use them, and those that were taken away ------------------
+# --- Locks and reservations, as modules use them --------------------------------------------------
 
 
 MOVE = Command("move", int)
@@ -408,7 +410,7 @@ def test_release_refused_in_other_thread_keeps_lock(
         other.lock("legs", timeout=5).release()
 
 
-# --- A lock or reservation that was taken away ----------------------------------------------------
+# --- Locks and reservations that were taken away --------------------------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("short_timeouts")
@@ -417,7 +419,9 @@ SCAN = Command("scan")
 
 
 class Scans:
-    """Scans, for which the legs must stand still: each waits in its block until it may go on."""
+    """Scans, for which the legs must stand still: each waits in its lock block until it may
+    continue.
+    """
 
     def __init__(self, eyes: Module) -> None:
         self.held: list[bool] = []
@@ -434,7 +438,7 @@ class Scans:
 
     @contextmanager
     def under_way(self) -> Iterator[None]:
-        """While a scan has the legs."""
+        """In this block a scan has locked the legs."""
         assert self._locked.wait(SOON)
         try:
             yield
@@ -504,7 +508,9 @@ def test_explicit_release_raises_lock_lost_once(
 
 @pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_connection_breaks(user: Client, central: LocalCentral) -> None:
-    """Central frees what those had who are gone, if only for a moment: others have been let in."""
+    """Central releases the locks of a lost module even if it returns at once: others may have
+    used the resource.
+    """
     with connect("other", central) as other:
         claim = other.lock("legs")
         central.cut("other")
@@ -531,7 +537,7 @@ def test_lock_is_lost_when_resource_module_leaves(user: Client, legs: Module) ->
 
 @pytest.mark.usefixtures("moving_legs")
 def test_lock_is_lost_when_central_restarts(user: Client, central: LocalCentral) -> None:
-    """A client learns it when it next says something: at the end of the block at the latest."""
+    """A client learns it with its next message: at the end of the block at the latest."""
     with (
         pytest.raises(LockLost, match="central was restarted and has forgotten it"),
         user.lock("legs"),

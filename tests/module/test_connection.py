@@ -1,4 +1,4 @@
-"""Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
+"""Waiting on a connection: a scripted central, and a clock that runs only during waits."""
 
 import pytest
 from module.scripted_central import HELLO, ScriptedCentral, accept_all, scripted_connection
@@ -48,17 +48,17 @@ def test_unanswered_hello_raises_central_lost(*, is_present: bool) -> None:
 
 
 def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
-    """One from before Hello had its last field says so, without a number: it could not read that,
-    either.
+    """A central from before Hello had its last field refuses it without a number, which it
+    could not read.
     """
-    said = "a header is no message to central: Expected `array` of at most length 8, got 9"
-    central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, said)])
+    reason = "a header is no message to central: Expected `array` of at most length 8, got 9"
+    central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, reason)])
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     with pytest.raises(Refused) as found:
         connection.open()
     assert str(found.value) == (
         f"module 'legs' was refused: central speaks another protocol than this module's {PROTOCOL_VERSION}: "
-        f"use one version of TCA for both (it says: {said})"
+        f"use one version of TCA for both (it says: {reason})"
     )
 
 
@@ -121,7 +121,7 @@ def test_unacknowledged_request_is_given_up() -> None:
     connection.post(Send(0, "position"), b"")
     central.received.clear()
     connection.post(Send(0, "position"), b"")
-    assert central.received == [Send(0, "position")]  # and x is not repeated
+    assert central.received == [Send(0, "position")]  # the given-up goal is not repeated
 
 
 def test_delivery_is_handled_inside_wait() -> None:
@@ -200,12 +200,12 @@ def test_interrupted_wait_gives_up_its_request() -> None:
     assert central.received == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
 
 
-# --- what is ahead --------------------------------------------------------------------------------
+# --- Prefetched messages --------------------------------------------------------------------------
 
 
 class ScriptedSlot:
-    """A slot whose first message is followed by what *arrivals* brings in; it handles what is *durations*
-    for so long.
+    """A slot whose first message is followed by *arrivals*. *durations* gives the seconds for
+    each handled delivery.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class ScriptedSlot:
         self.begun: list[int] = []
         self.recall_answered: list[
             bool
-        ] = []  #: for each begun, whether central had been told by then what is given back
+        ] = []  #: for each begun delivery, whether the recall had been answered by then
         self.connection.waiting.handle_delivery = self.handle
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
         self.arrivals, self.durations, self.is_nested = arrivals, durations, is_nested
@@ -236,7 +236,7 @@ class ScriptedSlot:
         self.connection.reply(Reply(delivery.delivery), b"")
 
     def serve(self) -> list[int]:
-        """Handle all that comes; the deliveries that were begun."""
+        """Handle all that arrives, and return the deliveries that were begun."""
         self.central.deliver(Deliver(8, "note"))
         self.connection.serve(
             lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False
@@ -287,7 +287,7 @@ def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: 
     assert begun_when_asked[0] == [8, 9]
 
 
-# --- central is gone ------------------------------------------------------------------------------
+# --- Central is gone ------------------------------------------------------------------------------
 
 
 def test_silent_central_is_asked_then_given_up() -> None:
@@ -350,7 +350,7 @@ def test_serving_connection_reconnects_when_central_returns() -> None:
     connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
     central.is_present = False
 
-    def come_back() -> bool:
+    def restart_central() -> bool:
         if central.now > 200 and not central.is_present:
             central.is_present = True
             central.script = lambda header: (
@@ -359,7 +359,7 @@ def test_serving_connection_reconnects_when_central_returns() -> None:
             central.deliver(Deliver(8, "walk"), at=central.now + 5)
         return bool(stop)
 
-    connection.serve(come_back)
+    connection.serve(restart_central)
     assert Hello in map(type, central.received)
 
 
@@ -368,22 +368,22 @@ def test_hello_is_repeated_soon_after_unsent_packet() -> None:
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     connection.session.post(Bye())
     central.is_present = False
-    back_at = central.now + SEND_WAIT  # so long it tries to send
+    back_at = central.now + SEND_WAIT  # the connection tries to send for that long
 
-    def come_back() -> bool:
+    def restore_central() -> bool:
         central.is_present = central.now >= back_at
         return False
 
-    assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", come_back)
+    assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", restore_central)
     assert Hello in map(type, central.received)
 
 
-# --- silence --------------------------------------------------------------------------------------
+# --- Silence --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
 def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
-    """Neither because what was asked can't be sent, nor because what is given up can't be said."""
+    """Neither the unsent request nor its unsent give-up delays the end of the wait."""
     connection, central = scripted_connection()
     central.is_present = False
     for _ in range(3):
@@ -419,7 +419,7 @@ def test_timeout_names_silence_of_central() -> None:
 
 
 def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
-    """It beats seldom to those who wait for nothing."""
+    """Central beats seldom to connections that wait for nothing."""
     connection, central = scripted_connection()
     central.script = lambda _: []
     central.now += 20.0

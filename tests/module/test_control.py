@@ -1,4 +1,4 @@
-"""Exception handlers, wiretaps, monitors, suspension and time, as modules use robot."""
+"""Exception handlers, wiretaps, monitors, suspension and time, as modules use them."""
 
 import queue
 import threading
@@ -46,7 +46,7 @@ HIGHER, SHRUG = ExceptionHandler("higher", float), ExceptionHandler("shrug")
 
 
 class Robot:
-    """Legs that hit a rock below 0.3, and an expert; both write down what they do."""
+    """Legs that hit a rock below 0.3, and an expert. Both log their actions."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.log: list[str] = []
@@ -66,9 +66,10 @@ class Robot:
     def rest(self, task: Task) -> None:
         self.held.release()
         self.go_on.acquire(timeout=10)
-        self.log.append(
-            "suspended" if task.suspended else "cancelled" if task.cancelled else "rested"
-        )
+        if task.suspended:
+            self.log.append("suspended")
+        else:
+            self.log.append("cancelled" if task.cancelled else "rested")
 
     def higher(self, task: Task, rock: float) -> None:
         trouble = task.trouble
@@ -173,8 +174,8 @@ def test_wiretap_reports_messages_until_removed(robot: Robot, user: Client) -> N
 
     @watcher.handles(note)
     def listen(task: Task, height: float) -> None:
-        heard = task.tap_event
-        robot.log.append(f"{heard.condition} {heard.message} {height}")
+        event = task.tap_event
+        robot.log.append(f"{event.condition} {event.message} {height}")
 
     with watcher.running():
         tap = watcher.tap(Condition.BEFORE_HANDLING, MOVE, note)
@@ -224,20 +225,20 @@ def test_each_monitor_kind_sends_its_action(robot: Robot, user: Client) -> None:
 def test_late_wiretap_fires_once_for_past_events(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
-    told = Inform("told")
-    heard: list[TaskRef | None] = []
+    notice = Inform("told")
+    tapped: list[TaskRef | None] = []
     legs.handles(MOVE)(lambda _, height: height)
-    legs.handles(told)(lambda task: heard.append(task.tap_event.tapped))
+    legs.handles(notice)(lambda task: tapped.append(task.tap_event.tapped))
     with legs.running():
         moves = [user.command(MOVE, 1.0, keep=bool(number % 3)) for number in range(20)]
         for number, move in enumerate(moves):
             if number % 2:
                 move.wait(SOON)
-            user.tap(Condition.AFTER_ACHIEVED, move, told, at_once=True)
+            user.tap(Condition.AFTER_ACHIEVED, move, notice, at_once=True)
         for condition in (Condition.WHEN_SENT, Condition.AFTER_HANDLED):
-            user.tap(condition, moves[0], told, at_once=True)
-        user.command(MOVE, 1.0).wait(SOON)  # behind all that was sent to the legs
-        assert sorted(one.id for one in heard if one) == sorted(
+            user.tap(condition, moves[0], notice, at_once=True)
+        user.command(MOVE, 1.0).wait(SOON)  # behind all messages to the legs
+        assert sorted(one.id for one in tapped if one) == sorted(
             [one.id for one in moves] + [moves[0].id] * 2
         )
         with pytest.raises(Refused, match="its data was not kept: send the task with keep=True"):
@@ -313,7 +314,9 @@ def test_task_reports_its_relatives(robot: Robot, user: Client) -> None:
 
 
 def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client) -> None:
-    """In parallel they wait for nothing; in a sequence what follows waits for robot."""
+    """In a parallel block a monitor waits for no sibling; in a sequence its successor waits for
+    it.
+    """
     central = robot.legs.central
     planner = Module("planner", central=central)
     asked = threading.Semaphore(0)
@@ -342,7 +345,7 @@ def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client
     assert robot.log == ["rested", "move 0.5"]
 
 
-# --- Demon monitors, and what the parts of monitors get as data -----------------------------------
+# --- Demon monitors, and the data of a monitor's parts --------------------------------------------
 
 
 GO, WATCH, FETCH, OTHER = Goal("go"), Command("watch"), Command("fetch", str), Command("other", int)
@@ -426,7 +429,7 @@ def test_unstarted_monitor_is_not_fired(user: Client) -> None:
 
 
 def test_monitor_parts_without_data_type_get_no_data(legs: Module, user: Client) -> None:
-    """They need not be told what the monitor was."""
+    """A part declared without data does not get the monitor's data."""
     done: queue.SimpleQueue[str] = queue.SimpleQueue()
     begin, end = Command("begin"), Command("end")
 

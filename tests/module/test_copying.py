@@ -1,5 +1,5 @@
-"""All that users may hand to another process can be pickled and copied; all that hangs on a
-connection says no.
+"""Values that users may hand to another process can be pickled and copied. Objects that need a
+connection refuse it.
 """
 
 import copy
@@ -30,7 +30,8 @@ OTHERS = (
     "tca_tools.explore.errors",
     *["tca_central.errors"] * (not is_compiled()),
 )
-"""Those of a central of machine code have no constructor that can be asked for its arguments."""
+"""In a compiled central the errors have no constructor that shows its arguments: they are left out.
+"""
 VALUES = {
     int: 3,
     bytes: b"\x01",
@@ -63,7 +64,7 @@ def error_classes() -> Iterator[type[BaseException]]:
 
 
 def make_error(kind: type[BaseException]) -> BaseException:
-    """An error as its constructor wants it."""
+    """An error with arguments of the types that its constructor declares."""
     if not inspect.isfunction(kind.__init__):
         return kind("what was wrong")
     hints = [

@@ -1,6 +1,4 @@
-"""Real sockets: direct messages between modules (what central sees of them is in its journal),
-threads, files, pulses.
-"""
+"""Direct messages between modules over real sockets; the journal shows central's knowledge of them."""
 
 import asyncio
 import os
@@ -59,7 +57,7 @@ def user(central: RealCentral) -> Iterator[Client]:
 
 
 def count_direct(central: RealCentral, message: str = "height", module: str = "") -> int:
-    """How many messages were handled directly (by a module), as far as central has been told."""
+    """Count the messages handled directly (by a module) that central was told of."""
     noted = central.facts(HandledDirectly)
     return sum(fact.message == message and module in ("", fact.module) for fact in noted)
 
@@ -83,7 +81,7 @@ def ask_until_direct(
     )
 
 
-# --- Direct messages between real modules over real sockets ---------------------------------------
+# --- Direct messages between working modules ------------------------------------------------------
 
 
 pytestmark = pytest.mark.usefixtures("short_timeouts")
@@ -97,10 +95,10 @@ def test_queries_go_directly_once_route_is_known(central: RealCentral, user: Cli
         pending = [user.query_send(HEIGHT, float(x)) for x in range(100)]
         assert [one.receive(SOON) for one in pending] == [float(x) for x in range(100)]
         assert count_delivered(central) == before
-        heard: list[float] = []
-        note = user.query_notify(HEIGHT, -3.0, lambda _, height: heard.append(height))
+        heights: list[float] = []
+        note = user.query_notify(HEIGHT, -3.0, lambda _, height: heights.append(height))
         assert note.wait(SOON)
-        assert heard == [3.0]
+        assert heights == [3.0]
     fact = central.facts(HandledDirectly)[-1]
     assert (fact.message, fact.module, fact.resource, fact.sender, fact.size) == (
         "height",
@@ -175,16 +173,16 @@ def test_coroutines_query_and_answer_directly(
 def test_direct_queries_are_tapped_until_wiretap_is_removed(
     central: RealCentral, user: Client
 ) -> None:
-    heard: list[float] = []
+    heights: list[float] = []
     observer = Module("observer", central.address)
-    observer.handles(HEARD)(lambda _, x: heard.append(x))
+    observer.handles(HEARD)(lambda _, x: heights.append(x))
     with map_module(central).running(), observer.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         tap = user.tap(Condition.WHEN_SENT, HEIGHT, HEARD)
         for x in range(1, 51):
             user.query(HEIGHT, float(x))
-        until(lambda: len(heard) == 50, "the observer has heard all")
-        assert heard == [float(x) for x in range(1, 51)]
+        until(lambda: len(heights) == 50, "the observer has heard all")
+        assert heights == [float(x) for x in range(1, 51)]
         tap.remove()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
@@ -204,7 +202,7 @@ def test_newer_handler_gets_direct_queries_until_it_leaves(
 def test_leaving_module_hands_over_unbegun_direct_queries(
     central: RealCentral, user: Client
 ) -> None:
-    """Queries that wait at the entrance of a module which ends are answered by the next one, each
+    """Queries that wait at the entrance of a leaving module are answered by the next one, each
     once.
     """
     gate, handled = Gate(), list[float]()
@@ -227,7 +225,7 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
         assert gate.begun.wait(SOON)
         leaving.stop()
         until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
-        user.status()  # by its answer the user has been told
+        user.status()  # its answer shows that the user has been notified
         assert user.query(HEIGHT, 50.0) == 150.0
         gate.go_on.set()
         answers = [one.receive(SOON) for one in pending]
@@ -239,7 +237,7 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
 def test_slot_handles_direct_and_central_messages_in_turn(
     central: RealCentral, user: Client
 ) -> None:
-    """While a direct handler waits, central, which does not know of it, delivers to its slot."""
+    """While a direct handler waits, central delivers to its slot without knowing of it."""
     diary: list[str] = []
     module, other = Module("map", central.address), Module("other", central.address)
 
@@ -250,7 +248,7 @@ def test_slot_handles_direct_and_central_messages_in_turn(
             task.query(DEPTH, x)
             assert (
                 task.query(HEIGHT, 0.0) == 0.0
-            )  # what its own resource is asked is handled inside of the wait
+            )  # a query to its own resource is handled inside of the wait
         diary.append(f"end of {x:g}")
         return x
 
@@ -376,7 +374,7 @@ def test_direct_queries_reach_all_slots(central: RealCentral, user: Client) -> N
         until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
 
 
-# --- Direct messages when something breaks, dies or is foreign ------------------------------------
+# --- Direct messages after breaks, deaths and foreign packets -------------------------------------
 
 
 def test_direct_route_is_relearnt_after_connection_break(
@@ -386,14 +384,14 @@ def test_direct_route_is_relearnt_after_connection_break(
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         connection = user._connection()
         connection.session.break_off()
-        assert user.query(HEIGHT, -1.0) == 1.0  # goes on while it is away
+        assert user.query(HEIGHT, -1.0) == 1.0  # still answered while the connection is away
         user.status()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
 def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> None:
-    """What is under way when another central comes is lost, as through central; then all is learnt
-    anew.
+    """A query that is open when another central starts is lost, as through central. Then routes
+    are learnt again.
     """
     address = f"ipc://{tmp_path}/central.sock"
     gate = Gate()
@@ -450,7 +448,7 @@ def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path
         )
         alive.bind(f"ipc://{gone}")
         gone_too = tmp_path / "4194307-c.direct"
-        gone.rename(gone_too)  # as if its process were on another machine: it still answers
+        gone.rename(gone_too)  # like a process on another machine: it still answers
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(taken))
         foreign.touch()

@@ -1,4 +1,4 @@
-"""The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled
+"""The line between a sender and an entrance, without sockets: no break makes a message handled
 twice or forgotten.
 """
 
@@ -40,7 +40,7 @@ LICENCE = licence(KEY, "test.1")
 
 
 class Line:
-    """A line that can break: what is on its way is lost then, and the far end knows the sender
+    """A line that can break: packets on their way are lost, and the far end knows the sender
     under a new address.
     """
 
@@ -152,7 +152,7 @@ class Pair:
         self.path.receive()
 
     def handle(self) -> None:
-        """The slot handles one message, if there is one."""
+        """Let the slot handle one message, if one waits."""
         self.inbox.listen()
         if (taken := self.inbox.take()) is not None:
             delivery, body = taken
@@ -160,7 +160,7 @@ class Pair:
             self.inbox.reply(Reply(delivery.delivery), body)
 
     def run_until_idle(self) -> None:
-        """Let enough time pass, and everything be handled."""
+        """Let time pass until all messages are handled."""
         for _ in range(4):
             self.now += 1.1
             for _ in range(60):
@@ -169,7 +169,7 @@ class Pair:
                 self.path.receive()
 
 
-# --- The line between a sender and an entrance, without sockets -----------------------------------
+# --- Single breaks and departures -----------------------------------------------------------------
 
 
 @pytest.fixture
@@ -301,7 +301,7 @@ def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
         pair.handle()
     pair.now += direct_path.REPEAT
     pair.greet()
-    pair.handle()  # nobody is told of this one
+    pair.handle()  # the sender is not notified of this one
     assert (pair.path.unheard, pair.lost) == (0, [])
     pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
@@ -339,7 +339,7 @@ def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> No
 
 def test_unanswered_direct_query_fails_when_receiver_dies(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
-    pair.handle()  # its answer has arrived, and was not read yet
+    pair.handle()  # its answer has arrived, but was not read yet
     pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
@@ -382,7 +382,7 @@ def test_failure_is_returned_to_direct_sender(pair: Pair) -> None:
 
 
 def entrance_answers(pair: Pair, *frames: bytes) -> list[Any]:
-    """What the entrance says to whom sends this."""
+    """The answers of the entrance to these frames."""
     pair.line.back.clear()
     pair.line.there.append((pair.line.address, list(frames)))
     pair.inbox.listen()
@@ -453,13 +453,13 @@ def test_full_inbox_leaves_packets_in_socket(pair: Pair, monkeypatch: pytest.Mon
 
 
 class RandomPair(Pair):
-    """A pair to which anything may happen."""
+    """A pair to which anything may happen, in any order."""
 
     def __init__(self) -> None:
         super().__init__()
         self.greet()
         self.asked: list[Request] = []
-        self.told: list[bytes] = []
+        self.informed: list[bytes] = []
         self.given_up: set[Request] = set()
 
     def asks(self, body: bytes) -> None:
@@ -469,7 +469,7 @@ class RandomPair(Pair):
 
     def tells(self, body: bytes) -> None:
         if self.path.is_usable and self.path.tell(Send(0, "pose"), body):
-            self.told.append(body)
+            self.informed.append(body)
 
     def gives_up(self, _: bytes) -> None:
         for request in self.asked[-1:]:
@@ -505,18 +505,16 @@ def test_direct_messages_are_handled_once_despite_breaks(steps: list[str]) -> No
         STEPS[step](pair, b"%d" % number)
     pair.line.is_connected = True
     pair.run_until_idle()
-    pair.ask(b"last")  # what nobody waits for is noticed when something follows
+    pair.ask(b"last")  # an inform that is lost is noticed only when another message follows
     pair.run_until_idle()
     assert len(set(pair.handled)) == len(pair.handled)
     for request in pair.asked:
         assert request.is_over or request in pair.given_up
         assert bool(request.answers) <= (request.body in pair.handled)
-    poses = [body for body in pair.handled if body in pair.told]
+    poses = [body for body in pair.handled if body in pair.informed]
     assert poses == sorted(poses, key=int)
-    assert len(poses) + len(pair.lost) == len(pair.told)
-    assert (
-        not pair.path.is_needed
-    )  # the slot has told of everything: nothing more would be lost with it
+    assert len(poses) + len(pair.lost) == len(pair.informed)
+    assert not pair.path.is_needed  # the slot has reported everything: its death would lose no more
 
 
 @pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])
@@ -535,8 +533,8 @@ def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     pair = Pair()
     pair.greet()
     pair.handle()
-    asked, told = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
-    assert told
+    asked, accepted = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
+    assert accepted
     pair.inbox.bar(["test.1"])
     pair.run_until_idle()
     assert pair.handled == []

@@ -1,6 +1,4 @@
-"""Whatever breaks: requests reach the handler, its answers reach the client, and nobody is told a
-thing twice.
-"""
+"""Requests reach the handler and answers reach the client through any break, each exactly once."""
 
 import gc
 from collections.abc import Iterator
@@ -33,14 +31,14 @@ STEPPED = True  # the clock of central
 
 @pytest.fixture
 def camera(central: LocalCentral) -> Iterator[list[str]]:
-    """What it hears."""
-    camera, heard = Module("camera", central), list[str]()
+    """The requests that the camera has received."""
+    camera, requests = Module("camera", central), list[str]()
 
     @camera.handles(WATCH, takes=["update", "cancel"])
     def watch(task: Task, angle: float) -> str:
         task.report(angle)
         for request in task.requests():
-            heard.append(f"{request.transition} {request.goal}")
+            requests.append(f"{request.transition} {request.goal}")
             if request.transition == "cancel":
                 raise task.aborted()
             if request.goal > 90:
@@ -55,7 +53,7 @@ def camera(central: LocalCentral) -> Iterator[list[str]]:
         task.sleep(1)
 
     with camera.running():
-        yield heard
+        yield requests
 
 
 def test_task_requests_and_answers_survive_breaks(
@@ -113,7 +111,7 @@ def test_unfollowed_task_has_no_observers(
         found = visitor.task(number)
         assert found is not None
         found.update(3.0, message=WATCH, timeout=SOON)
-        user.tasks()  # it hears that, and wants no more
+        user.tasks()  # it receives that change, and needs no more
         assert central.core.observers.count == 2, "the visitor's, and that of the function"
         central.advance(2)
         user.tasks()

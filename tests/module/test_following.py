@@ -1,5 +1,5 @@
-"""Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler
-knows of that.
+"""The sender of a task follows its state, updates it and cancels it, even if its handler ignores
+requests.
 """
 
 from collections.abc import Callable, Iterator
@@ -69,7 +69,7 @@ STEPPED = True  # the clock of central
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """An arm whose handlers know nothing of states. It grasps all but a cup at once."""
+    """An arm whose handlers ignore states. It grasps all but a cup at once."""
     module = Module("arm", central)
 
     @module.handles(GRASP)
@@ -280,7 +280,7 @@ def test_error_in_on_change_function_is_logged(
 
 
 def record_and_cancel(seen: list[str], change: Change) -> None:
-    """Called in a wait, it ends the task in that."""
+    """Called inside a wait, it cancels the task that the wait is for."""
     seen.append(change.state)
     if change.state == "running":
         change.task.cancel()
@@ -337,8 +337,8 @@ def test_on_change_sees_end_before_awaiting_coroutine(
 def test_on_change_sees_end_before_connection_closes(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
-    seen, nobody = list[str](), Module("nobody", central)
-    for connection in (connect("visitor", central), nobody.running()):
+    seen, idle_module = list[str](), Module("nobody", central)
+    for connection in (connect("visitor", central), idle_module.running()):
         with connection as sender:
 
             def record(sender: Sender, change: Change) -> None:
@@ -382,7 +382,7 @@ def test_cancel_kills_task_whose_handler_takes_none(
     grasp.cancel("the cup is hot")
     assert grasp.wait() is Outcome.KILLED
     assert grasp.state == "cancelled"
-    grasp.cancel()  # it does no harm
+    grasp.cancel()  # cancelling again does no harm
     queued = user.command(GRASP, Grip("cup"), delay=60)
     queued.cancel()
     assert queued.wait() is Outcome.KILLED
@@ -471,7 +471,7 @@ def test_client_takes_custom_transition(user: Client, arm: Module, central: Loca
     assert not carry.take("cancel"), "it has ended"
 
 
-# --- What gets lost -------------------------------------------------------------------------------
+# --- Breaks and lost changes ----------------------------------------------------------------------
 
 
 def test_following_continues_after_break(user: Client, arm: Module, central: LocalCentral) -> None:

@@ -1,6 +1,4 @@
-"""A forked process must not use what its parent has opened: each call says so at once, and nothing
-waits.
-"""
+"""A forked process must not use its parent's connections: each call raises at once, and none waits."""
 
 import multiprocessing
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from tca_module.client import Client
 MOVE, WHERE = Command("move", int, result=int, progress=int), Query("where", reply=int)
 
 held: dict[str, Any] = {}
-"""What a program may hold when it is forked."""
+"""The objects that a program may hold when it is forked."""
 
 USES: list[tuple[str, Callable[[Any], Any]]] = [
     ("user", lambda user: user.query(WHERE, timeout=1)),
@@ -46,7 +44,7 @@ def hold(module: Module, user: Client, owed: LaterReply[int]) -> None:
 
 
 def in_child(address: str) -> int:
-    """Try all uses, leave what is inherited, and do the same with a connection of its own."""
+    """Try all uses, close the inherited client, and query with a connection of its own."""
     for name, use in USES:
         with pytest.raises(MisuseError, match=r"connect\(\) in each process"):
             print(name, use(held[name]))

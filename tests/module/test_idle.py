@@ -1,6 +1,4 @@
-"""Who has nothing to do does nothing: modules sleep until something is due, and central says
-nothing to them.
-"""
+"""Idle programs use no time: modules sleep until something is due, and central sends them nothing."""
 
 import math
 import time
@@ -29,7 +27,7 @@ WALK, UNHANDLED = Command("walk"), Query("nobody", reply=int)
 
 
 class CountedCentral(ScriptedCentral):
-    """Counts how often a wait has ended."""
+    """Counts the ends of its waits."""
 
     wakes = 0
 
@@ -117,7 +115,7 @@ def test_awaiting_coroutine_is_not_polled(
 
 @contextmanager
 def welcomed_line(central: RealCentral) -> Iterator["zmq.Socket[bytes]"]:
-    """A module's line: central has welcomed it."""
+    """A module's line that central has welcomed."""
     with zmq.Context() as context, context.socket(zmq.DEALER) as line:
         line.linger = 0
         line.rcvtimeo = int(1000 * SOON)
@@ -170,7 +168,7 @@ def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -
 
 
 def test_new_connection_is_asked_to_identify_itself(central: RealCentral) -> None:
-    """A module whose central was killed hears at once that there is another one."""
+    """A module whose central was killed learns at once that another one runs."""
     line = DealerTransport(central.address)
     until(
         lambda: line.receive(0.1) == codec.pack_item(Unknown()),

@@ -33,7 +33,7 @@ Owed = list[LaterReply[int]]
 
 @pytest.fixture
 def owed(legs: Module, user: Client) -> Iterator[Owed]:
-    """All that the handlers of the legs owe; in the end, another message can use their slot."""
+    """All replies that the legs owe. At the end the test checks that their slot is free again."""
     owed = Owed()
 
     @legs.handles(MOVE, takes=["cancel"])
@@ -119,7 +119,7 @@ def test_reports_keep_order_when_handler_returns_last(
         assert sent.wait(SOON) is outcome
 
 
-# --- Replies that leave together are the replies that handlers gave, each when it was -------------
+# --- Joined replies are equal to the single replies of the handlers -------------------------------
 
 
 NIL = b"\xc0"
@@ -129,11 +129,17 @@ BODIES = st.sampled_from([NIL, b"\x07", bytes(100), bytes(50_000), bytes(100_000
 def run(
     held: HeldReplies, delivery: int, began: float, ended: float, body: bytes = NIL
 ) -> tuple[Any, bytes]:
-    """A handler has run in a turn."""
+    """Run a handler within a turn."""
     held.begin(delivery, began)
     header = Reply(delivery, ended - began)
     assert held.take(header, ended)
     return header, body
+
+
+def replies_of(header: Any) -> list[Any]:
+    if isinstance(header, Replies):
+        return header.ended
+    return [header] if isinstance(header, Reply) else []
 
 
 def separate_replies(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
@@ -141,13 +147,7 @@ def separate_replies(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
     found = []
     for header, body in items:
         at = 0
-        for one in (
-            header.ended
-            if isinstance(header, Replies)
-            else [header]
-            if isinstance(header, Reply)
-            else []
-        ):
+        for one in replies_of(header):
             size = getattr(one, "size", len(body))
             found.append((one.delivery, body[at : at + size] or NIL))
             at += size

@@ -1,6 +1,4 @@
-"""A handler that hangs is left behind: another thread takes its place, and what it says later
-counts no more.
-"""
+"""A handler that hangs is left behind: another thread replaces it, and its late reply is ignored."""
 
 import threading
 from pathlib import Path
@@ -28,7 +26,7 @@ def test_hung_handler_is_replaced_by_other_thread(
         done.append(number)
 
     @legs.handles(LOOK)
-    def look(_: Task, number: int) -> int:
+    def answer_query(_: Task, number: int) -> int:
         if not number:
             go_on.wait(SOON)
         return number

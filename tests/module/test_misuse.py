@@ -1,5 +1,5 @@
-"""What is wrong in a call is said in the words of that call, before anything leaves: what, which,
-and what it must be.
+"""A wrong call raises before anything is sent, and names the argument, its value and the allowed
+values.
 """
 
 import re
@@ -61,7 +61,7 @@ async def coming(_sender: Any, _reply: float) -> None: ...
 
 
 class Unformatted:
-    """What has no format."""
+    """An object without a format."""
 
 
 def wrong_data(_task: Task, _distance: list[int]) -> None: ...
@@ -73,7 +73,7 @@ def two(_first: Any, _second: Any) -> None: ...
 def test_wrong_call_matches_approved_text(
     user: Client, legs: Module, approve: Callable[..., None]
 ) -> None:
-    known = {
+    names = {
         **vars(tca_module),
         **globals(),
         "user": user,
@@ -83,19 +83,19 @@ def test_wrong_call_matches_approved_text(
 
     def error_of_call(call: str) -> BaseException:
         with pytest.raises((MisuseError, BadData, BadFormat, TypeError)) as error:
-            eval(call, known)
+            eval(call, names)
         return error.value
 
     approve("misuse.txt", error_of_call)
 
 
 def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Module) -> None:
-    said: list[str] = []
+    steps: list[str] = []
 
     def elsewhere() -> None:
         with pytest.raises(MisuseError, match="belongs to thread "):
             user.broadcast(HI)
-        said.append("refused")
+        steps.append("refused")
 
     @legs.handles(REST)
     def rest(task: Task) -> LaterReply[None]:
@@ -109,7 +109,7 @@ def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Mod
         later.reply()
         with pytest.raises(MisuseError, match="has been answered already"):
             later.reply()
-        said.append("late")
+        steps.append("late")
         return later
 
     with legs.running():
@@ -120,10 +120,10 @@ def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Mod
     user.close()
     with pytest.raises(MisuseError, match="this client is closed"):
         user.query(WHERE)
-    assert said == ["late", "refused"]
+    assert steps == ["late", "refused"]
 
 
-# --- Whatever somebody gives to any call that sends -----------------------------------------------
+# --- Hostile arguments for every call that sends --------------------------------------------------
 
 
 BRIEFLY = 0.01
@@ -153,7 +153,7 @@ HOSTILE = (
     POLL,
     int,
 )
-TIMES = 4  # the first of them are times that one may wait
+TIMES = 4  # the first of them are valid times
 
 
 def nothing(*_: Any) -> None: ...
@@ -254,14 +254,14 @@ def sender(central: LocalCentral, legs: Module) -> Iterator[Client]:
 def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exception | None]:
     try:
         made = call(wrong)
-        getattr(made, "id", None)  # what was sent may be refused afterwards
+        getattr(made, "id", None)  # a sent message may be refused afterwards
     except (TcaError, BadData) as error:
         return None, error
     return made, None
 
 
 def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
-    """Give a call all that is wrong, and what may happen to be right."""
+    """Give a call all hostile values. Some of them may be valid there."""
     for wrong in HOSTILE[TIMES:] if no_times else HOSTILE:
         made, error = outcome(call, wrong)
         if error is None:
@@ -427,7 +427,7 @@ def test_none_counts_as_option_left_out(central: LocalCentral, sender: Client) -
         assert sender.tasks(None) == []
 
 
-# --- Whoever constructs a public class wrongly is told so in terms of what can be imported --------
+# --- Errors of constructors name only public classes and arguments --------------------------------
 
 
 PUBLIC: dict[str, type] = {
@@ -438,12 +438,24 @@ PUBLIC: dict[str, type] = {
 } | {"tca_module.testing.LocalCentral": LocalCentral}
 
 WRITTEN = [
-    tca_module.Goal, tca_module.Command, tca_module.Query, tca_module.MultiQuery, tca_module.Inform,
-    tca_module.Broadcast, tca_module.Variable, tca_module.ExceptionHandler, tca_module.PointMonitor,
-    tca_module.PollingMonitor, tca_module.DemonMonitor, tca_module.Failure, tca_module.Module, LocalCentral,
-    tca_tools.explore.Scenario, tca_tools.explore.Property,
-]  # fmt: skip
-"""What users write themselves."""
+    tca_module.Goal,
+    tca_module.Command,
+    tca_module.Query,
+    tca_module.MultiQuery,
+    tca_module.Inform,
+    tca_module.Broadcast,
+    tca_module.Variable,
+    tca_module.ExceptionHandler,
+    tca_module.PointMonitor,
+    tca_module.PollingMonitor,
+    tca_module.DemonMonitor,
+    tca_module.Failure,
+    tca_module.Module,
+    LocalCentral,
+    tca_tools.explore.Scenario,
+    tca_tools.explore.Property,
+]
+"""The classes that users construct themselves."""
 
 WRONG: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
     ((), {}),
@@ -484,7 +496,7 @@ def test_constructor_error_names_class_and_argument(kind: Any) -> None:
 
 
 def test_numpy_floats_are_accepted_as_seconds(user: Client, legs: Module) -> None:
-    """They are floats of Python, too, but msgspec takes them for something else."""
+    """They are Python floats, too, but msgspec treats them as another type."""
     legs.handles(REST)(lambda _: None)
     legs.handles(WHERE)(lambda _: 1.0)
     one = np.float64(1)

@@ -1,5 +1,5 @@
-"""Modules: running, sharing and taking over messages, coming back, ending and being stopped; and
-users' LocalCentral.
+"""Modules: starting, running, sharing messages and reconnecting; and LocalCentral as users' tests
+need it.
 """
 
 import threading
@@ -94,7 +94,7 @@ def test_module_says_goodbye_when_it_ends(legs: Module, central: LocalCentral) -
 
 @contextmanager
 def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | None]]:
-    """Run a function beside the block; how it ended is in the list afterwards."""
+    """Run a function beside the block. Afterwards the list holds its error, or None."""
     ends: list[BaseException | None] = []
 
     def run() -> None:
@@ -157,7 +157,7 @@ def test_module_that_cannot_begin_leaves_central(
 
 
 class FullCentral(LocalCentral):
-    """A central to which only so many connections can be made."""
+    """A central that accepts a limited number of connections."""
 
     room = 1
 
@@ -180,7 +180,7 @@ def test_module_ends_when_slot_cannot_connect() -> None:
 def test_module_ends_when_slot_thread_dies(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
-    """A bug of this library, or a full disk; it must not go unnoticed."""
+    """The cause may be a bug of this library, or a full disk; it must not go unnoticed."""
     legs.handles(TEMPERATURE)(lambda _: 36.6)
 
     def break_one() -> None:
@@ -255,7 +255,7 @@ def test_task_wait_survives_connection_break_and_query_is_lost(
     other.close()
 
 
-# --- What users' tests rely on --------------------------------------------------------------------
+# --- LocalCentral as users' tests need it ---------------------------------------------------------
 
 
 def test_local_central_runs_given_check_after_each_event(

@@ -28,11 +28,11 @@ from tca_module.testing import LocalCentral
 pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
-# --- A module that ends or was stopped ------------------------------------------------------------
+# --- Running handlers when a module ends ----------------------------------------------------------
 
 
 class BlockError(Exception):
-    """Something in the program beside the handlers."""
+    """An error of the program beside the handlers."""
 
 
 def test_module_end_fails_only_handler_that_checks_cancelled(legs: Module, user: Client) -> None:
@@ -79,7 +79,9 @@ def test_module_end_cancels_coroutine_once(legs: Module, user: Client) -> None:
 def test_block_error_is_logged_while_handler_is_awaited(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that does not look: what went wrong is said while it is waited for."""
+    """The handler does not check ``cancelled``, so the module logs the error while it waits for
+    it.
+    """
     monkeypatch.setattr("tca_module.serving.slot._PATIENCE", 0.1)
     gate = Gate([])
     legs.handles(STANCE)(gate)
@@ -88,7 +90,7 @@ def test_block_error_is_logged_while_handler_is_awaited(
         def emit(self, _: logging.LogRecord) -> None:
             gate.go_on.set()
 
-    logging.getLogger("tca.legs").addHandler(told := ReleasingHandler())
+    logging.getLogger("tca.legs").addHandler(releasing := ReleasingHandler())
     pending = user.query_send(STANCE, 1.0)
 
     def work() -> None:
@@ -98,27 +100,27 @@ def test_block_error_is_logged_while_handler_is_awaited(
 
     with pytest.raises(BlockError):
         work()
-    logging.getLogger("tca.legs").removeHandler(told)
+    logging.getLogger("tca.legs").removeHandler(releasing)
     assert pending.receive(SOON) == []
-    (said,) = caplog.messages
-    assert said.startswith(
+    (text,) = caplog.messages
+    assert text.startswith(
         "module 'legs' ends (BlockError: no map), and waits for its handler of 'stance' to return"
     )
 
 
-# --- A module that has stopped, or was ended by one of its threads, while its block goes on -------
+# --- A stopped or failed module whose block still runs --------------------------------------------
 
 
 ENDED = "module 'legs' ends, and handles nothing any more: "
 
 
 class HandlerExit(BaseException):
-    """What no handler should raise."""
+    """An exception that no handler should raise."""
 
 
 @pytest.fixture
 def older(central: LocalCentral) -> Module:
-    """Who handled all before the legs came."""
+    """A module that handled all messages before the legs joined."""
     older = Module("older", central)
     older.handles(STANCE)(lambda _, _radius: [0])
     older.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -135,7 +137,7 @@ def until_withdrawn(user: Client) -> None:
 
 @contextmanager
 def ended_with(kind: type[BaseException], module: Module) -> Iterator[None]:
-    """A module's block, which is left by such an error."""
+    """A module's block that ends with an exception of this class."""
     with pytest.raises(kind), module.running():
         yield
 
@@ -193,7 +195,9 @@ def test_stopped_module_finishes_current_and_hands_over_queued(
 def test_withdrawal_is_not_delayed_by_wait_in_block(
     legs: Module, older: Module, central: LocalCentral
 ) -> None:
-    """It has the connection to itself, over which central is to be told; and it is not ended."""
+    """The wait owns the connection over which the module must withdraw. The wait itself must
+    not end.
+    """
 
     @older.handles(TEMPERATURE)
     def temperature(_: Task) -> float:
@@ -252,7 +256,7 @@ def test_base_exception_in_handler_ends_module(
     error: BaseException,
 ) -> None:
     legs.handles(STANCE)(lambda _, _radius: raiser(error)())
-    said: list[str] = []
+    texts: list[str] = []
 
     def work() -> None:
         with legs.running():
@@ -260,7 +264,7 @@ def test_base_exception_in_handler_ends_module(
                 QueryFailed, match="module lost: its module was ended by "
             ) as failed:
                 user.query(STANCE, 1.0, timeout=SOON)
-            said.append(failed.value.text)
+            texts.append(failed.value.text)
             assert stance_handlers(user) == ["older"]  # at once
             assert user.query(STANCE, 1.0, timeout=SOON) == [0]
             (logged,) = [record for record in caplog.records if record.name == "tca.legs"]
@@ -271,14 +275,16 @@ def test_base_exception_in_handler_ends_module(
     with older.running(), pytest.raises(type(error)) as raised:
         work()
     assert raised.value is error
-    assert type(error).__name__ in said[0]
+    assert type(error).__name__ in texts[0]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), HandlerExit("tired")])
 def test_base_exception_in_coroutine_ends_module(
     legs: Module, older: Module, user: Client, error: BaseException
 ) -> None:
-    """Those beside it are told, and have failed with the module, not with what cancelled them."""
+    """The coroutine beside it is cancelled, and fails with "module lost", not with its
+    cancellation.
+    """
     begun, cleaned = threading.Event(), threading.Event()
 
     @legs.handles(STANCE)

@@ -1,6 +1,4 @@
-"""Any program observes the states of tasks, though neither their senders nor their handlers know of
-it.
-"""
+"""Any program observes the states of tasks. Neither their senders nor their handlers know of it."""
 
 import asyncio
 import threading
@@ -47,7 +45,7 @@ def visitor(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """It grasps what it is described to for ten seconds, waves for one, and walks by grasping."""
+    """An arm that grasps a thing for ten seconds, waves for one, and walks by grasping."""
     module = Module("arm", central)
 
     @module.handles(GRASP, takes=["update"])

@@ -1,4 +1,4 @@
-"""The order of children: which constraints the next one gets, by itself and in blocks."""
+"""The order of children: the constraints of the next child, alone and in blocks."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tca_wire.points import ROOT, THIS, TaskId
 
 
 class Plan:
-    """Sends numbered children and writes down what each was sent with."""
+    """Sends numbered children and returns the flags and constraints of each."""
 
     def __init__(self, *, is_shared: bool = False) -> None:
         self.ordering = SiblingOrder(is_shared=is_shared)

@@ -25,15 +25,9 @@ from tca_wire.journal.facts import Delivered, Failed, Returned
 pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
-# --- Handlers that leave the answer to somebody else ----------------------------------------------
-
-
-pytestmark = pytest.mark.usefixtures("short_timeouts")
-
-
 @pytest.fixture
 def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
-    """What the handler of "move leg" leaves to others."""
+    """The replies that the handler of "move leg" owes."""
     owed = queue.Queue[LaterReply[Footfall]]()
 
     @legs.handles(MOVE_LEG)
@@ -77,7 +71,7 @@ def test_early_later_reply_waits_for_handler_return(
         thread.join(SOON)
         assert (
             task.query(TEMPERATURE, timeout=SOON) == 36.6
-        )  # a wait in which the answer does not leave yet
+        )  # the answer must not leave during this wait
         assert not [
             fact
             for fact in central.facts
@@ -92,7 +86,7 @@ def test_early_later_reply_waits_for_handler_return(
 
 @pytest.mark.parametrize("is_coroutine", [False, True])
 def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bool) -> None:
-    """In the thread of the handler itself, which is free meanwhile."""
+    """The timer runs in the thread of the handler, which is free until then."""
 
     def temperature(task: Task) -> LaterReply[float]:
         later = task.reply_later()
@@ -108,8 +102,8 @@ def test_timer_gives_later_reply(legs: Module, user: Client, *, is_coroutine: bo
 
 
 def test_later_reply_to_nested_query_wakes_waiting_slot(legs: Module, user: Client) -> None:
-    """The handler of a nested query leaves the answer to another thread, while the outer handler
-    blocks the slot.
+    """The nested handler leaves its answer to another thread, while the outer handler blocks
+    the slot.
     """
 
     @legs.handles(STANCE)
@@ -215,8 +209,8 @@ def test_later_reply_learns_that_task_was_killed(legs: Module, owed: Owed, user:
         never = threading.Event()
         assert any(
             later.cancelled or never.wait(0.005) for _ in range(1000)
-        )  # the thread of its handler listens
-        pending = user.query_send(TEMPERATURE)  # for the same slot, which is taken until the answer
+        )  # the handler's thread listens
+        pending = user.query_send(TEMPERATURE)  # for the same slot, which is busy until the answer
         later.reply(Footfall(1, 0.0))
         assert move.wait(SOON) is Outcome.KILLED
         assert pending.receive(SOON) == 36.6
@@ -261,6 +255,6 @@ def test_connection_break_fails_owed_replies(
         central.cut("legs")
         with pytest.raises(TaskFailed, match="module lost"):
             move.result(SOON)
-        later.reply(Footfall(1, 0.0))  # nobody wants it any more, which does no harm
+        later.reply(Footfall(1, 0.0))  # the task has failed already: the reply does no harm
         central.restart("afresh")
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6

@@ -1,6 +1,4 @@
-"""A handler steers its own task by the calls that a sender has; in a wrong thread it is told what
-to do there.
-"""
+"""A handler steers its own task with a sender's calls. In a wrong thread the error gives advice."""
 
 import threading
 from collections.abc import Callable
@@ -96,19 +94,19 @@ def test_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> N
 
 
 def test_steering_query_as_task_is_misuse(user: Client, legs: Module) -> None:
-    said: list[str] = []
+    refused: list[str] = []
 
     @legs.handles(WHERE)
     def where(task: Task) -> float:
         for steer in (task.kill, task.suspend, task.keep, task.info, task.children):
             with pytest.raises(MisuseError, match="'where' is no task of the tree"):
                 steer()
-            said.append(steer.__name__)
+            refused.append(steer.__name__)
         return 1.0
 
     with legs.running():
         assert user.query(WHERE) == 1.0
-    assert said == ["kill", "suspend", "keep", "info", "children"]
+    assert refused == ["kill", "suspend", "keep", "info", "children"]
 
 
 def refusal(call: Callable[[], object]) -> str:
@@ -127,23 +125,23 @@ def refusal(call: Callable[[], object]) -> str:
 
 
 def test_use_in_wrong_thread_names_object_and_advice(user: Client, legs: Module) -> None:
-    said: list[str] = []
+    refusals: list[str] = []
 
     @legs.handles(WALK)
     def walk(task: Task) -> None:
-        said.append(refusal(task.kill))
+        refusals.append(refusal(task.kill))
 
     with legs.running():
         sent = user.goal(WALK)
         sent.result(SOON)
-        said += [
+        refusals += [
             refusal(sent.kill),
             refusal(lambda: user.goal(WALK)),
             refusal(lambda: legs.goal(WALK)),
         ]
         pending = user.query_send(WHERE)
-        said.append(refusal(pending.receive))
-    assert said == [
+        refusals.append(refusal(pending.receive))
+    assert refusals == [
         "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: other threads connect() \
 themselves, and find it with task(number)",
         "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: other threads \

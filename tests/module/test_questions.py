@@ -38,7 +38,7 @@ from tca_wire.journal.facts import Dropped, Received
 
 
 def test_sent_queries_are_received_in_any_order(legs: Module, user: Client) -> None:
-    """Also by a module that comes later."""
+    """The handler may join after the queries were sent."""
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     pending = [user.query_send(STANCE, float(number)) for number in range(3)]
     with legs.running():
@@ -103,7 +103,7 @@ def test_handler_fetches_reply_of_own_resource_later(legs: Module, user: Client)
         if radius <= 1:
             return [1]
         pending = [task.query_send(STANCE, radius - 1) for _ in range(2)]
-        assert not task.cancelled  # which reads what has arrived
+        assert not task.cancelled  # reading it handles the packets that have arrived
         return [int(radius), *pending[1].receive(SOON), *pending[0].receive(SOON)]
 
     with legs.running():
@@ -159,7 +159,7 @@ def test_wrong_reply_fails_in_handler(legs: Module, user: Client) -> None:
 
 
 def test_undecodable_data_fails_in_receiver(legs: Module, user: Client) -> None:
-    """Two declarations whose formats agree for central, but not to the letter."""
+    """The formats of both declarations agree for central, but differ in detail."""
 
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
@@ -201,7 +201,9 @@ def test_multi_query_reaches_every_handler(central: LocalCentral, user: Client) 
 
 
 def test_multi_query_fails_only_if_all_handlers_fail(central: LocalCentral, user: Client) -> None:
-    """By the first failure, and of all; as long as one replies, those who fail are left out."""
+    """The error carries the first failure and names all. With one reply the failures are left
+    out.
+    """
     eyes, legs, battery = (Module(name, central) for name in ("eyes", "legs", "battery"))
     blind = Failure("blind", int)
 
@@ -229,7 +231,7 @@ def test_multi_query_fails_only_if_all_handlers_fail(central: LocalCentral, user
 def test_multi_query_timeout_names_failed_and_late_modules(
     central: LocalCentral, user: Client
 ) -> None:
-    """An empty list would look as if nobody had said anything."""
+    """An empty list would look as if no module were there."""
     legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
     release = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
@@ -239,12 +241,12 @@ def test_multi_query_timeout_names_failed_and_late_modules(
         with pytest.raises(QueryFailed) as found:
             user.multi_query(HEALTH, timeout=0.3)
         assert found.value.failure == "handler error"
-        said = str(found.value)
-        assert said.startswith("multi-query 'health' failed: handler error: nobody replied: ")
-        assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in said
-        assert "battery failed (handler error: KeyError: 7)" in said
-        assert said.endswith("; legs has not answered")
-        assert "Traceback" in found.value.text  # of the first
+        text = str(found.value)
+        assert text.startswith("multi-query 'health' failed: handler error: nobody replied: ")
+        assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in text
+        assert "battery failed (handler error: KeyError: 7)" in text
+        assert text.endswith("; legs has not answered")
+        assert "Traceback" in found.value.text  # of the first failure
         one_by_one = user.multi_query_send(HEALTH, timeout=0.3)
         with pytest.raises(QueryFailed, match=r"legs \(queued, busy with health \{"):
             next(one_by_one)
@@ -252,19 +254,19 @@ def test_multi_query_timeout_names_failed_and_late_modules(
         release.set()
 
 
-# --- Sending whatever the class of a message is, and only if somebody handles it ------------------
+# --- Sending a message of any class, and only if it is handled ------------------------------------
 
 
 @pytest.fixture
 def all_legs(central: LocalCentral) -> Module:
     """Handles a message of each class."""
-    legs, told = Module("legs", central), list[Any]()
+    legs, received = Module("legs", central), list[Any]()
     legs.handles(REST)(lambda _: None)
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     legs.handles(HEALTH)(lambda _: "well")
-    legs.handles(POSITION)(lambda _, arc: told.append(arc))
-    legs.handles(ALARM)(lambda _, text: told.append(text))
+    legs.handles(POSITION)(lambda _, arc: received.append(arc))
+    legs.handles(ALARM)(lambda _, text: received.append(text))
     return legs
 
 
@@ -291,4 +293,4 @@ def test_execute_if_handled_sends_no_unhandled_message(user: Client, central: Lo
     assert user.execute_if_handled(POSITION, Arc(1.0, 2)) is False
     assert user.execute_if_handled(ALARM, "stop") is False
     assert [fact for fact in central.facts if isinstance(fact, Received)] == []
-    assert user.goal(REST).id == 1  # the order of siblings knows nothing of them
+    assert user.goal(REST).id == 1  # unsent messages leave the sibling order unchanged

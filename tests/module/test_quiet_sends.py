@@ -1,6 +1,4 @@
-"""Goals, commands and monitors are sent without waiting for central's word; what it refuses is
-raised all the same.
-"""
+"""Goals, commands and monitors are sent without waiting for central. Its refusals are raised later."""
 
 import pickle
 import queue
@@ -61,11 +59,11 @@ def send_circular(user: Any, **options: Any) -> Any:
     return user.command(STOP, constraints=CIRCLE, **options)
 
 
-# --- what travels ---------------------------------------------------------------------------------
+# --- Headers that are sent ------------------------------------------------------------------------
 
 
 def acknowledge_nothing(header: headers.ToCentral) -> list[headers.ToModule]:
-    """A central that says nothing of what is sent."""
+    """A central that acknowledges no task."""
     if isinstance(header, headers.Hello):
         return [headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one")]
     return [Accepted(header.number)] if isinstance(header, Register) and header.messages else []
@@ -83,7 +81,9 @@ def test_constraint_names_quiet_sends_by_request_number() -> None:
 
 
 def test_result_wait_travels_with_command() -> None:
-    """Two packets there, none in between: central's word of the command comes with the answer."""
+    """Central's acknowledgement of the command comes with the answer, so each side sends only
+    two packets.
+    """
     connection, central = scripted_connection(
         lambda header: (
             [TasksMade([(3, TaskId(17))]), headers.Answer(header.number)]
@@ -147,13 +147,13 @@ def test_task_after_lost_siblings_is_not_sent_to_new_central() -> None:
             user.command(STOP)
     central.received.clear()
     news = headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "two")
-    central.deliver(*news, at=central.now + 0.1)  # while it waits, for so many are on their way
+    central.deliver(*news, at=central.now + 0.1)  # during the wait for earlier acknowledgements
     with pytest.raises(CentralLost, match="command 'stop' is lost: central was restarted"):
         user.command(STOP)
     assert Send not in map(type, central.received)
 
 
-# --- refusals -------------------------------------------------------------------------------------
+# --- Refusals -------------------------------------------------------------------------------------
 
 
 USES: dict[str, Callable[[Any, Client], object]] = {
@@ -167,13 +167,13 @@ USES: dict[str, Callable[[Any, Client], object]] = {
     "next inform": lambda _, user: user.inform(NOTE, "on"),
     "next question": lambda _, user: user.query(ASK),
     "constrain": lambda stop, user: user.constrain(stop.achieving.end <= stop.handling.start),
-    "what comes after": lambda stop, user: user.goal(
+    "successor": lambda stop, user: user.goal(
         REST, constraints=[stop.achieving.end <= this.achieving.start]
     ),
-    "what is under it": lambda stop, user: user.under(stop).command(STOP),
+    "subtask": lambda stop, user: user.under(stop).command(STOP),
     "variable": lambda _, user: user.set_variable(LEVEL, 1),
-    "a number": lambda stop, _: int(stop.achieving.end.task),
-    "a set": lambda stop, _: {stop.achieving.end},
+    "number": lambda stop, _: int(stop.achieving.end.task),
+    "set": lambda stop, _: {stop.achieving.end},
 }
 
 
@@ -349,7 +349,7 @@ def test_refusal_fails_direct_handler() -> None:
                     user.query(ASK)
 
 
-# --- ids ------------------------------------------------------------------------------------------
+# --- Task ids -------------------------------------------------------------------------------------
 
 
 def test_point_of_just_sent_task_equals_known_point(central: LocalCentral, user: Client) -> None:
@@ -357,9 +357,9 @@ def test_point_of_just_sent_task_equals_known_point(central: LocalCentral, user:
     points = stop.achieving.end, other.achieving.end
     assert points[0] == stop.achieving.end != points[1]
     assert isinstance(points[0].task, SentId)
-    known = TaskPoint(TaskId(1), points[0].moment)
-    assert points[0] == known != points[1]
-    assert len({points[0], known, points[1]}) == 2
+    known_point = TaskPoint(TaskId(1), points[0].moment)
+    assert points[0] == known_point != points[1]
+    assert len({points[0], known_point, points[1]}) == 2
     assert str(points[1]) == "end achieving task 2"
     assert (f"{points[0].task:03d}", 0 < points[0].task <= 1, points[0].task != 1) == (
         "001",
@@ -452,7 +452,7 @@ def test_execute_if_handled_knows_handlers_when_sending(
         assert sent.result(SOON) is None
 
 
-# --- breaks ---------------------------------------------------------------------------------------
+# --- Breaks ---------------------------------------------------------------------------------------
 
 
 def test_connection_break_loses_and_doubles_no_command(robot: Robot, user: Client) -> None:
@@ -500,26 +500,26 @@ def test_task_given_up_unacknowledged_is_killed(
 
 
 def test_killed_handler_gets_task_killed_in_wait(robot: Robot, user: Client) -> None:
-    told = queue.SimpleQueue[str]()
+    reasons = queue.SimpleQueue[str]()
 
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         try:
             task.command(Command("never")).result()
         except TaskKilled as error:
-            told.put(str(error))
+            reasons.put(str(error))
             raise
 
     with robot.running():
         resting = user.goal(REST)
         assert resting.wait_for(resting.handling.start, SOON)
         resting.kill()
-        assert told.get(timeout=SOON).startswith("rest {1} was killed")
+        assert reasons.get(timeout=SOON).startswith("rest {1} was killed")
         assert resting.wait(SOON) is Outcome.KILLED
 
 
 def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
-    """Else a restart would leave them in doubt, however long ago they were sent."""
+    """Otherwise a restart would leave old sends in doubt."""
     with (
         RealCentral(f"ipc://{tmp_path}/central.sock") as central,
         connect("user", central.address) as user,
@@ -534,11 +534,11 @@ def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
         until(is_told, "central has told the id")
 
 
-# --- packets --------------------------------------------------------------------------------------
+# --- Packet counts --------------------------------------------------------------------------------
 
 
 class CountingCentral(LocalCentral):
-    """Counts the packets that go to central and come from it."""
+    """Counts the packets to and from central."""
 
     there = back = 0
 
@@ -575,7 +575,7 @@ def use_goal(user: Client) -> None:
     [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
 def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
-    """As docs/protocol.md has it."""
+    """The numbers stand in docs/protocol.md."""
     with CountingCentral() as central:
         legs, planner = Module("legs", central), Module("planner", central)
         legs.handles(ASK)(lambda _: 1)
@@ -587,8 +587,8 @@ def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int,
                 task.command(STOP)
 
         with legs.running(), planner.running(), connect("user", central) as user:
-            use(user)  # all is declared, then
+            use(user)  # declares all messages
             before = central.there, central.back
             use(user)
-            user.status()  # all has been said
+            user.status()  # all packets have been sent
             assert (central.there - before[0] - 1, central.back - before[1] - 1) == (there, back)

@@ -1,4 +1,4 @@
-"""The library over real sockets: wake-ups of slots, addresses, and what a process keeps open."""
+"""The library over real sockets: wake-ups of slots, addresses, and open files of a process."""
 
 import asyncio
 import queue
@@ -23,9 +23,6 @@ from tca_module import (
 from tca_module.sockets.transport import DealerTransport
 
 pytestmark = pytest.mark.usefixtures("short_timeouts")
-
-
-# --- The library over real sockets ----------------------------------------------------------------
 
 
 REST_LEG = Command("rest leg")
@@ -54,8 +51,8 @@ def test_malformed_central_address_is_misuse(tmp_path: Path) -> None:
 def test_coroutines_wake_for_every_arrival(
     central: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must
-    not be missed.
+    """The file of a ZeroMQ socket signals changes only: a packet that a blocking call has read
+    must not be missed.
     """
     legs, eyes = Module("legs", central.address), Module("eyes", central.address, capacity=4)
     eyes.handles(STANCE)(lambda _, radius: [int(radius)])
@@ -106,7 +103,7 @@ def test_threads_timers_and_files_wake_slot(
 
     def device() -> None:
         near.recv(100)
-        if not jobs.empty():  # the timer may have told of this job twice
+        if not jobs.empty():  # the timer may have signalled this job twice
             jobs.get().reply(Footfall(1, 0.0))
 
     with near, far, legs.running(), connect("user", central.address) as user:
@@ -116,14 +113,14 @@ def test_threads_timers_and_files_wake_slot(
             jobs.get(timeout=SOON).reply(Footfall(1, 0.0))
             move.result(SOON)
         legs.on_readable(near, device)
-        for _ in range(20):  # a timer sees the job, a file tells another thread
+        for _ in range(20):  # a timer sees the job, a file signals another thread
             user.command(MOVE_LEG, 1).result(SOON)
 
 
 def test_pulse_ends_with_last_connection_to_central(address: str) -> None:
-    """All connections of a process to one central share one."""
+    """All connections of a process to one central share one pulse."""
     with RealCentral(address), RealCentral(f"{address}-2") as other:
-        with connect("first", address):  # what ZeroMQ has once for a process is there from now on
+        with connect("first", address):  # opens the files that ZeroMQ opens once per process
             pass
         before = files_here()
         first, second = connect("first", address), connect("second", address)

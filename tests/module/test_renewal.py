@@ -1,4 +1,4 @@
-"""The session alone: what is take_sent after a restart of central, and what is called back."""
+"""The session alone: its declarations after a restart of central, and the kills of given-up tasks."""
 
 import pytest
 from module.scripted_session import A_GOAL, HANDLES_WALK, HELLO, WALK, receive, take_sent, welcome
@@ -128,7 +128,7 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
     assert (walk.accepted, walk.accepted.epoch) == (
         7,
         "one",
-    )  # its own, whatever is heard before it is looked at
+    )  # the number that its own central gave
 
 
 def test_variable_of_forgotten_handler_is_not_set(session: Session) -> None:
@@ -263,7 +263,7 @@ def test_repeated_wiretap_keeps_place_repeated_handler_is_newest() -> None:
     assert attachments.unknown_to("one") == []
 
 
-# --- A task that is given up before central has take_sent that it was taken is called back -------------
+# --- A task that is given up before central has accepted it is killed -----------------------------
 
 
 REST, SAY, IS_FREE = Command("rest"), Inform("say", str), Query("is the way free", reply=bool)
@@ -277,7 +277,7 @@ def kill_of_request(number: int, request: int) -> Kill:
 
 @pytest.fixture
 def user_session() -> Session:
-    """One that has user_session a command and an inform."""
+    """A session that has declared a command, an inform and a monitor."""
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     receive(session, Welcome(1, 1, "user", "one"))
     session.declared([REST.format, SAY.format, LOOK.format], [])
@@ -294,7 +294,7 @@ def test_given_up_task_is_killed_by_request_number(user_session: Session) -> Non
 
 
 def test_break_repeats_kill_but_not_given_up_task(user_session: Session) -> None:
-    """Else the task would begin only to learn whether it had."""
+    """Otherwise the task would start only to be killed."""
     rest = user_session.request(A_REST)
     receive(user_session, Unknown())
     given_up.abandon(user_session, rest)

@@ -1,4 +1,6 @@
-"""Replies that call a function, come one by one, are waited for, or are given later."""
+"""Replies to queries: functions that get them, replies of many handlers, and the waits in the
+journal.
+"""
 
 import queue
 import threading
@@ -79,10 +81,10 @@ def test_query_failure_reaches_failure_function_or_log(
 
     with legs.running():
         never: list[object] = []
-        told = user.query_notify(
+        notification = user.query_notify(
             STANCE, 3.0, lambda *_: never.append(1), lambda _, error: failures.append(error)
         )
-        assert told.wait(SOON)
+        assert notification.wait(SOON)
         assert not caplog.records
         assert user.query_notify(STANCE, 3.0, lambda *_: never.append(1)).wait(SOON)
     assert not never
@@ -109,7 +111,7 @@ def test_error_in_reply_function_is_logged(
 
 
 def test_reply_functions_never_nest(legs: Module, user: Client) -> None:
-    """They would nest if one that waits let others be called meanwhile."""
+    """They would nest if a waiting function let others be called."""
     depth, deepest, count = 0, 0, 100
 
     def ask(sender: Sender, degrees: float) -> None:
@@ -231,7 +233,7 @@ def test_status_times_out_when_central_only_beats() -> None:
 
 
 def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client) -> None:
-    """The thread that serves holds the connection: others must not wait for it for ever."""
+    """The serving thread holds the connection: others must not wait for it for ever."""
     caught = queue.Queue[str]()
 
     def elsewhere(task: Task) -> None:
@@ -260,7 +262,7 @@ def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client)
 pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
-# --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ---
+# --- The journal shows a handler's wait for a reply, however it asks ------------------------------
 
 
 ASK = Command("ask")
@@ -269,7 +271,7 @@ Way = Callable[[Task], object]
 
 
 def open_waits(central: LocalCentral, delivery: int) -> list[int]:
-    """What the handler of a delivery waits for, as the journal tells it."""
+    """The open waits of a delivery's handler in the journal."""
     with central._lock:
         history = History.until(list(central.entries))
     runs = [run for run in history.handlings if run.delivery == delivery and run.end is None]
@@ -277,7 +279,7 @@ def open_waits(central: LocalCentral, delivery: int) -> list[int]:
 
 
 def answer_once_waiting(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
-    """A handler that answers when the journal says that the first of these waits."""
+    """A handler that answers once the journal shows the wait of the first delivery."""
 
     def answer(_: Task) -> float:
         until(lambda: open_waits(central, deliveries[0]), "it is seen to wait")
@@ -291,9 +293,9 @@ def fetched(task: Task) -> object:
 
 
 def called_back(task: Task) -> object:
-    heard: list[float] = []
-    task.query_notify(TEMPERATURE, None, lambda _, degrees: heard.append(degrees)).wait(SOON)
-    return heard[0]
+    replies: list[float] = []
+    task.query_notify(TEMPERATURE, None, lambda _, degrees: replies.append(degrees)).wait(SOON)
+    return replies[0]
 
 
 WAYS: dict[str, Way] = {
@@ -365,12 +367,12 @@ def test_query_send_alone_is_no_journaled_wait(
         user.command(ASK).result(SOON)
     assert not [
         fact for fact in central.facts if isinstance(fact, Awaited)
-    ]  # the reply was there when it was wanted
+    ]  # the reply had arrived before it was fetched
 
 
 @contextmanager
 def busy_eyes(eyes: Module, client: Client) -> Iterator[None]:
-    """The eyes have a question that they do not answer before the end of the block."""
+    """The eyes have a question that they answer only after the block."""
     gate = Gate(36.6)
     eyes.handles(TEMPERATURE)(gate)
     with eyes.running():

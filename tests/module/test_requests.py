@@ -1,5 +1,5 @@
-"""A handler hears what clients ask of its task, accepts or rejects it, and reports what it has got
-so far.
+"""A handler receives requests of clients, accepts or rejects them, and reports intermediate
+results.
 """
 
 from collections.abc import Iterator
@@ -62,10 +62,10 @@ STEPPED = True  # the clock of central
 
 
 class Arm:
-    """An arm that grasps until it is told otherwise, and notes what it hears."""
+    """An arm that grasps until its task ends, and notes the requests it receives."""
 
     def __init__(self, central: LocalCentral) -> None:
-        self.heard: list[str] = []
+        self.requests_seen: list[str] = []
         self.module = Module("arm", central)
         self.module.handles(GRASP, accepts=True, takes=["update", "cancel"])(self.grasp)
         self.module.handles(HOLD, takes=["update", "cancel"], resource="hand")(self.hold)
@@ -76,7 +76,7 @@ class Arm:
         task.accept()
         task.report(0.5)
         while (request := task.wait_for_request(10)) is not None:
-            self.heard.append(f"{task.state}: {request.transition} {request.why}".strip())
+            self.requests_seen.append(f"{task.state}: {request.transition} {request.why}".strip())
             if request.transition == "cancel" and request.why:
                 raise task.aborted("the hand is open")
             if request.transition == "cancel" or request.goal.item == "wall":
@@ -88,7 +88,7 @@ class Arm:
 
     async def hold(self, task: Task, grip: Grip) -> str:
         async for request in task.requests():
-            self.heard.append(f"{task.state}: {request.transition} {request.why}".strip())
+            self.requests_seen.append(f"{task.state}: {request.transition} {request.why}".strip())
             request.accept()
             if request.transition == "cancel":
                 break
@@ -120,7 +120,7 @@ def test_handler_accepts_updates_and_completes_task(
         ("accept", "running", "cup"),
         ("completed", "done", "cup"),
     ]
-    assert arm.heard == ["update requested: update"]
+    assert arm.requests_seen == ["update requested: update"]
 
 
 def test_handler_rejects_task_with_reason(user: Client, arm: Arm) -> None:
@@ -189,9 +189,9 @@ def test_cancel_before_acceptance_reaches_handler(
     user: Client, arm: Arm, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
-    grasp.cancel("at once")  # whether the handler has accepted it by then or not
+    grasp.cancel("at once")  # before or after the handler has accepted it
     assert grasp.wait() is Outcome.KILLED
-    assert arm.heard == ["cancel requested: cancel at once"]
+    assert arm.requests_seen == ["cancel requested: cancel at once"]
 
 
 def test_handler_transition_precedes_unseen_request(user: Client, central: LocalCentral) -> None:
@@ -225,7 +225,7 @@ def test_coroutine_receives_requests(user: Client, arm: Arm, central: LocalCentr
     hold.update(Grip("tea"))
     hold.cancel("enough")
     assert hold.wait() is Outcome.KILLED
-    assert arm.heard == [
+    assert arm.requests_seen == [
         "update requested: update",
         "update requested: update",
         "cancel requested: cancel enough",
@@ -252,7 +252,7 @@ def test_request_wait_ends_with_task_or_module(
     with feet.running():
         walking = user.goal(WALK, 1)
         central.until_quiet()
-        walking.cancel()  # which it does not take
+        walking.cancel()  # the handler does not take it
         assert walking.wait() is Outcome.KILLED
         user.goal(WALK, 2)
         central.until_quiet()
@@ -307,13 +307,13 @@ def test_refused_transitions_are_rejected_for_handler(user: Client, central: Loc
 
 
 def test_handler_takes_custom_transitions(user: Client, central: LocalCentral) -> None:
-    choir, heard = Module("choir", central), list[str]()
+    choir, requests_seen = Module("choir", central), list[str]()
 
     @choir.handles(SING, takes=["louder", "pause"])
     def sing(task: Task) -> None:
         task.sleep(1)
         while (request := task.wait_for_request(5)) is not None:
-            heard.append(f"{request.transition} while {task.state}")
+            requests_seen.append(f"{request.transition} while {task.state}")
             with pytest.raises(
                 MisuseError, match=r"'\w+' of sing .* can't be rejected: life cycle 'louder' has no"
             ):
@@ -329,7 +329,7 @@ def test_handler_takes_custom_transitions(user: Client, central: LocalCentral) -
             assert singing.take(name)
         central.advance(6)
         assert singing.wait() is Outcome.DONE
-        assert heard == ["louder while paused", "louder while paused", "pause while paused"]
+        assert requests_seen == ["louder while paused", "louder while paused", "pause while paused"]
         assert [one.transition for one in changes][-3:] == ["pause", "resumed", "completed"]
 
 
@@ -352,12 +352,12 @@ it, unless the handler is declared with accepts=True",
 
 
 def test_impossible_transition_in_handler_is_misuse(user: Client, central: LocalCentral) -> None:
-    feet, said = Module("feet", central), list[str]()
+    feet, errors = Module("feet", central), list[str]()
 
     def misuse(call: object) -> None:
         with pytest.raises((MisuseError, BadData)) as error:
             call()  # type: ignore[operator]
-        said.append(str(error.value))
+        errors.append(str(error.value))
 
     @feet.handles(WALK)
     def walk(task: Task, _: int) -> None:
@@ -388,7 +388,7 @@ def test_impossible_transition_in_handler_is_misuse(user: Client, central: Local
         user.command(GRASP, Grip("pen")).result()
         user.command(TALK).result()
         assert user.query(FREE)
-    assert said == NOT_POSSIBLE
+    assert errors == NOT_POSSIBLE
 
 
 def test_impossible_handles_options_are_misuse(central: LocalCentral) -> None:
@@ -470,7 +470,7 @@ def test_undecodable_update_is_rejected_by_library(
     assert (
         rejected == "command 'grasp' came with data that is no Grip: Expected `object`, got `int`"
     )
-    assert not arm.heard
+    assert not arm.requests_seen
     assert "'update' of grasp {1} is rejected" in caplog.text
 
 
@@ -478,14 +478,14 @@ def test_undecodable_update_is_rejected_by_library(
 
 
 def test_busy_handler_rejects_or_is_preempted(user: Client, central: LocalCentral) -> None:
-    feet, heard = Module("feet", central), list[str]()
+    feet, requests_seen = Module("feet", central), list[str]()
     feet.resource("mouth", when_busy="reject")
     feet.handles(TALK, resource="mouth")(lambda task: task.sleep(10))
 
     @feet.handles(WALK, takes=["cancel"], when_busy="preempt")
     def walk(task: Task, steps: int) -> None:
         if (request := task.wait_for_request(10)) is not None:
-            heard.append(f"{steps}: {request.why}")
+            requests_seen.append(f"{steps}: {request.why}")
             request.accept()
 
     with feet.running():
@@ -496,4 +496,4 @@ def test_busy_handler_rejects_or_is_preempted(user: Client, central: LocalCentra
         assert walks[0].wait() is Outcome.KILLED
         central.advance(10)
         assert (walks[1].wait(), talks[0].wait()) == (Outcome.DONE, Outcome.DONE)
-        assert heard == ["1: pre-empted by task 4 'walk'"]
+        assert requests_seen == ["1: pre-empted by task 4 'walk'"]

@@ -1,5 +1,5 @@
-"""Clients and handlers that do what they like, all at once: each update gets a word, each task one
-end, and all agree.
+"""Clients and handlers act at random, all at once. Each update gets one answer, each task one end,
+and all agree.
 """
 
 import random
@@ -31,7 +31,7 @@ PLAY, SING = (Command(name, int, result=int, progress=int) for name in ("play", 
 
 
 class RandomHandler:
-    """Does what it likes with requests."""
+    """Answers requests at random."""
 
     def __init__(self) -> None:
         self.answered: Counter[str] = Counter()
@@ -63,7 +63,7 @@ class RandomHandler:
 
 
 class RandomServer(Server[int, int]):
-    """The same, with methods."""
+    """A random handler with a method for each request."""
 
     def initiated(self, task: Task, goal: int) -> int:
         for step in range(random.Random(goal).randrange(40)):
@@ -81,7 +81,7 @@ class RandomServer(Server[int, int]):
 
 
 class RandomClient(threading.Thread):
-    """Sends tasks, and wants this and that of them."""
+    """Sends tasks, and updates, cancels or awaits them at random."""
 
     def __init__(self, central: LocalCentral, seed: int, tasks: int) -> None:
         super().__init__()
@@ -99,8 +99,8 @@ class RandomClient(threading.Thread):
     def _order(self, user: Sender) -> None:
         dice = self._dice
         task = user.command(dice.choice([PLAY, SING]), dice.randrange(10**6), sequential=False)
-        heard: list[Change] = []
-        task.on_change(heard.append)
+        changes: list[Change] = []
+        task.on_change(changes.append)
         if dice.random() < 0.8:
             task.wait_for_state("running", timeout=LATEST)
         for _ in range(dice.randrange(5)):
@@ -113,8 +113,8 @@ class RandomClient(threading.Thread):
             task.result(LATEST)
         *_, last = task.changes(timeout=LATEST)
         assert (last.state == "done") == (task.wait() is Outcome.DONE), (last, task.wait())
-        assert [one.serial for one in heard] == sorted({one.serial for one in heard})
-        assert not any(one.missed for one in heard)
+        assert [one.serial for one in changes] == sorted({one.serial for one in changes})
+        assert not any(one.missed for one in changes)
 
 
 def run_band(seed: int, clients: int, tasks: int) -> None:

@@ -1,6 +1,4 @@
-"""What deals with a failure: a retry, a kill, or an exception handler that calls resolved() and
-ends well.
-"""
+"""Failures are dealt with by a retry, a kill, or an exception handler that calls resolved()."""
 
 import threading
 from collections.abc import Iterator
@@ -32,7 +30,7 @@ ON_SLIP = [Recovery(SLIP, LOOK)]
 
 
 class Robot:
-    """Its *reactions* say what the exception handler does, one call after the other."""
+    """*reactions* holds the actions of the exception handler, one for each call."""
 
     def __init__(self, legs: Module, eyes: Module) -> None:
         self.reactions: list[Any] = []

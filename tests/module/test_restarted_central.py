@@ -1,4 +1,4 @@
-"""Central was restarted: what was attached is there again, and old numbers mean nobody's tasks."""
+"""After a restart of central attachments return, and old numbers name no task of others."""
 
 import asyncio
 import pickle
@@ -56,7 +56,7 @@ RECOVER, REPLAN, STOP = (ExceptionHandler(name) for name in ("recover", "replan"
 
 
 class Robot:
-    """Legs, and a program that watches over them; what both did."""
+    """Legs, a program that watches over them, and the actions of both."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central
@@ -88,7 +88,7 @@ class Robot:
             yield
 
     def effects_of_move(self, leg: int, user: Client) -> list[str]:
-        """What a move brings about now."""
+        """The actions that a move causes now."""
         self.done.clear()
         user.command(MOVE, leg).wait(SOON)
         return self.done[:]
@@ -100,15 +100,15 @@ def robot(central: LocalCentral) -> Robot:
 
 
 def restarted(central: LocalCentral, user: Client, epoch: str = "afresh") -> None:
-    """Central has been restarted, and all modules are back."""
+    """Restart central, and wait until all modules are back."""
     central.restart(epoch)
     user.wait_until_handled(MOVE, CHECK, STOP, timeout=SOON)
 
 
 def attached(user: Client) -> list[str]:
-    known = user.status("attached")
-    return [one["handler"] for one in known["exception_handlers"]] + [
-        one["listener"] for one in known["wiretaps"]
+    attachments = user.status("attached")
+    return [one["handler"] for one in attachments["exception_handlers"]] + [
+        one["listener"] for one in attachments["wiretaps"]
     ]
 
 
@@ -126,10 +126,10 @@ def test_attachments_of_module_return_before_its_handlers(
         restarted(central, user)
         assert robot.effects_of_move(2, user) == ["check 2", "move 2"]
         assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "stop"]
-        anew = central.facts[before:]
+        renewed = central.facts[before:]
         order = [
             type(fact)
-            for fact in anew
+            for fact in renewed
             if getattr(fact, "module", "") != "legs" and type(fact) in ATTACHING
         ]
     assert order[: order.index(facts.HandlerAdded)] == [facts.TapAdded, facts.Attached]
@@ -141,7 +141,7 @@ ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
 def test_attachments_of_handler_return_in_place_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """Every handler has a connection of its own; the module attaches for all of them."""
+    """Every handler has a connection of its own. The module attaches for all of them."""
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -153,7 +153,7 @@ def test_attachments_of_handler_return_in_place_after_restart(
         robot.taps.append(task.tap(Condition.BEFORE_HANDLING, MOVE, CHECK))
 
     @robot.safety.handles(NOTE)
-    def note(_: Task, __: int) -> None:
+    def remove_tap(_: Task, __: int) -> None:
         robot.taps[0].remove()
         robot.done.append("removed")
 
@@ -213,7 +213,7 @@ def test_attachment_to_task_is_gone_after_restart(central: LocalCentral, user: C
 def test_attachment_detached_by_operator_returns_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """Whoever attached it wants it still: as after a restart of that module."""
+    """The module that attached it still needs it, as after a restart of that module."""
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -226,10 +226,7 @@ def test_attachment_detached_by_operator_returns_after_restart(
         assert robot.effects_of_move(1, user) == ["check 1", "move 1"]
 
 
-# --- before the handlers --------------------------------------------------------------------------
-
-
-# --- A restarted central gives its first messages the numbers of old ones -------------------------
+# --- A restarted central gives new messages the numbers of old ones -------------------------------
 
 
 WORK = Command("work", str, result=str)
@@ -239,7 +236,7 @@ UNHANDLED, LAST = Query("nobody", reply=int), Query("last", reply=int)
 def check_that_new_task_gets_own_answer(
     central: LocalCentral, user: Client, begun: "queue.Queue[str]"
 ) -> None:
-    """The same work once in the old central, and in the new one under the same number."""
+    """Send the same work to the old central, and to the new one under the same number."""
     assert user.command(WORK, "old").id == 1
     old = begun.get(timeout=SOON)
     central.restart("afresh")
@@ -282,7 +279,7 @@ def test_forgotten_later_reply_does_not_answer_new_task(
             owed.append(task.reply_later())
             return owed[0]
         owed[0].reply("old")
-        task.query_send(LAST).receive(SOON)  # in this wait it leaves
+        task.query_send(LAST).receive(SOON)  # the reply leaves in this wait
         return data
 
     module.handles(LAST, resource="last")(lambda _: 1)
@@ -332,7 +329,7 @@ def test_forgotten_task_is_cancelled_and_no_longer_suspended(
         assert read.get(timeout=SOON)
 
 
-# --- A restarted central gives strangers' tasks the numbers of forgotten ones ---------------------
+# --- A restarted central gives tasks of strangers the numbers of forgotten ones -------------------
 
 
 LABOUR, STRIDE, HALT, NOTICE = (
@@ -353,7 +350,7 @@ PROBE = PointMonitor("check", condition=IS_LOW, action=HALT)
 
 @dataclass
 class Forgotten:
-    """What a program still has of tasks that were forgotten, and a task that it sent since."""
+    """A program's handles of forgotten tasks, and a task that it has sent since."""
 
     user: Client
     goal: SentTask[None]
@@ -366,38 +363,38 @@ class Forgotten:
 
 CALLS: dict[str, Callable[[Forgotten], object]] = {
     # points
-    "constrain what comes after it": lambda forgotten: forgotten.user.constrain(
+    "constrain successor": lambda forgotten: forgotten.user.constrain(
         forgotten.task.achieving.end <= forgotten.new().handling.start
     ),
-    "constrain it": lambda forgotten: forgotten.user.constrain(
+    "constrain predecessor": lambda forgotten: forgotten.user.constrain(
         forgotten.new().achieving.end <= forgotten.task.handling.start
     ),
-    "constrain, later": lambda forgotten: forgotten.user.constrain(
+    "constrain with delay": lambda forgotten: forgotten.user.constrain(
         forgotten.task.achieving.end + 1 <= forgotten.new().handling.start
     ),
     "constrain without <=": lambda forgotten: forgotten.user.constrain(
         Constraint(forgotten.task.achieving.end, forgotten.new().achieving.start)
     ),
-    "constrain two of them": lambda forgotten: forgotten.user.constrain(
+    "constrain both": lambda forgotten: forgotten.user.constrain(
         forgotten.goal.achieving.end <= forgotten.task.achieving.start
     ),
-    "send after it": lambda forgotten: forgotten.user.command(
+    "send successor": lambda forgotten: forgotten.user.command(
         LABOUR, constraints=[forgotten.task.achieving.end <= this.achieving.start]
     ),
-    "kill after it": lambda forgotten: forgotten.new().kill(after=forgotten.task.achieving.end),
-    "wait for its point": lambda forgotten: forgotten.new().wait_for(
+    "kill after": lambda forgotten: forgotten.new().kill(after=forgotten.task.achieving.end),
+    "wait for point": lambda forgotten: forgotten.new().wait_for(
         forgotten.task.handling.start, SOON
     ),
-    "a deadline for its point": lambda forgotten: forgotten.new().deadline(
+    "deadline for point": lambda forgotten: forgotten.new().deadline(
         3, forgotten.task.achieving.end
     ),
-    "watch until it ends": lambda forgotten: forgotten.user.monitor(
+    "monitor until": lambda forgotten: forgotten.user.monitor(
         BATTERY, period=1, until=forgotten.task.achieving.end
     ),
-    "watch after it": lambda forgotten: forgotten.user.monitor(
+    "monitor after": lambda forgotten: forgotten.user.monitor(
         PROBE, constraints=[forgotten.task.achieving.end <= this.achieving.start], sequential=False
     ),
-    "listen until it ends": lambda forgotten: forgotten.user.tap(
+    "tap until": lambda forgotten: forgotten.user.tap(
         Condition.WHILE_ACHIEVING, STRIDE, BATTERY, period=1, until=forgotten.task.achieving.end
     ),
     # handles
@@ -419,15 +416,13 @@ CALLS: dict[str, Callable[[Forgotten], object]] = {
     "tap": lambda forgotten: forgotten.user.tap(Condition.AFTER_ACHIEVED, forgotten.task, NOTICE),
     "fire": lambda forgotten: forgotten.monitor.fire(HALT),
     "end": lambda forgotten: forgotten.monitor.end(),
-    # what is sent under it
-    "a command under it": lambda forgotten: forgotten.user.under(forgotten.goal).command(LABOUR),
-    "a goal under it": lambda forgotten: forgotten.user.under(forgotten.goal).goal(STRIDE),
-    "a monitor under it": lambda forgotten: forgotten.user.under(forgotten.goal).monitor(
-        BATTERY, period=1
-    ),
+    # tasks sent under it
+    "subcommand": lambda forgotten: forgotten.user.under(forgotten.goal).command(LABOUR),
+    "subgoal": lambda forgotten: forgotten.user.under(forgotten.goal).goal(STRIDE),
+    "submonitor": lambda forgotten: forgotten.user.under(forgotten.goal).monitor(BATTERY, period=1),
     # its number
-    "by its number": lambda forgotten: forgotten.user.task(forgotten.task.id),
-    "by a copy of its number": lambda forgotten: forgotten.user.task(
+    "number": lambda forgotten: forgotten.user.task(forgotten.task.id),
+    "copied number": lambda forgotten: forgotten.user.task(
         pickle.loads(pickle.dumps(forgotten.task.id))
     ),
 }
@@ -449,7 +444,7 @@ def send_tasks(user: Client) -> Forgotten:
 
 
 def add_tasks_of_stranger(central: LocalCentral, stranger: Client) -> None:
-    """Tasks of somebody else with the same numbers."""
+    """Send tasks of another client that get the same numbers."""
     for _ in range(4):
         stranger.goal(STRIDE, sequential=False)
     stranger.tasks(STRIDE)[0].on_failure(STUCK, FREE)
@@ -500,8 +495,8 @@ HANDLERS_CALLS: dict[str, Callable[[Task], object]] = {
     "query": lambda task: task.query(IS_LOW),
     "lock": lambda task: task.lock("legs"),
     "variable": lambda task: task.set_variable(LEVEL, 1),
-    "its own point": lambda task: task.constrain(task.achieving.end <= task.ref.achieving.end),
-    "its handle": lambda task: task.ref.kill(),
+    "own point": lambda task: task.constrain(task.achieving.end <= task.ref.achieving.end),
+    "own ref": lambda task: task.ref.kill(),
 }
 
 
@@ -585,7 +580,9 @@ def test_request_naming_forgotten_number_is_lost() -> None:
     with pytest.raises(
         CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "
     ):
-        connection.call(Send(0, "walk", parent=task), "goal 'walk'")  # by this call it is known
+        connection.call(
+            Send(0, "walk", parent=task), "goal 'walk'"
+        )  # this call learns of the restart
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
         connection.post(Send(0, "position", origin=delivery), b"")
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):

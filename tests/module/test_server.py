@@ -1,6 +1,4 @@
-"""A server is a handler with a method for each thing that clients may want; what it lacks gets a
-default.
-"""
+"""A server is a handler with a method for each request of clients. Missing methods have defaults."""
 
 import threading
 from collections.abc import Iterator
@@ -78,7 +76,7 @@ class Grasping(Server[Grip, str]):
 
 
 class Holding(Server[Grip, str]):
-    """Replies when somebody says so."""
+    """Replies when the test lets it."""
 
     def __init__(self) -> None:
         self.owed: list[LaterReply[str]] = []
@@ -98,7 +96,7 @@ class Holding(Server[Grip, str]):
 
 
 class Walking(Server[int, None]):
-    """Knows only how to walk."""
+    """Has only the method for walking."""
 
     def initiated(self, task: Task, goal: int) -> None:
         task.sleep(goal)
@@ -147,7 +145,7 @@ def test_sleeping_server_receives_requests(
 
 
 class Counting(Server[int, None]):
-    """Never waits, but for what has come."""
+    """Polls for requests and never blocks."""
 
     def __init__(self) -> None:
         self.begun, self.until = threading.Event(), 0

@@ -109,13 +109,13 @@ def test_other_protocol_of_restarted_central_is_reported_once(
     assert session.complaints == ["central refuses this module: use one version"]
 
 
-# --- requests and answers -------------------------------------------------------------------------
+# --- Requests and answers -------------------------------------------------------------------------
 
 
 def test_answers_are_matched_to_requests_by_number(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
     assert take_sent(session) == [Send(2, "walk"), Send(3, "stance")]
-    receive(session, Accepted(3, 17))  # which is not the answer
+    receive(session, Accepted(3, 17))  # this is not the answer
     assert not stance.is_over
     session.receive(Answer(3), b"reply", 1.0)
     assert (walk.is_over, stance.is_over) == (False, True)
@@ -158,7 +158,7 @@ def test_answer_to_abandoned_request_is_ignored(session: Session) -> None:
     assert take_sent(session) == []
 
 
-# --- the connection breaks ------------------------------------------------------------------------
+# --- The connection breaks ------------------------------------------------------------------------
 
 
 def test_unknown_triggers_hello_and_ordered_repetition(
@@ -186,8 +186,8 @@ def test_declarations_precede_repeated_requests(session: Session) -> None:
     session.declared([WALK], [HANDLES_WALK])
     send_requests(session, A_GOAL, wants_answer=False)
     receive(session, Unknown(), welcome())
-    # With number 0: central takes a request whose number is lower than one it has seen for
-    # answered.
+    # The number is 0: central would regard a request with a lower number than
+    # one it has seen as answered.
     assert take_sent(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
@@ -196,8 +196,8 @@ def test_declaration_forgotten_by_central_is_repeated() -> None:
     session.tend(0.0, 0.0)
 
     def talk(connection: bytes, *, is_heard: bool = True) -> None:
-        """Central gets all that the session says, which hears the answers unless the connection has
-        broken.
+        """Give central all headers of the session. Its answers arrive unless the connection
+        is broken.
         """
         while outgoing := session.take_outgoing(float):
             for header, body in outgoing:
@@ -307,7 +307,7 @@ def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
     assert take_sent(session) == [HELLO]
 
 
-# --- silence --------------------------------------------------------------------------------------
+# --- Silence --------------------------------------------------------------------------------------
 
 
 def test_silent_central_is_asked_every_second(session: Session) -> None:
@@ -325,7 +325,7 @@ def test_silent_central_is_asked_every_second(session: Session) -> None:
     assert take_sent(session) == []
 
 
-# --- deliveries -----------------------------------------------------------------------------------
+# --- Deliveries -----------------------------------------------------------------------------------
 
 
 def test_delivery_is_queued_and_replied_to_once(session: Session) -> None:
@@ -344,7 +344,7 @@ def test_reply_is_repeated_until_next_delivery_confirms_it(session: Session) -> 
     assert take_sent(session) == [Reply(8)]
     receive(
         session, Beat(), Unknown(), welcome()
-    )  # the beat may have been sent before the reply came
+    )  # the beat may have been sent before the reply arrived
     assert take_sent(session) == [Reply(8)]
     receive(session, Deliver(9, "walk"), Unknown(), welcome())
     assert take_sent(session) == []
@@ -365,7 +365,7 @@ def test_repeated_delivery_is_handled_once(session: Session) -> None:
 def test_killed_or_forgotten_task_is_cancelled_not_suspended(
     session: Session,
 ) -> None:
-    """Or a handler that holds as long as its task is suspended would never return."""
+    """Otherwise a handler that holds during the suspension of its task would never return."""
     deliveries = session.open_deliveries
     receive(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
     assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (True, False)
@@ -376,11 +376,11 @@ def test_killed_or_forgotten_task_is_cancelled_not_suspended(
     assert deliveries.is_cancelled(8)
 
 
-# --- locks ----------------------------------------------------------------------------------------
+# --- Locks ----------------------------------------------------------------------------------------
 
 
 def granted_lock(session: Session) -> Request:
-    """A lock that the session has got."""
+    """A lock that central has granted."""
     (lock,) = send_requests(session, Lock(0, "legs"))
     receive(session, Answer(lock.header.number))
     return lock
@@ -436,7 +436,7 @@ def test_abandoned_release_is_repeated_after_break(
 )
 def test_give_up_is_repeated_until_answered(session: Session, asked_for: ToCentral) -> None:
     (early,) = send_requests(session, asked_for)
-    given_up.abandon(session, early)  # and what says so is lost with the connection
+    given_up.abandon(session, early)  # the give-up is lost with the connection
     receive(session, Unknown())
     given_up.abandon(session, session.request(asked_for, wants_answer=True))  # has never left
     receive(session, welcome())
@@ -455,7 +455,7 @@ def test_old_observation_is_given_up_after_break(session: Session) -> None:
     send_requests(session, Observe(0))
     receive(session, Unknown(), welcome())
     assert take_sent(session) == [GiveUp(2, 3), Observe(4)]
-    receive(session, Unknown(), welcome())  # before that has arrived
+    receive(session, Unknown(), welcome())  # before the give-up has arrived
     assert take_sent(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
 
 
@@ -468,7 +468,7 @@ def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> N
     assert take_sent(session) == [GiveUp(2, 3)]
 
 
-# --- central was restarted: what the next one gets ------------------------------------------------
+# --- The next central after a restart -------------------------------------------------------------
 
 
 def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> None:
@@ -511,7 +511,7 @@ def test_request_discarded_by_central_is_sent_again(session: Session, epoch: str
 
 def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
     (walk,) = send_requests(session, A_GOAL, wants_answer=False)
-    receive(session, Unknown(), welcome())  # the line broke, and it is not known when
+    receive(session, Unknown(), welcome())  # the line broke at an unknown time
     assert take_sent(session) == [Send(2, "walk")]
     receive(session, Unknown(2), welcome("two"))
     assert walk.lost == FORGOTTEN
@@ -554,7 +554,7 @@ def test_read_only_questions_go_to_new_central(session: Session) -> None:
 
 
 def test_pending_handler_registration_is_left_to_redeclaration(session: Session) -> None:
-    """Or they would come before what is attached."""
+    """Otherwise they would be declared before the attachments."""
     (request,) = send_requests(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     receive(session, Unknown(), welcome("two"))
     assert request.lost
@@ -562,8 +562,8 @@ def test_pending_handler_registration_is_left_to_redeclaration(session: Session)
 
 
 def test_central_names_request_of_unknown_connection() -> None:
-    core, somebody = Central("two"), ConnectionId(b"somebody")
-    events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
+    core, stranger = Central("two"), ConnectionId(b"somebody")
+    events = [RequestReceived(0.0, stranger, header, b"") for header in (Send(7, "walk"), Reply(8))]
     effects = [effect for event in events for effect in core.handle(event)]
     assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [
         Unknown(7),

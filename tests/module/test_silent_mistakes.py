@@ -1,5 +1,5 @@
-"""What is allowed and almost certainly a mistake is warned of; what a user's log handler does wrong
-ends nothing.
+"""Calls that are allowed but almost certainly mistakes cause a warning. A broken log handler ends
+no module.
 """
 
 import logging
@@ -22,8 +22,8 @@ def test_second_module_of_same_name_is_warned(
     with legs.running():
         assert not caplog.messages
         with Module("legs", central).running():
-            (said,) = caplog.messages
-    assert "another module 'legs' runs, so central calls this one 'legs#2'" in said
+            (warning,) = caplog.messages
+    assert "another module 'legs' runs, so central calls this one 'legs#2'" in warning
 
 
 def test_resource_without_handlers_is_warned_of(
@@ -34,7 +34,7 @@ def test_resource_without_handlers_is_warned_of(
     legs.handles(REST, resource="hip")(lambda _: None)
     legs.every(100, resource="head")(lambda: None)
     with legs.running():
-        assert [said.partition(" of ")[0] for said in caplog.messages] == ["resource 'arm'"]
+        assert [warning.partition(" of ")[0] for warning in caplog.messages] == ["resource 'arm'"]
 
 
 @pytest.mark.parametrize("is_last", [False, True])
@@ -57,8 +57,8 @@ def test_blocking_async_handler_is_warned_of_once(
     with legs.running():
         for _ in range(2):
             assert user.command(REST).wait(SOON) is Outcome.DONE
-    (said,) = caplog.messages
-    assert said.startswith("the async handler of rest has blocked its event loop for 0.")
+    (warning,) = caplog.messages
+    assert warning.startswith("the async handler of rest has blocked its event loop for 0.")
 
 
 class RaisingHandler(logging.Handler):

@@ -1,4 +1,4 @@
-"""A handler lets time pass: on a clock that the test steps, heard by a kill, without drift."""
+"""A handler sleeps: on a clock that the test steps, ended by a kill, without drift."""
 
 import threading
 
@@ -25,7 +25,7 @@ def test_handler_sleeps_on_stepped_clock(central: LocalCentral, user: Client, le
         slept.append(task.time())
         task.sleep_until(4)
         slept.append(task.time())
-        task.sleep_until(3)  # is past
+        task.sleep_until(3)  # in the past
         slept.append(task.time())
 
     with legs.running():

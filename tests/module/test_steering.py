@@ -33,7 +33,7 @@ from tca_module import (
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Ignored, Received
 
-# --- Who steers a task is told whether anything was done ------------------------------------------
+# --- Steering returns whether it had an effect ----------------------------------------------------
 
 
 SHRUG = ExceptionHandler("shrug")
@@ -53,7 +53,7 @@ NOT_OF_KILLED = {"deadline", "retry", "fail"}
 
 
 class RestingLegs:
-    """They rest until they may go on, and shrug at failures."""
+    """Legs that rest until they may go on, and only observe failures."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.module = Module("resting_legs", central)
@@ -132,7 +132,7 @@ def test_retaining_or_attaching_to_ended_task_is_refused(
     for promise in promises:
         with pytest.raises(Refused, match="has ended"):
             promise()
-    ref.release()  # what is not kept need not be let go
+    ref.release()  # releasing a task that is not retained does no harm
 
 
 def test_monitor_ends_once(resting_legs: RestingLegs, supervisor: Client) -> None:
@@ -143,7 +143,7 @@ def test_monitor_ends_once(resting_legs: RestingLegs, supervisor: Client) -> Non
     assert monitor.fire() is False
 
 
-# --- Monitors, goals and commands that are put under a task which others handle -------------------
+# --- Tasks and monitors under a task that another module handles ----------------------------------
 
 
 TREAD, GUARD = Command("tread", int), Command("guard")
@@ -152,7 +152,7 @@ BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
 
 
 class Expedition:
-    """A planner whose walk waits to be told to go on; steps; and a watcher that knows of both."""
+    """A planner whose walk waits for the test, legs, and a watcher that finds the walk."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central
@@ -237,8 +237,10 @@ def test_command_under_foreign_task_joins_its_sequence(
 def test_sequence_block_ignores_tasks_of_other_senders(
     expedition: Expedition, leader: Client
 ) -> None:
-    """Under a task of others and under the root; the strangers are not in the sequence."""
-    expedition.may_tread.clear()  # else the first might be over when the second is sent
+    """Under a task of another module and under the root, the sequence contains only the
+    client's own tasks.
+    """
+    expedition.may_tread.clear()  # otherwise the first might end before the second is sent
     sent = expedition.begin(GUARD, leader)
     pairs: list[tuple[Sender, Sender]] = [
         (leader.under(sent), leader.under(sent)),

@@ -1,5 +1,5 @@
-"""A central whose clock the test steps: what needs no time is waited for, and what happened can be
-read and compared.
+"""A central whose clock the test steps: it waits until all is quiet, and its transcript can be
+compared.
 """
 
 import asyncio
@@ -78,7 +78,7 @@ def test_deadline_ends_waiting_handler(central: LocalCentral, user: Client, legs
 
 
 def run_plan(central: LocalCentral) -> str:
-    """A plan of three steps whose handlers run in four threads, and ask a fifth."""
+    """Run a plan of three steps in four threads that query a fifth, and return the transcript."""
     planner, legs, wheel = (Module(name, central) for name in ("planner", "legs", "wheel"))
     legs.resource("feet", capacity=3)
 
@@ -105,12 +105,12 @@ def run_plan(central: LocalCentral) -> str:
 
 
 def test_transcript_matches_approved_text(central: LocalCentral, *, rewrite: bool) -> None:
-    """``pytest --rewrite`` writes it anew: commit only differences that you can explain."""
+    """``pytest --rewrite`` rewrites the file: commit only differences that you can explain."""
     approved = Path(__file__).parent / "stepped.txt"
-    said = run_plan(central)
+    transcript = run_plan(central)
     if rewrite:
-        approved.write_text(said)
-    assert said == approved.read_text()
+        approved.write_text(transcript)
+    assert transcript == approved.read_text()
 
 
 def test_transcript_is_same_in_each_run() -> None:
@@ -185,13 +185,13 @@ def test_until_quiet_returns_while_handlers_only_wait(
 def test_handler_blocked_on_event_does_not_stop_others(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
-    told = threading.Event()
+    released = threading.Event()
 
     @legs.handles(REST)
     def rest(_: Task) -> None:
-        assert told.wait(SOON)
+        assert released.wait(SOON)
 
-    legs.handles(STEP, resource="feet")(lambda *_: told.set())
+    legs.handles(STEP, resource="feet")(lambda *_: released.set())
     with legs.running():
         rests, step = user.command(REST), user.command(STEP, 1, sequential=False)
         assert (rests.wait(SOON), step.wait(SOON)) == (Outcome.DONE, Outcome.DONE)
@@ -285,26 +285,26 @@ def test_wrong_clock_arguments_are_misuse(central: LocalCentral) -> None:
 
 
 def wake_order(central: LocalCentral) -> list[str]:
-    """The order in which two modules wake, with three threads and a timer each, whose sleeps end
-    together.
+    """The order in which two modules wake, each with three threads and a timer, when all sleeps
+    end together.
     """
-    said: list[str] = []
+    order: list[str] = []
 
     def sleep(task: Task, number: int) -> None:
         task.sleep(1)
-        said.append(f"{task.message} {number}")
+        order.append(f"{task.message} {number}")
 
     moves = {Module(name, central, capacity=3): Command(name, int) for name in ("legs", "arm")}
     legs, arm = moves
     for module, move in moves.items():
         module.handles(move)(sleep)
-        module.every(1)(lambda name=module.name: said.append(f"tick {name}"))
+        module.every(1)(lambda name=module.name: order.append(f"tick {name}"))
     with legs.running(), arm.running(), connect("user", central) as user:
         for number in range(6):
             user.command(moves[legs if number % 2 else arm], number // 2, sequential=False)
         central.until_quiet()
         central.advance(1)
-    return said
+    return order
 
 
 def test_simultaneous_sleeps_end_in_declared_order() -> None:

@@ -1,6 +1,4 @@
-"""Tasks: the tree they make, their order, results and failures, how they are steered, and what is
-kept of them.
-"""
+"""Tasks: their tree, order, results and failures, and the retained ones."""
 
 import operator
 import threading
@@ -117,7 +115,7 @@ def test_task_flags_become_constraints(robot: Robot, user: Client) -> None:
 
 
 def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
-    """What the handler's task plans is not done before the handler has returned."""
+    """The handler must have returned before the task that it plans is achieved."""
 
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
@@ -172,7 +170,7 @@ def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> N
             stop.result(0.01)
         assert (
             robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2
-        )  # the second was given up
+        )  # the second wait was given up
         gate.go_on.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         with pytest.raises(MisuseError, match="point must be a point of a task"):
@@ -181,7 +179,7 @@ def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> N
             stop.wait_for(Point(99, Moment.END_ACHIEVING))  # type: ignore[arg-type]
 
 
-# --- Tasks that fail or are killed, and what is left of them when central is gone -----------------
+# --- Tasks that fail or are killed ----------------------------------------------------------------
 
 
 HEIGHT = Query("height", int, reply=float)
@@ -248,7 +246,7 @@ def test_unexpected_exception_fails_task_with_traceback(
 
 
 def test_unencodable_error_text_is_escaped(robot: Robot, user: Client) -> None:
-    """As Python makes them of file names."""
+    """Python makes such texts of file names."""
 
     @robot.planner.handles(REST)
     def rest(_: Task) -> None:
@@ -314,7 +312,7 @@ def test_discarded_result_raises_bad_data(robot: Robot, user: Client) -> None:
 
 
 def test_uncaught_failure_keeps_name_and_data(robot: Robot, user: Client) -> None:
-    """A handler that does not catch what its question, or its subtask, failed with."""
+    """A handler may let the failure of its query or subtask pass."""
 
     @robot.planner.handles(WALK)
     def walk(task: Task, _: Arc) -> None:
@@ -335,7 +333,7 @@ def test_uncaught_failure_keeps_name_and_data(robot: Robot, user: Client) -> Non
     assert failed.value.data == 3
 
 
-# --- What modules can still learn of tasks that have ended, because somebody keeps them -----------
+# --- Retained tasks after their end ---------------------------------------------------------------
 
 
 CROSS, PACE = Goal("cross the field"), Command("step", int, result=float)

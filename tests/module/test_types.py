@@ -1,7 +1,5 @@
-"""The mistakes in ``mistakes.py`` are found by mypy, nothing else there is called one, and its
-words help.
-
-In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake is found.
+"""mypy finds each mistake in ``mistakes.py`` and no other, with helpful messages. In strict mode it
+reports each unneeded ``type: ignore``, so each mistake must be found.
 """
 
 import inspect
@@ -91,7 +89,7 @@ def test_docstring_names_each_option(kind: Any) -> None:
     ] == []
 
 
-# --- A handler whose data are annotated with another type than its message's is refused where it is
+# --- A handler's data annotation must fit its message ---------------------------------------------
 
 
 T = TypeVar("T")
@@ -113,11 +111,24 @@ class HasX(Protocol):
 
 
 RIGHT = [
-    (int, float), (float, object), (float, Any), (float, "Unknown"), (float, T), (Pose3, Pose), (Pose, HasX),
-    (float, Metres), (Annotated[float, "m"], float), (list[int], Sequence[float]), (dict[str, int], Mapping[str, Any]),
-    (float | None, float | str | None), (Literal["a", "b"], str), (tuple[int, ...], tuple[int, int]),
-    (NDArray[np.float64], np.ndarray), (Sequence[int], list[int]), (list[Pose3], list[Pose]),
-]  # fmt: skip
+    (int, float),
+    (float, object),
+    (float, Any),
+    (float, "Unknown"),
+    (float, T),
+    (Pose3, Pose),
+    (Pose, HasX),
+    (float, Metres),
+    (Annotated[float, "m"], float),
+    (list[int], Sequence[float]),
+    (dict[str, int], Mapping[str, Any]),
+    (float | None, float | str | None),
+    (Literal["a", "b"], str),
+    (tuple[int, ...], tuple[int, int]),
+    (NDArray[np.float64], np.ndarray),
+    (Sequence[int], list[int]),
+    (list[Pose3], list[Pose]),
+]
 WRONG = [
     (float, int),
     (Pose, Pose3),
@@ -147,7 +158,7 @@ def test_unfitting_data_annotation_is_refused(kind: Any, hint: Any, *, fits: boo
         Module("legs").handles(Command("move", kind))(handler)
 
 
-# --- Declarations are divided into requests that central takes, in an order in which each can stand
+# --- Declarations are divided into requests that central accepts in order -------------------------
 
 
 @pytest.mark.parametrize(

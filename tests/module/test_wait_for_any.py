@@ -1,4 +1,4 @@
-"""The wait for the first of several tasks to release."""
+"""The wait for the first of several tasks to end."""
 
 import threading
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
 
 @pytest.fixture
 def release() -> threading.Event:
-    """Ends what is slow."""
+    """Ends the slow tasks."""
     return threading.Event()
 
 
@@ -47,7 +47,7 @@ def _robot(central: LocalCentral, release: threading.Event) -> Iterator[None]:
 def test_wait_for_any_returns_first_ended_task(user: Client, release: threading.Event) -> None:
     slow, quick = user.command(SLOW, sequential=False), user.command(QUICK, sequential=False)
     assert wait_for_any([slow, quick]) == [quick]
-    assert wait_for_any([slow, quick]) == [quick]  # it has ended, and is given again
+    assert wait_for_any([slow, quick]) == [quick]  # a task that has ended is returned again
     release.set()
     assert wait_for_any([slow]) == [slow]
     assert slow.result(0) is None

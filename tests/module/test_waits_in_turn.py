@@ -1,6 +1,4 @@
-"""A handler that waits again and again while central is away: it keeps its period, and loses
-patience once.
-"""
+"""A handler waits again and again while central is away: it keeps its period, and gives up once."""
 
 from collections.abc import Iterator
 
@@ -17,7 +15,7 @@ PATIENCE, PERIOD = 10.0, 0.1
 
 
 class Loop:
-    """What a handler does in each period, on the clock of a scripted central."""
+    """A handler's periodic work, on the clock of a scripted central."""
 
     def __init__(self) -> None:
         self.central = ScriptedCentral(accept_all)
@@ -28,7 +26,7 @@ class Loop:
         self.due = self.central.now
 
     def turn(self, works: float = 0.0, *, reports: bool = False, waits: float = PERIOD) -> float:
-        """Work, then wait until it is due again; by how much that ended too late."""
+        """Work, wait until the next due time, and return by how much the wait ended late."""
         self.due = max(self.due, self.central.now + works) + waits
         self.central.now += works
         if reports:
@@ -39,7 +37,7 @@ class Loop:
     def turns(
         self, seconds: float, works: float = 0.0, *, reports: bool = False, waits: float = PERIOD
     ) -> Iterator[float]:
-        """Turn after turn."""
+        """Take turns for a while."""
         until = self.central.now + seconds
         while self.central.now < until:
             yield self.turn(works, reports=reports, waits=waits)
@@ -86,7 +84,7 @@ def test_cleanup_after_central_lost_has_patience_again(loop: Loop) -> None:
 
 @pytest.mark.parametrize("works", [0.3, 20.0])
 def test_present_central_is_never_lost(loop: Loop, works: float) -> None:
-    loop.central.now += 29  # it had nothing to say
+    loop.central.now += 29  # it had nothing to send
     assert loop.turn(works) == pytest.approx(0)
     assert max(loop.turns(8 * works + PATIENCE, works=works)) == pytest.approx(0)
 

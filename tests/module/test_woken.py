@@ -1,5 +1,5 @@
-"""A handler whose work is void is woken from whatever it waits for, once, and may then clean up: on
-real sockets.
+"""A handler whose work is void is woken from any wait, once, and may then clean up: on real
+sockets.
 """
 
 import queue
@@ -62,8 +62,8 @@ WAITS: dict[str, Callable[[Task], object]] = {
 
 
 class Robot:
-    """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its
-    wait raised, and what was answered when it then pending_names where it is.
+    """A handler that waits in each way, and modules that let it wait. *seen* holds
+    the exception of its wait, and the answer to its query afterwards.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -111,7 +111,7 @@ class Robot:
 
     @contextmanager
     def working(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
-        """A command that the legs handle so; the handler has begun."""
+        """A command with this handler in the legs. The handler has begun."""
         work, begun = Command("work"), threading.Event()
 
         def begin(task: Task) -> Any:
@@ -130,7 +130,7 @@ class Robot:
             yield working
 
     def until_waiting(self, how: str) -> None:
-        """Until the handler does."""
+        """Wait until the handler waits."""
         if "direct" in how:
             assert self.asked.wait(SOON)
         else:
@@ -147,7 +147,7 @@ def test_kill_wakes_waiting_handler_and_gives_up_its_request(
     robot: Robot, how: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with robot.running() as user, robot.legs.running():
-        if "direct" in how:  # the first goes through central
+        if "direct" in how:  # the first query goes through central
             robot.go_on.set()
             user.query(DIRECT, timeout=SOON)
             robot.go_on.clear()
@@ -190,33 +190,33 @@ def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
 
 
 def test_woken_handler_learns_reason(robot: Robot) -> None:
-    said, begun = queue.Queue[str](), queue.Queue[None]()
+    reasons, begun = queue.Queue[str](), queue.Queue[None]()
 
     def work(task: Task) -> None:
         begun.put(None)
         try:
             task.query(UNHANDLED, timeout=None)
         except TaskKilled as error:
-            said.put(str(error))
+            reasons.put(str(error))
             raise
 
     with robot.working(work) as working:
         robot.until_waiting("query")
         working.retry()
         again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
-        assert said.get(timeout=SOON) == again
+        assert reasons.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
         robot.until_waiting("query")
         working.kill("the floor is wet")
         killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
-        assert said.get(timeout=SOON) == killed
+        assert reasons.get(timeout=SOON) == killed
         with pytest.raises(TaskKilled) as found:
             working.result(SOON)
         assert found.value.why == "the floor is wet (by user)"
 
 
-# --- once -----------------------------------------------------------------------------------------
+# --- A handler is woken once ----------------------------------------------------------------------
 
 
 def test_kill_of_busy_handler_ends_its_next_wait(robot: Robot) -> None:
@@ -246,7 +246,7 @@ def test_handler_that_saw_cancellation_is_not_woken(robot: Robot) -> None:
 def test_module_end_wakes_killed_handler_that_waits_again(
     robot: Robot, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The module's end is another reason, and wakes the handler once more; it was killed, and has
+    """The module's end is a second reason and wakes the handler again. It was killed, and has
     not failed.
     """
 
@@ -270,29 +270,27 @@ def test_module_end_wakes_killed_handler_that_waits_again(
 
 
 def test_abandoned_replies_are_over_after_kill(robot: Robot) -> None:
-    said = queue.Queue[object]()
+    reasons = queue.Queue[object]()
 
     def work(task: Task) -> None:
         pending, bids = task.query_send(UNHANDLED), task.multi_query_send(BIDS, timeout=None)
         with pytest.raises(TaskKilled):
             next(bids)
-        said.put(list(bids))
-        said.put(task.cancelled)
+        reasons.put(list(bids))
+        reasons.put(task.cancelled)
         pending.cancel()
 
     with robot.working(work) as working:
         assert robot.asked.wait(SOON)
         working.kill()
-        assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
+        assert (reasons.get(timeout=SOON), reasons.get(timeout=SOON)) == ([], True)
 
 
-# --- who else waits -------------------------------------------------------------------------------
+# --- Other waits are not disturbed ----------------------------------------------------------------
 
 
 def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
-    """A killed handler asks its own resource: who answers there works for itself, and only then the
-    first is woken.
-    """
+    """The inner handler works for itself. The outer one is woken only after it."""
     inner, answered = Query("inner", reply=str), threading.Event()
 
     @robot.legs.handles(inner, resource="wheels")
@@ -314,15 +312,17 @@ def pending_names(robot: Robot, module: str) -> list[str]:
 
 
 def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
-    told = queue.Queue[int]()
+    answers = queue.Queue[int]()
 
     def elsewhere() -> None:
         with connect("thread", robot.central.address) as client:
-            told.put(client.query(BUSY, timeout=SOON))
+            answers.put(client.query(BUSY, timeout=SOON))
 
     def work(task: Task) -> None:
         threading.Thread(target=elsewhere).start()
-        task.query_notify(HERE, None, lambda sender, _: told.put(sender.query(BUSY, timeout=SOON)))
+        task.query_notify(
+            HERE, None, lambda sender, _: answers.put(sender.query(BUSY, timeout=SOON))
+        )
         task.query(UNHANDLED, timeout=None)
 
     with robot.working(work) as working:
@@ -330,7 +330,7 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
             until(lambda module=module: BUSY.name in pending_names(robot, module), "it waits")  # type: ignore[misc]
         working.kill()
         robot.go_on.set()
-        assert [told.get(timeout=SOON) for _ in range(2)] == [1, 1]
+        assert [answers.get(timeout=SOON) for _ in range(2)] == [1, 1]
         assert working.wait(SOON) is Outcome.KILLED
 
 
@@ -338,7 +338,7 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
     "waits", [lambda task: task.query(UNHANDLED, timeout=None), lambda task: task.lock("arm")]
 )
 def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any]) -> None:
-    """And is then not cancelled: it was told."""
+    """It is not cancelled as well: the exception suffices."""
 
     async def work(task: Task) -> None:
         try:
