@@ -60,7 +60,7 @@ ROCKS, BLIND = DemonMonitor("rocks", action=REST), DemonMonitor("blind")
 async def coming(_sender: Any, _reply: float) -> None: ...
 
 
-class Unformatted:
+class Printed:
     """An object without a format."""
 
 

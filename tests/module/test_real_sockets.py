@@ -4,6 +4,7 @@ import asyncio
 import queue
 import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,12 @@ pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
 REST_LEG = Command("rest leg")
+
+
+@pytest.fixture
+def central(address: str) -> Iterator[RealCentral]:
+    with RealCentral(address) as central:
+        yield central
 
 
 @pytest.fixture

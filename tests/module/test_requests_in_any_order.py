@@ -37,7 +37,7 @@ class RandomHandler:
         self.answered: Counter[str] = Counter()
         self._lock = threading.Lock()
 
-    def run_band(self, task: Task, goal: int) -> int:
+    def play(self, task: Task, goal: int) -> int:
         dice = random.Random(goal)
         if dice.random() < 0.1:
             raise task.rejected("it does not feel like it")
