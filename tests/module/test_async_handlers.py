@@ -535,13 +535,16 @@ def test_await_beside_external_event_is_no_deadlock(
     eyes.handles(LOOK)(lambda _: 1)
     with eyes.running(), maps.running(), control.running():
         drawing = user.command(DRAW, sequential=False)
-        until(lambda: made and made[0].loop, "it waits for its device")
+        until(lambda: made and made[0].loop, "the coroutine awaits its device")
         for _ in range(2):
             seen = user.command(MAP, sequential=False)
-            until(lambda: "map" in waiting_messages(central), "the one that is seen")
+            until(lambda: "map" in waiting_messages(central), "map is reported as waiting")
             assert "draw" not in waiting_messages(central)
             seen.kill("it was seen")
-            until(lambda: "map" not in waiting_messages(central), "the one that was seen has gone")
+            until(
+                lambda: "map" not in waiting_messages(central),
+                "map is no longer reported as waiting",
+            )
         go_on.set()
         made[0].ready()
         assert drawing.wait(SOON) is Outcome.DONE
@@ -558,7 +561,7 @@ def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: 
         loop, deadline = asyncio.get_running_loop(), asyncio.timeout(None)
 
         def expire() -> None:
-            until(lambda: "draw" in waiting_messages(central), "it is seen to wait")
+            until(lambda: "draw" in waiting_messages(central), "draw is reported as waiting")
             loop.call_soon_threadsafe(deadline.reschedule, 0)
 
         seen = threading.Thread(target=expire)

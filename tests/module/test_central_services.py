@@ -139,7 +139,7 @@ def test_waiting_module_names_requirements_and_can_be_stopped(
     monkeypatch.setattr(module, "TEND_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
         started = BackgroundModule(Module("planner", central, requires=[STANCE, MOVE_LEG]))
-        until(lambda: caplog.records, "it says so")
+        until(lambda: caplog.records, "the wait is logged")
         awaited = {message["message"]: message["awaited_by"] for message in user.status("messages")}
         assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
         started.stop()
@@ -164,7 +164,7 @@ def test_mutually_requiring_modules_are_warned_at_once(
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with caplog.at_level(logging.WARNING):
         started = [BackgroundModule(legs), BackgroundModule(planner)]
-        until(lambda: len(caplog.records) == 2, "both say so")
+        until(lambda: len(caplog.records) == 2, "both waits are logged")
         for one in started:
             one.stop()
     assert {record.name for record in caplog.records} == {"tca.legs", "tca.planner"}
@@ -176,10 +176,10 @@ def test_mutually_requiring_modules_are_warned_at_once(
 
 def test_requirement_wait_survives_central_restart(central: LocalCentral, walkers: Module) -> None:
     started = BackgroundModule(Module("planner", central, requires=[TEMPERATURE]))
-    until(lambda: "temperature" in central.core.registry.messages, "it waits")
+    until(lambda: "temperature" in central.core.registry.messages, "planner waits for temperature")
     central.restart("second")
     with walkers.running():
-        until(lambda: started.module._keep_alive, "it serves")
+        until(lambda: started.module._keep_alive, "planner serves")
         started.stop()
     assert started.error == []
 

@@ -336,7 +336,7 @@ def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client
 
     with planner.running():
         walking = user.goal(WALK, 0.5)
-        assert asked.acquire(timeout=5), "the monitor waits for its sibling"
+        assert asked.acquire(timeout=5), "the monitor must not wait for its sibling"
         assert robot.held.acquire(timeout=5)
         robot.go_on.release()
         assert "move 0.5" not in robot.log
@@ -491,11 +491,11 @@ def test_monitor_waits_for_condition_handler_and_is_logged(
 
         with gauge().running():
             monitor = user.monitor(WATCH_BATTERY, period=0.05)
-            until(tests, "it tests")
+            until(tests, "the monitor has tested its condition")
             assert "sees nothing" not in caplog.text
-        until(lambda: f"task {monitor.id} {blind}" in caplog.text, "the log says it")
+        until(lambda: f"task {monitor.id} {blind}" in caplog.text, "the log has the warning")
         assert caplog.text.count("sees nothing") == 1
         before = tests()
         with gauge().running():
-            until(lambda: tests() > before, "it tests on")
+            until(lambda: tests() > before, "the monitor tests again")
         assert monitor.end()

@@ -118,11 +118,11 @@ def test_direct_informs_keep_order_and_are_journaled(central: RealCentral, user:
         ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
         for number in range(500):
             user.inform(POSE, float(number))
-        until(lambda: len(seen) == 500, "all have come")
+        until(lambda: len(seen) == 500, "all informs have arrived")
         assert seen == [float(number) for number in range(500)]
     until(
         lambda: count_direct(central, "pose") > 500,
-        "its last word tells of those that were not noted yet",
+        "the leaving module reports its last direct messages",
     )
     assert not central.facts(LostDirectly)
 
@@ -142,7 +142,7 @@ def test_direct_query_of_handler_is_journaled_with_origin(
         assert task.result(SOON) == 2.0
     until(
         lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id},
-        "all were noted",
+        "every direct query is journaled",
     )
 
 
@@ -167,7 +167,7 @@ def test_coroutines_query_and_answer_directly(
         with monkeypatch.context() as patch:
             disable_polling(patch)
             assert user.command(WALK, -2.0).result(SOON) == 40.0
-    until(lambda: count_direct(central, "depth"), "it was noted")
+    until(lambda: count_direct(central, "depth"), "the direct query is journaled")
 
 
 def test_direct_queries_are_tapped_until_wiretap_is_removed(
@@ -181,7 +181,7 @@ def test_direct_queries_are_tapped_until_wiretap_is_removed(
         tap = user.tap(Condition.WHEN_SENT, HEIGHT, HEARD)
         for x in range(1, 51):
             user.query(HEIGHT, float(x))
-        until(lambda: len(heights) == 50, "the observer has heard all")
+        until(lambda: len(heights) == 50, "the observer has all queries")
         assert heights == [float(x) for x in range(1, 51)]
         tap.remove()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
@@ -193,7 +193,7 @@ def test_newer_handler_gets_direct_queries_until_it_leaves(
     with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
         with map_module(central, "better map", lambda x: x + 100).running():
-            until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the new one answers")
+            until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the newer handler answers")
             ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="better map")
         assert user.query(HEIGHT, -7.0) == 7.0
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
@@ -224,7 +224,10 @@ def test_leaving_module_hands_over_unbegun_direct_queries(
         pending = [user.query_send(HEIGHT, float(x)) for x in range(1, 6)]
         assert gate.begun.wait(SOON)
         leaving.stop()
-        until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
+        until(
+            lambda: (user.status(), central.facts(HandlerRemoved))[1],
+            "the first handler is withdrawn",
+        )
         user.status()  # its answer shows that the user has been notified
         assert user.query(HEIGHT, 50.0) == 150.0
         gate.go_on.set()
@@ -283,7 +286,7 @@ def test_later_reply_to_direct_query_keeps_slot_busy(central: RealCentral, user:
 
     def ask() -> None:
         pending = user.query_send(HEIGHT, 0.0)
-        until(lambda: owed, "it was asked")
+        until(lambda: owed, "the handler was called")
         assert not owed[-1].cancelled
         owed.pop().reply(0.0)
         pending.receive(SOON)
@@ -296,12 +299,12 @@ def test_later_reply_to_direct_query_keeps_slot_busy(central: RealCentral, user:
             user.command(WALK, 3.0),
         )
         walk.wait_for(walk.handling.start, SOON)  # as central sees it
-        until(lambda: owed, "it was asked")
+        until(lambda: owed, "the handler was called")
         assert len(owed) == 1
         owed.pop().reply(1.5)
         assert one.receive(SOON) == 1.5
         assert walk.result(SOON) == 3.0
-        until(lambda: owed, "it was asked again")
+        until(lambda: owed, "the handler was called again")
         owed.pop().reply(2.5)
         assert two.receive(SOON) == 2.5
 
@@ -317,7 +320,7 @@ def test_overloaded_receiver_refuses_queries_and_drops_informs(
         go_on.set()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
-        until(lambda: user.query(HEIGHT, 0.0) == 0.0, "all that was sent is done")
+        until(lambda: user.query(HEIGHT, 0.0) == 0.0, "all messages are handled")
         go_on.clear()
         pending = [user.query_send(HEIGHT, 1.0) for _ in range(500)]
         for number in range(1000):
@@ -329,11 +332,14 @@ def test_overloaded_receiver_refuses_queries_and_drops_informs(
         assert refused.value.refusal is Refusal.OVERLOAD
         go_on.set()
         assert [one.receive(SOON) for one in pending] == [1.0] * 500
-        until(lambda: user.query(HEIGHT, 3.0) == 3.0, "it works on")
+        until(lambda: user.query(HEIGHT, 3.0) == 3.0, "the handler answers again")
         lost = 1000 - len(seen)
         assert lost >= 500 - 64
         assert seen == [float(number) for number in range(len(seen))]
-        until(lambda: (user.status(), count_lost(central) == lost)[1], "central has been told")
+        until(
+            lambda: (user.status(), count_lost(central) == lost)[1],
+            "central knows the number of lost informs",
+        )
 
 
 def test_direct_query_times_out_and_cancelled_one_is_skipped(
@@ -351,7 +357,7 @@ def test_direct_query_times_out_and_cancelled_one_is_skipped(
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         go_on.clear()
         at_work = user.query_send(HEIGHT, 1.0)
-        until(lambda: 1.0 in handled, "the handler is at work")
+        until(lambda: 1.0 in handled, "the handler has begun")
         with pytest.raises(TimeoutError, match="was not answered within"):
             at_work.receive(0.05)
         user.query_send(HEIGHT, 2.0).cancel()
@@ -371,7 +377,7 @@ def test_direct_queries_reach_all_slots(central: RealCentral, user: Client) -> N
 
     with module.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-        until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
+        until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots have answered")
 
 
 # --- Direct messages after breaks, deaths and foreign packets -------------------------------------

@@ -112,7 +112,7 @@ def test_unfollowed_task_has_no_observers(
         assert found is not None
         found.update(3.0, message=WATCH, timeout=SOON)
         user.tasks()  # it receives that change, and needs no more
-        assert central.core.observers.count == 2, "the visitor's, and that of the function"
+        assert central.core.observers.count == 2, "only the visitor and the function observe"
         central.advance(2)
         user.tasks()
         assert [one.state for one in seen] == ["running", "done"]

@@ -89,7 +89,7 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         yield module
 
 
-def fail(why: str) -> None:
+def raise_error(why: str) -> None:
     raise ValueError(why)
 
 
@@ -158,7 +158,7 @@ def test_wait_for_state_returns_at_state_or_end(
     central.advance(5)
     assert wave.wait_for_state("running") == "running"
     central.advance(10)
-    assert wave.wait_for_state("running") == "done", "it has ended"
+    assert wave.wait_for_state("running") == "done", "the task has ended"
     with pytest.raises(
         MisuseError,
         match="is never 'paused': life cycle 'basic' has 'initiated', 'running', 'done'",
@@ -185,7 +185,7 @@ def test_late_follower_gets_current_state(user: Client, arm: Module, central: Lo
             "",
         )
         assert (late.goal, late.data) == ({"item": "cup"}, {"force": 1.0}), (
-            "not declared by this program: plain values"
+            "an undeclared message has plain values"
         )
         assert next(found.progress()) == {"force": 1.0}
         found.kill("enough")
@@ -269,7 +269,7 @@ def test_error_in_on_change_function_is_logged(
     user: Client, arm: Module, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=1)
-    grasp.on_change(lambda _: fail("seen"))
+    grasp.on_change(lambda _: raise_error("seen"))
     central.advance(1)
     assert grasp.wait() is Outcome.DONE
     assert "ValueError: seen" in caplog.text
@@ -350,7 +350,7 @@ def test_on_change_sees_end_before_connection_closes(
             sender.tasks(GRASP)[0].cancel()
         assert seen.pop() == "cancelled"
     central.until_quiet()
-    assert len(user.tasks(WAVE)) == 2, "it could yet send"
+    assert len(user.tasks(WAVE)) == 2, "the function could still send"
 
 
 # --- Updates and cancels --------------------------------------------------------------------------
@@ -468,7 +468,7 @@ def test_client_takes_custom_transition(user: Client, arm: Module, central: Loca
     assert carry.take("resume")
     central.advance(10)
     assert carry.state == "done"
-    assert not carry.take("cancel"), "it has ended"
+    assert not carry.take("cancel"), "the task has ended"
 
 
 # --- Breaks and lost changes ----------------------------------------------------------------------
@@ -512,7 +512,7 @@ def test_failed_task_ends_in_state_cancelled(
 ) -> None:
     fail = Command("fail")
     feet = Module("feet", central)
-    feet.handles(fail)(lambda _: fail("no ground"))
+    feet.handles(fail)(lambda _: raise_error("no ground"))
     with feet.running():
         failing = user.command(fail, delay=1)
         changes = failing.changes()

@@ -107,7 +107,7 @@ def test_awaiting_coroutine_is_not_polled(
                 beat = slot._loop._beat if slot._loop is not None else None
                 return beat is not None and beat.when() > time.monotonic() + 0.5
 
-            until(is_calm, "central knows where it stands")
+            until(is_calm, "the event loop no longer polls")
 
 
 # --- Central --------------------------------------------------------------------------------------
@@ -163,7 +163,8 @@ def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -
             pass
         assert receive_header(idle) == Beat()
         until(
-            lambda: len(central.server.central.registry.connections) == 1, "the other one is lost"
+            lambda: len(central.server.central.registry.connections) == 1,
+            "central has lost the other module",
         )
 
 
@@ -172,6 +173,6 @@ def test_new_connection_is_asked_to_identify_itself(central: RealCentral) -> Non
     line = DealerTransport(central.address)
     until(
         lambda: line.receive(0.1) == codec.pack_item(Unknown()),
-        "central answers what was not even said",
+        "central answers the connection itself",
     )
     line.close()

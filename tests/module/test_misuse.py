@@ -270,7 +270,9 @@ def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
             continue
         text = str(error)
         assert text.isprintable()
-        assert isinstance(error, BadData) or "Expected" not in text, f"in words of the wire: {text}"
+        assert isinstance(error, BadData) or "Expected" not in text, (
+            f"not in the user's words: {text}"
+        )
         assert "what was given can't be sent" not in text, f"not foreseen: {text}"
 
 

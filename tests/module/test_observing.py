@@ -329,7 +329,7 @@ def test_cancel_all_cancels_only_own_tasks(
     assert old.wait() is Outcome.KILLED
     assert user.cancel_all(GRASP) == 2
     assert [one.wait() for one in new] == [Outcome.KILLED] * 2
-    assert user.cancel_all() == 1, "waves can't be cancelled, and are left alone"
+    assert user.cancel_all() == 1, "waves can't be cancelled"
     assert walk.wait() is Outcome.KILLED
     assert user.cancel_all() == 0
     assert (others.state, wave.state) == ("initiated", "initiated")

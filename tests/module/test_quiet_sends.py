@@ -531,7 +531,7 @@ def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
             link.line.catch_up()
             return not link.session.sends.untold
 
-        until(is_told, "central has told the id")
+        until(is_told, "central has acknowledged the task")
 
 
 # --- Packet counts --------------------------------------------------------------------------------

@@ -282,7 +282,7 @@ def answer_once_waiting(central: LocalCentral, deliveries: list[int]) -> Callabl
     """A handler that answers once the journal shows the wait of the first delivery."""
 
     def answer(_: Task) -> float:
-        until(lambda: open_waits(central, deliveries[0]), "it is seen to wait")
+        until(lambda: open_waits(central, deliveries[0]), "the journal shows the wait")
         return 1.0
 
     return answer
@@ -355,7 +355,7 @@ def test_query_send_alone_is_no_journaled_wait(
         pending = task.query_send(TEMPERATURE)
         assert is_asked.wait(SOON)
         assert not open_waits(central, int(task.id))
-        until(lambda: not task.cancelled and pending.request.is_over, "the reply is there")
+        until(lambda: not task.cancelled and pending.request.is_over, "the reply has arrived")
         assert pending.receive() == 36.6
 
     @eyes.handles(TEMPERATURE)

@@ -317,7 +317,7 @@ def test_forgotten_task_is_cancelled_and_no_longer_suspended(
         until(lambda: task.suspended, "its task is suspended")
         read.put(True)
         go_on.wait(SOON)
-        until(lambda: not task.suspended, "it holds no longer")
+        until(lambda: not task.suspended, "the suspension is over")
         read.put(task.cancelled and not task.suspended)
         return data
 

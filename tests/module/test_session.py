@@ -359,7 +359,9 @@ def test_repeated_delivery_is_handled_once(session: Session) -> None:
     take_sent(session)
     receive(session, deliver)
     assert not session.deliveries
-    assert take_sent(session) == [Reply(7)], "central's computer lost power after it had come"
+    assert take_sent(session) == [Reply(7)], (
+        "a reply may be lost when central's computer loses power"
+    )
 
 
 def test_killed_or_forgotten_task_is_cancelled_not_suspended(

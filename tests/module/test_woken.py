@@ -157,7 +157,7 @@ def test_kill_wakes_waiting_handler_and_gives_up_its_request(
         asking.kill("enough")
         assert asking.wait(SOON) is Outcome.KILLED
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-        until(lambda: not robot.central.open_requests_of("legs"), "nothing is left of it")
+        until(lambda: not robot.central.open_requests_of("legs"), "no request of the legs is open")
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
@@ -182,7 +182,8 @@ def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
             until(
-                lambda: (info := asking.info()) is not None and info.module, "it is handled again"
+                lambda: (info := asking.info()) is not None and info.module,
+                "the task is handled again",
             )
         robot.until_waiting(how)
         asking.kill()
@@ -327,7 +328,7 @@ def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
 
     with robot.working(work) as working:
         for module in ("legs", "thread"):
-            until(lambda module=module: BUSY.name in pending_names(robot, module), "it waits")  # type: ignore[misc]
+            until(lambda module=module: BUSY.name in pending_names(robot, module), "is asked")  # type: ignore[misc]
         working.kill()
         robot.go_on.set()
         assert [answers.get(timeout=SOON) for _ in range(2)] == [1, 1]
