@@ -19,7 +19,7 @@ WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
 HANDLES_WALK = HandlerFormat("walk", "legs")
 
 
-def take_sent(session: Session) -> list[ToCentral]:
+def pop_headers(session: Session) -> list[ToCentral]:
     """The headers that the session has to send. They count as sent then."""
     outgoing = [header for header, _ in session.outgoing]
     session.outgoing.clear()
@@ -34,7 +34,7 @@ def receive(session: Session, *heard: ToModule, now: float = 0.0) -> None:
 def send_requests(session: Session, *asked: ToCentral, wants_answer: bool = True) -> list[Request]:
     """Make requests and count them as sent."""
     requests = [session.request(one, wants_answer=wants_answer) for one in asked]
-    take_sent(session)
+    pop_headers(session)
     return requests
 
 

@@ -453,7 +453,7 @@ def moving_legs(legs: Module) -> Iterator[None]:
         yield
 
 
-def take_lock_away(central: LocalCentral) -> None:
+def unlock_by_operator(central: LocalCentral) -> None:
     with connect("operator", central) as operator:
         assert operator.unlock("legs")
 
@@ -481,7 +481,7 @@ def test_error_from_lock_block_is_not_replaced_by_lock_lost(
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         with task.lock("legs"):
-            take_lock_away(central)
+            unlock_by_operator(central)
             raise KeyError("dust")
 
     with eyes.running(), pytest.raises(TaskFailed, match="dust"):
@@ -495,7 +495,7 @@ def test_explicit_release_raises_lock_lost_once(
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         claim = task.reserve("legs")
-        take_lock_away(central)
+        unlock_by_operator(central)
         with pytest.raises(
             LockLost, match="the reservation of resource 'legs' was lost before it was released"
         ):

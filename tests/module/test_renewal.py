@@ -1,7 +1,7 @@
 """The session alone: its declarations after a restart of central, and the kills of given-up tasks."""
 
 import pytest
-from module.scripted_session import A_GOAL, HANDLES_WALK, HELLO, WALK, receive, take_sent, welcome
+from module.scripted_session import A_GOAL, HANDLES_WALK, HELLO, WALK, pop_headers, receive, welcome
 
 from tca_module import Command, Inform, PointMonitor, Query
 from tca_module.session import given_up
@@ -51,7 +51,7 @@ def session() -> Session:
     session.declared([WALK, CHECK], [HANDLES_WALK])
     for header, number in ((tap(), 10), (attach(), 11)):
         receive(session, Accepted(session.request(header).header.number, number))
-    take_sent(session)
+    pop_headers(session)
     return session
 
 
@@ -68,15 +68,15 @@ def known_number(session: Session, header: Tap | Attach) -> tuple[str, int]:
 
 def restart(session: Session, epoch: str) -> list[object]:
     receive(session, Unknown(), welcome(epoch))
-    return [*take_sent(session)]
+    return [*pop_headers(session)]
 
 
 def test_handlers_are_declared_after_attachments_are_accepted(session: Session) -> None:
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
     receive(session, Accepted(4), Accepted(5, 1))
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     receive(session, Accepted(6, 2))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
     assert known_number(session, tap()) == ("two", 1)
     assert known_number(session, attach()) == ("two", 2)
     assert session.complaints == [
@@ -89,7 +89,7 @@ def test_readiness_is_declared_again_after_attachments(session: Session) -> None
     assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert take_sent(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
+    assert pop_headers(session) == [Register(0, [], [HANDLES_WALK], is_ready=True)]
 
 
 def test_wiretap_until_end_of_forgotten_task_is_lost(
@@ -100,7 +100,7 @@ def test_wiretap_until_end_of_forgotten_task_is_lost(
         0, Condition.WHILE_ACHIEVING, "check", "walk", watch=WatchOptions(period=1, until=until)
     )
     receive(session, Accepted(session.request(guard).header.number, 12))
-    take_sent(session)
+    pop_headers(session)
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach]
     (complaint,) = session.complaints
     assert complaint.startswith(
@@ -110,7 +110,7 @@ def test_wiretap_until_end_of_forgotten_task_is_lost(
         "has forgotten its tree, in which it was to watch until end achieving task 7"
     )
     receive(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
     assert session.attachments.of(guard) is None
 
 
@@ -120,10 +120,10 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
     walk = session.request(A_GOAL)
     receive(session, Accepted(walk.header.number, 7))
     under = session.request(Send(0, "walk", parent=TaskId(7)))
-    take_sent(session)
+    pop_headers(session)
     receive(session, welcome("two"))
     assert under.lost
-    assert [type(header) for header in take_sent(session)] == [Register, Tap, Attach]
+    assert [type(header) for header in pop_headers(session)] == [Register, Tap, Attach]
     assert walk.accepted is not None
     assert (walk.accepted, walk.accepted.epoch) == (
         7,
@@ -146,7 +146,7 @@ def test_earlier_request_follows_reattachment(session: Session) -> None:
     receive(session, Unknown())
     walk = session.request(A_GOAL)
     receive(session, welcome("two"))
-    assert [type(header) for header in take_sent(session)] == [Register, Tap, Attach, Send]
+    assert [type(header) for header in pop_headers(session)] == [Register, Tap, Attach, Send]
     receive(session, Accepted(walk.header.number, 5))
     assert walk.accepted == 5
 
@@ -162,7 +162,7 @@ def test_break_repeats_unanswered_attachments_and_holds_handlers(
         attach(6),
     ]
     receive(session, Accepted(4), Accepted(6, 2))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
 
 
 def test_second_restart_repeats_all_attachments(session: Session) -> None:
@@ -170,7 +170,7 @@ def test_second_restart_repeats_all_attachments(session: Session) -> None:
     receive(session, Accepted(4), Accepted(5, 1))
     assert restart(session, "three") == [Register(7, [WALK, CHECK], []), tap(8), attach(9)]
     receive(session, Accepted(7), Accepted(8, 3), Accepted(9, 4))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
     assert known_number(session, tap()) == ("three", 3)
 
 
@@ -178,7 +178,7 @@ def test_attachment_removed_during_reattachment_is_removed(session: Session) -> 
     restart(session, "two")
     session.attachments.forget(lasting_attachment(session, tap()), "two")
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert take_sent(session) == [Remove(7, 1), HANDLERS]
+    assert pop_headers(session) == [Remove(7, 1), HANDLERS]
 
 
 def test_removal_by_stale_connection_is_carried_out(
@@ -187,11 +187,11 @@ def test_removal_by_stale_connection_is_carried_out(
     slot = Session(Hello(1, PROTOCOL_VERSION, "legs", "run 1", connection=1), session.attachments)
     restart(session, "two")
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    take_sent(session)
+    pop_headers(session)
     slot.attachments.forget(lasting_attachment(session, tap()), "one")
     session.tend(0.0, 0.0)
     session.tend(0.1, 0.0)
-    assert take_sent(session) == [Remove(7, 1)]
+    assert pop_headers(session) == [Remove(7, 1)]
 
 
 def test_first_connection_reattaches_for_all(session: Session) -> None:
@@ -201,7 +201,7 @@ def test_first_connection_reattaches_for_all(session: Session) -> None:
         slot,
         Accepted(slot.request(Tap(0, Condition.AFTER_HANDLED, "check", "walk")).header.number, 12),
     )
-    take_sent(slot)
+    pop_headers(slot)
     assert restart(slot, "two") == []
     assert [type(header) for header in restart(session, "two")] == [Register, Tap, Attach, Tap]
 
@@ -211,7 +211,7 @@ def test_refused_attachment_is_retried(session: Session) -> None:
     receive(
         session, Accepted(4), Accepted(5, 1), Refused(6, Refusal.OVERLOAD, "there are 1000 already")
     )
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     assert (
         "refuses the exception handler 'recover' of all 'walk': there are 1000 already"
         in session.complaints[0]
@@ -223,21 +223,21 @@ def test_refused_attachment_is_retried(session: Session) -> None:
     ]:
         session.heard = now
         session.tend(now, now)
-        assert take_sent(session) == expected
+        assert pop_headers(session) == expected
     receive(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
     for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
         session.tend(session.heard, session.heard)
-    assert take_sent(session) == [Register(9, [WALK, CHECK], []), attach(10)]
+    assert pop_headers(session) == [Register(9, [WALK, CHECK], []), attach(10)]
     assert len(session.complaints) == 1
     receive(session, Accepted(9), Accepted(10, 2))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
 
 
 def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
     session.redeclaration.required = ["check"]
     restart(session, "two")
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
-    assert take_sent(session) == [Wait(7, ["check"])]
+    assert pop_headers(session) == [Wait(7, ["check"])]
     for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
         session.heard = now
         session.tend(now, now)
@@ -245,7 +245,7 @@ def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
         "waits for handlers of 'check', which it requires; see 'tca messages'"
     ]
     receive(session, Answer(7))
-    assert take_sent(session) == [HANDLERS]
+    assert pop_headers(session) == [HANDLERS]
 
 
 def test_leaving_module_reattaches_nothing(session: Session) -> None:
@@ -281,16 +281,16 @@ def user_session() -> Session:
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     receive(session, Welcome(1, 1, "user", "one"))
     session.declared([REST.format, SAY.format, LOOK.format], [])
-    take_sent(session)
+    pop_headers(session)
     return session
 
 
 def test_given_up_task_is_killed_by_request_number(user_session: Session) -> None:
     given_up.abandon(user_session, user_session.request(A_REST))
-    assert take_sent(user_session) == [Send(2, "rest"), kill_of_request(3, 2)]
+    assert pop_headers(user_session) == [Send(2, "rest"), kill_of_request(3, 2)]
     receive(user_session, Accepted(2, 17), Accepted(3, 17))
     receive(user_session, Unknown(), Welcome(1, 1, "user", "one"))
-    assert take_sent(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+    assert pop_headers(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
 def test_break_repeats_kill_but_not_given_up_task(user_session: Session) -> None:
@@ -299,26 +299,26 @@ def test_break_repeats_kill_but_not_given_up_task(user_session: Session) -> None
     receive(user_session, Unknown())
     given_up.abandon(user_session, rest)
     receive(user_session, Welcome(1, 1, "user", "one"))
-    assert take_sent(user_session)[1:] == [kill_of_request(3, 2)]
+    assert pop_headers(user_session)[1:] == [kill_of_request(3, 2)]
     receive(user_session, Unknown(), Welcome(1, 1, "user", "one"))
-    assert take_sent(user_session)[1:] == [kill_of_request(3, 2)]
+    assert pop_headers(user_session)[1:] == [kill_of_request(3, 2)]
 
 
 def test_restarted_central_is_sent_no_kill(user_session: Session) -> None:
     given_up.abandon(user_session, user_session.request(A_REST))
     receive(user_session, Unknown(), Welcome(1, 1, "user", "two"))
-    assert take_sent(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
+    assert pop_headers(user_session) == [Register(0, [REST.format, SAY.format, LOOK.format], [])]
 
 
 def test_given_up_monitor_is_killed_and_non_tasks_are_not(user_session: Session) -> None:
     given_up.abandon(user_session, user_session.request(Send(0, "look")))
-    assert take_sent(user_session) == [Send(2, "look"), kill_of_request(3, 2)]
+    assert pop_headers(user_session) == [Send(2, "look"), kill_of_request(3, 2)]
     for header in (
         Send(0, "say", if_handled=True),
         Send(0, "rest", when_killed=True),
         Register(0, []),
     ):
         given_up.abandon(user_session, user_session.request(header))
-    assert not [header for header in take_sent(user_session) if isinstance(header, Kill)]
+    assert not [header for header in pop_headers(user_session) if isinstance(header, Kill)]
     given_up.abandon(user_session, user_session.request(A_REST, wants_answer=True))
-    assert isinstance(take_sent(user_session)[-1], GiveUp)
+    assert isinstance(pop_headers(user_session)[-1], GiveUp)

@@ -7,9 +7,9 @@ from module.scripted_session import (
     HANDLES_WALK,
     HELLO,
     WALK,
+    pop_headers,
     receive,
     send_requests,
-    take_sent,
     welcome,
 )
 
@@ -64,9 +64,9 @@ def greeting() -> Session:
 def session(greeting: Session) -> Session:
     """A session that central has welcomed."""
     greeting.tend(0.0, 0.0)
-    assert take_sent(greeting) == [HELLO]
+    assert pop_headers(greeting) == [HELLO]
     receive(greeting, welcome())
-    assert take_sent(greeting) == []
+    assert pop_headers(greeting) == []
     return greeting
 
 
@@ -81,10 +81,10 @@ def test_session_handles_every_header_of_central() -> None:
 def test_hello_is_repeated_every_second_until_welcome(greeting: Session) -> None:
     for now, expected in [(0.0, [HELLO]), (0.9, []), (1.0, [HELLO]), (1.5, []), (2.1, [HELLO])]:
         greeting.tend(now, 0.0)
-        assert take_sent(greeting) == expected
+        assert pop_headers(greeting) == expected
     receive(greeting, welcome(), now=2.2)
     greeting.tend(3.3, 0.0)
-    assert take_sent(greeting) == []
+    assert pop_headers(greeting) == []
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
 
@@ -93,12 +93,12 @@ def test_only_hello_leaves_before_welcome(
 ) -> None:
     greeting.request(A_GOAL)
     assert not greeting.post(Send(0, "position"))
-    assert take_sent(greeting) == []
+    assert pop_headers(greeting) == []
     assert greeting.dropped == 1
     receive(greeting, welcome())
-    assert take_sent(greeting) == [Send(2, "walk")]
+    assert pop_headers(greeting) == [Send(2, "walk")]
     receive(greeting, welcome())
-    assert take_sent(greeting) == []
+    assert pop_headers(greeting) == []
 
 
 def test_other_protocol_of_restarted_central_is_reported_once(
@@ -114,7 +114,7 @@ def test_other_protocol_of_restarted_central_is_reported_once(
 
 def test_answers_are_matched_to_requests_by_number(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
-    assert take_sent(session) == [Send(2, "walk"), Send(3, "stance")]
+    assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
     receive(session, Accepted(3, 17))  # this is not the answer
     assert not stance.is_over
     session.receive(Answer(3), b"reply", 1.0)
@@ -151,11 +151,11 @@ def test_refusal_ends_its_request_or_becomes_complaint(session: Session) -> None
 def test_answer_to_abandoned_request_is_ignored(session: Session) -> None:
     (stance,) = send_requests(session, A_QUERY)
     given_up.abandon(session, stance)
-    assert take_sent(session) == [GiveUp(2, 3)]
+    assert pop_headers(session) == [GiveUp(2, 3)]
     receive(session, Answer(2), Accepted(9), Answer(77))
     assert not stance.is_over
     given_up.abandon(session, stance)
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 # --- The connection breaks ------------------------------------------------------------------------
@@ -171,13 +171,13 @@ def test_unknown_triggers_hello_and_ordered_repetition(
     )
     receive(session, Accepted(2, 5), Unknown(), Unknown())
     assert done.is_over
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     session.tend(0.1, 0.0)
-    assert take_sent(session) == [HELLO]
+    assert pop_headers(session) == [HELLO]
     later = session.request(A_GOAL)
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     receive(session, welcome())
-    assert take_sent(session) == [Send(3, "walk"), Send(4, "stance"), Send(5, "walk")]
+    assert pop_headers(session) == [Send(3, "walk"), Send(4, "stance"), Send(5, "walk")]
     receive(session, Accepted(3, 6), Accepted(4, 7), Answer(4), Accepted(5, 8))
     assert [request.is_over for request in (walk, stance, later)] == [True, True, True]
 
@@ -188,7 +188,7 @@ def test_declarations_precede_repeated_requests(session: Session) -> None:
     receive(session, Unknown(), welcome())
     # The number is 0: central would regard a request with a lower number than
     # one it has seen as answered.
-    assert take_sent(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
+    assert pop_headers(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
 def test_declaration_forgotten_by_central_is_repeated() -> None:
@@ -228,10 +228,10 @@ def test_harmless_request_dropped_in_break_is_asked_again(
 ) -> None:
     (request,) = send_requests(session, question)
     receive(session, Unknown(), welcome())
-    take_sent(session)
+    pop_headers(session)
     receive(session, TOO_LATE)
     assert not request.is_over
-    assert take_sent(session) == [msgspec.structs.replace(question, number=3)]
+    assert pop_headers(session) == [msgspec.structs.replace(question, number=3)]
     receive(session, Answer(3))
     assert (request.is_over, request.lost) == (True, "")
 
@@ -258,7 +258,7 @@ def test_unsent_statements_are_counted(session: Session) -> None:
     assert not session.post(SetVariable(0, "pose"))
     assert session.dropped == 3
     receive(session, welcome())
-    assert take_sent(session) == [Send(2, "walk")]
+    assert pop_headers(session) == [Send(2, "walk")]
 
 
 def test_answer_confirms_earlier_statements(session: Session) -> None:
@@ -274,7 +274,7 @@ def test_answer_confirms_earlier_statements(session: Session) -> None:
 
 def test_sent_statement_is_doubtful_after_break(session: Session) -> None:
     session.post(Send(0, "position"))
-    take_sent(session)
+    pop_headers(session)
     session.post(Send(0, "position"))
     receive(session, Unknown())
     assert (session.dropped, session.doubtful, session.lost) == (1, 1, 2)
@@ -283,12 +283,12 @@ def test_sent_statement_is_doubtful_after_break(session: Session) -> None:
 def test_confirmation_is_requested_during_long_sending(session: Session) -> None:
     for _ in range(3 * CONFIRM_EVERY):
         session.post(Send(0, "position"))
-    questions = [header for header in take_sent(session) if isinstance(header, Register)]
+    questions = [header for header in pop_headers(session) if isinstance(header, Register)]
     assert questions == [Register(2, [], [])]
     receive(session, Accepted(2))
     assert session.unheard == 2 * CONFIRM_EVERY
     session.post(Send(0, "position"))
-    assert take_sent(session)[-1] == Register(3, [], [])
+    assert pop_headers(session)[-1] == Register(3, [], [])
 
 
 def test_reply_is_settled_by_later_answer(session: Session) -> None:
@@ -304,7 +304,7 @@ def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
     receive(session, Closing("SIGTERM"))
     assert session.complaints == ["central ends: SIGTERM"]
     session.tend(0.0, 0.0)
-    assert take_sent(session) == [HELLO]
+    assert pop_headers(session) == [HELLO]
 
 
 # --- Silence --------------------------------------------------------------------------------------
@@ -313,16 +313,16 @@ def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
 def test_silent_central_is_asked_every_second(session: Session) -> None:
     receive(session, Beat(), now=10.0)
     session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     times = []
     for tenth in range(100, 150):
         session.tend(tenth / 10, 0.0)
-        if take_sent(session) == [Register(0, [], [])]:
+        if pop_headers(session) == [Register(0, [], [])]:
             times.append(tenth / 10)
     assert times == [10 + QUIET, 11 + QUIET, 12 + QUIET]
     receive(session, Accepted(0), now=15.0)
     session.tend(15.1, 0.0)
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 # --- Deliveries -----------------------------------------------------------------------------------
@@ -333,21 +333,21 @@ def test_delivery_is_queued_and_replied_to_once(session: Session) -> None:
     assert session.deliveries.popleft() == (Deliver(8, "walk", TaskId(8)), b"data")
     session.reply(Reply(8), b"")
     session.reply(Reply(8), b"")
-    assert take_sent(session) == [Reply(8)]
+    assert pop_headers(session) == [Reply(8)]
 
 
 def test_reply_is_repeated_until_next_delivery_confirms_it(session: Session) -> None:
     receive(session, Deliver(8, "walk"), Unknown())
     session.reply(Reply(8), b"")
-    assert take_sent(session) == []  # it waits while central is away
+    assert pop_headers(session) == []  # it waits while central is away
     receive(session, welcome())
-    assert take_sent(session) == [Reply(8)]
+    assert pop_headers(session) == [Reply(8)]
     receive(
         session, Beat(), Unknown(), welcome()
     )  # the beat may have been sent before the reply arrived
-    assert take_sent(session) == [Reply(8)]
+    assert pop_headers(session) == [Reply(8)]
     receive(session, Deliver(9, "walk"), Unknown(), welcome())
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 def test_repeated_delivery_is_handled_once(session: Session) -> None:
@@ -356,10 +356,10 @@ def test_repeated_delivery_is_handled_once(session: Session) -> None:
     assert len(session.deliveries) == 1
     session.deliveries.clear()
     session.reply(Reply(7), b"\xc0")
-    take_sent(session)
+    pop_headers(session)
     receive(session, deliver)
     assert not session.deliveries
-    assert take_sent(session) == [Reply(7)], (
+    assert pop_headers(session) == [Reply(7)], (
         "a reply may be lost when central's computer loses power"
     )
 
@@ -426,11 +426,11 @@ def test_abandoned_release_is_repeated_after_break(
 ) -> None:
     release = session.request(Release(0, granted_lock(session).header.number))
     given_up.abandon(session, release)
-    take_sent(session)
+    pop_headers(session)
     receive(session, Unknown(), welcome())
-    assert take_sent(session) == [release.header]
+    assert pop_headers(session) == [release.header]
     receive(session, Accepted(release.header.number, 7), Unknown(), welcome())
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 @pytest.mark.parametrize(
@@ -442,23 +442,23 @@ def test_give_up_is_repeated_until_answered(session: Session, asked_for: ToCentr
     receive(session, Unknown())
     given_up.abandon(session, session.request(asked_for, wants_answer=True))  # has never left
     receive(session, welcome())
-    assert take_sent(session) == [GiveUp(2, 3)]
+    assert pop_headers(session) == [GiveUp(2, 3)]
     receive(session, Answer(3))
     (late,) = send_requests(session, asked_for)
     session.break_off()
     given_up.abandon(session, late)
     for _ in range(2):
         receive(session, welcome())
-        assert take_sent(session) == [GiveUp(5, 6)]
+        assert pop_headers(session) == [GiveUp(5, 6)]
         session.break_off()
 
 
 def test_old_observation_is_given_up_after_break(session: Session) -> None:
     send_requests(session, Observe(0))
     receive(session, Unknown(), welcome())
-    assert take_sent(session) == [GiveUp(2, 3), Observe(4)]
+    assert pop_headers(session) == [GiveUp(2, 3), Observe(4)]
     receive(session, Unknown(), welcome())  # before the give-up has arrived
-    assert take_sent(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
+    assert pop_headers(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
 
 
 def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> None:
@@ -467,7 +467,7 @@ def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> N
     assert why is not None
     given_up.abandon(session, why)
     receive(session, Unknown(), welcome())
-    assert take_sent(session) == [GiveUp(2, 3)]
+    assert pop_headers(session) == [GiveUp(2, 3)]
 
 
 # --- The next central after a restart -------------------------------------------------------------
@@ -479,11 +479,11 @@ def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> 
     receive(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
     assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
     assert not session.deliveries
-    assert take_sent(session) == [Register(0, [WALK], [HANDLES_WALK])]
+    assert pop_headers(session) == [Register(0, [WALK], [HANDLES_WALK])]
     session.reply(Reply(8), b"")
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
     session.request(A_GOAL)
-    assert take_sent(session) == [Send(3, "walk")]
+    assert pop_headers(session) == [Send(3, "walk")]
 
 
 def test_new_central_gets_unsent_requests_that_name_no_task(
@@ -500,21 +500,21 @@ def test_new_central_gets_unsent_requests_that_name_no_task(
     receive(session, welcome("two"))
     lost = [bool(request.lost) for request in (gone, unsent, walk, below, wait, question)]
     assert lost == [True, False, False, True, True, False]
-    assert take_sent(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
+    assert pop_headers(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
 
 
 @pytest.mark.parametrize("epoch", ["one", "two"])
 def test_request_discarded_by_central_is_sent_again(session: Session, epoch: str) -> None:
     walk, stance = send_requests(session, A_GOAL, A_QUERY)
     receive(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
-    assert take_sent(session) == [Send(2, "walk"), Send(3, "stance")]
+    assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
     assert (walk.lost, stance.lost) == ("", "")
 
 
 def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
     (walk,) = send_requests(session, A_GOAL, wants_answer=False)
     receive(session, Unknown(), welcome())  # the line broke at an unknown time
-    assert take_sent(session) == [Send(2, "walk")]
+    assert pop_headers(session) == [Send(2, "walk")]
     receive(session, Unknown(2), welcome("two"))
     assert walk.lost == FORGOTTEN
 
@@ -534,7 +534,7 @@ def test_discarded_request_naming_old_task_is_lost(
     receive(session, Unknown(2), Unknown(3), welcome("two"))
     assert below.lost
     assert lock.lost
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 def test_read_only_questions_go_to_new_central(session: Session) -> None:
@@ -551,7 +551,7 @@ def test_read_only_questions_go_to_new_central(session: Session) -> None:
     assert {request.epoch for request in kept} == {"one"}
     receive(session, Unknown(), welcome("two"))
     assert all(request.lost for request in lost)
-    assert [type(header) for header in take_sent(session)] == [type(each) for each in questions]
+    assert [type(header) for header in pop_headers(session)] == [type(each) for each in questions]
     assert {request.epoch for request in kept} == {"two"}
 
 
@@ -560,7 +560,7 @@ def test_pending_handler_registration_is_left_to_redeclaration(session: Session)
     (request,) = send_requests(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     receive(session, Unknown(), welcome("two"))
     assert request.lost
-    assert take_sent(session) == []
+    assert pop_headers(session) == []
 
 
 def test_central_names_request_of_unknown_connection() -> None:
