@@ -14,7 +14,7 @@ from tca_module.testing import LocalCentral
 
 @pytest.fixture
 def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
-    """Its clock is stepped by the tests of a module that says STEPPED."""
+    """The tests of a module with STEPPED step its clock."""
     with LocalCentral(
         check=check_invariants, stepped=getattr(request.module, "STEPPED", False)
     ) as central:
@@ -23,16 +23,14 @@ def central(request: pytest.FixtureRequest) -> Iterator[LocalCentral]:
 
 @pytest.fixture
 def user(central: LocalCentral) -> Iterator[Client]:
-    """Whoever sends from outside of handlers."""
+    """A client outside of all handlers."""
     with connect("user", central) as client:
         yield client
 
 
 @pytest.fixture
-def attentive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Modules soon notice that they are to end, or that a central which broke off says nothing:
-    with the usual times that takes up to 0.2 s, and 3.
-    """
+def short_timeouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules notice their end, or a silent central, within 0.2 s instead of 3 s."""
     monkeypatch.setattr(session, "QUIET", 0.2)
     monkeypatch.setattr(session, "IDLE", 0.2)
     monkeypatch.setattr(session, "REPEAT", 0.1)

@@ -1,5 +1,5 @@
-"""Declarations as a type checker sees them, and mistakes that it finds: read by test_types.py's
-mypy, never run.
+"""Declarations as a type checker sees them, and mistakes that it finds. mypy reads this file for
+test_types.py; it is never run.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A central behind a real socket, in a thread of the tests, with what it recorded."""
+"""A central behind a real socket, in a thread of the tests, with the facts that it recorded."""
 
 import queue
 import threading
@@ -7,21 +7,25 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
+import pytest
+
 from tca_central.core import Central
 from tca_central.events import Effect, Record
 from tca_central.shell.gate import Gate as EntranceGate
 from tca_central.shell.server import Daemon
+from tca_module.link import wait_loop
+from tca_module.serving import event_loop
 
 SOON = 10.0
 
 
 class Gate:
-    """A handler that says when it has begun, and returns when it may."""
+    """A handler that signals its start, and returns when ``go_on`` is set."""
 
     def __init__(self, result: Any = None) -> None:
         self.result = result
         self.begun, self.go_on = threading.Event(), threading.Event()
-        self.threads = queue.SimpleQueue[str]()  #: in which it was called
+        self.threads = queue.SimpleQueue[str]()  #: the names of the threads that called it
 
     def __call__(self, *_: Any) -> Any:
         self.threads.put(threading.current_thread().name)
@@ -30,7 +34,7 @@ class Gate:
         return self.result
 
 
-class _Recorded(Daemon):
+class _RecordingDaemon(Daemon):
     def __init__(self, epoch: str, address: str, gate: EntranceGate | None) -> None:
         super().__init__(Central(epoch), address, gate=gate)
         self.recorded: list[Any] = []
@@ -43,10 +47,10 @@ class _Recorded(Daemon):
 
 
 class RealCentral:
-    """A running central; ``end`` is sudden: no module hears of it."""
+    """A running central."""
 
     def __init__(self, address: str, epoch: str = "real", gate: EntranceGate | None = None) -> None:
-        self.server = _Recorded(epoch, address, gate)
+        self.server = _RecordingDaemon(epoch, address, gate)
         self.address = self.server.endpoint
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
@@ -59,8 +63,8 @@ class RealCentral:
         """All facts of a kind so far."""
         return [fact for fact in self.server.recorded[:] if isinstance(fact, kind)]
 
-    def asked_by(self, module: str) -> list[Any]:
-        """What the handlers of a module wait for now."""
+    def open_requests_of(self, module: str) -> list[Any]:
+        """The open requests of a module's handlers."""
         connections = list(self.server.central.registry.connections.values())
         return [
             due
@@ -86,9 +90,15 @@ class RealCentral:
         self.close()
 
 
-def until(is_so: Callable[[], Any], what: str, seconds: float = SOON) -> None:
-    """Wait until something is so."""
+def until(condition: Callable[[], Any], description: str, seconds: float = SOON) -> None:
+    """Wait until a condition holds."""
     deadline = time.monotonic() + seconds
-    while not is_so():
-        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {description}"
         time.sleep(0.005)
+
+
+def disable_polling(patch: pytest.MonkeyPatch) -> None:
+    """Make a wait that misses a wake-up last for ever: it no longer polls every STEP."""
+    for where in (wait_loop, event_loop):
+        patch.setattr(where, "STEP", 10 * SOON)

@@ -36,11 +36,11 @@ COLLISION = Failure("collision", Footfall)
 EXHAUSTED = Failure("exhausted")
 
 
-# --- A planner and legs, for stories about tasks --------------------------------------------------
+# --- A planner and legs, for tests of tasks -------------------------------------------------------
 
 
 class Robot:
-    """A planner and legs; what they did is in ``done``, in order."""
+    """A planner and legs. Their actions are in ``done``, in order."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central

@@ -1,5 +1,5 @@
-"""``async def`` handlers: what they may await, what goes on meanwhile, how they end, and circles
-through ``await``.
+"""``async def`` handlers: their awaits, their background tasks, their ends, and deadlocks through
+``await``.
 """
 
 import asyncio
@@ -32,9 +32,7 @@ from tca_wire.packets.codec import unpack_to_central
 from tca_wire.packets.headers import Await
 
 
-def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(
-    legs: Module, user: Client
-) -> None:
+def test_slot_event_loop_runs_background_tasks_between_handlers(legs: Module, user: Client) -> None:
     loops, went_on = [], threading.Event()
 
     @legs.handles(REST)
@@ -55,7 +53,7 @@ def test_handlers_of_one_slot_share_an_event_loop_which_turns_between_them(
     assert loops[0].is_closed()
 
 
-def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Client) -> None:
+def test_plain_and_async_handlers_share_one_slot(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         awaited, waited_for = (
@@ -77,7 +75,9 @@ def test_plain_handlers_and_coroutines_mix_in_one_slot(legs: Module, user: Clien
         assert user.command(MOVE_LEG, 1).result(SOON) == Footfall(36, 0.0)
 
 
-def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: LocalCentral) -> None:
+def test_awaited_task_yields_its_result_or_failure(
+    legs: Module, eyes: Module, user: Client, central: LocalCentral
+) -> None:
     eyes.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
 
     @legs.handles(WALK)
@@ -100,7 +100,7 @@ def test_tasks_are_awaited(legs: Module, eyes: Module, user: Client, central: Lo
     assert [fact.parent for fact in moves] == [1, 1, 1]
 
 
-def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
+def test_coroutine_queries_its_own_slot(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return [int(radius), *await task.query_send(STANCE, radius - 1)] if radius > 1 else [1]
@@ -109,9 +109,7 @@ def test_a_coroutine_may_ask_its_own_slot(legs: Module, user: Client) -> None:
         assert user.query(STANCE, 4.0, timeout=SOON) == [4, 3, 2, 1]
 
 
-def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
-    legs: Module, user: Client
-) -> None:
+def test_blocking_query_of_own_slot_fails_in_coroutine(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return task.query(STANCE, radius - 1, timeout=SOON) if radius > 1 else [1]
@@ -123,7 +121,7 @@ def test_a_coroutine_that_blocks_its_loop_for_an_answer_of_its_own_is_told(
         user.query(STANCE, 2.0, timeout=SOON)
 
 
-def test_an_answer_may_be_awaited_only_so_long(
+def test_awaited_query_is_given_up_after_asyncio_timeout(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     @legs.handles(STANCE)
@@ -145,7 +143,7 @@ def test_an_answer_may_be_awaited_only_so_long(
 
 
 @pytest.mark.parametrize("ends_well", [False, True])
-def test_a_killed_task_is_cancelled_where_it_awaits(
+def test_killed_task_is_cancelled_at_its_await(
     legs: Module,
     user: Client,
     central: LocalCentral,
@@ -161,7 +159,7 @@ def test_a_killed_task_is_cancelled_where_it_awaits(
             await asyncio.Event().wait()
         except asyncio.CancelledError as cancelled:
             cleaned.put((str(cancelled), task.cancelled))
-            await asyncio.sleep(0)  # cleaning up may take its time
+            await asyncio.sleep(0)  # cleaning up may take time
             cleaned.put(("cleaned", task.cancelled))
             if not ends_well:
                 raise
@@ -180,11 +178,11 @@ def test_a_killed_task_is_cancelled_where_it_awaits(
     assert not caplog.records
 
 
-def raises_collision() -> None:
+def raise_collision() -> None:
     raise COLLISION(Footfall(2, 0.5), "rock")
 
 
-def cancels_itself() -> None:
+def cancel_itself() -> None:
     this = asyncio.current_task()
     assert this is not None
     this.cancel()
@@ -193,13 +191,13 @@ def cancels_itself() -> None:
 @pytest.mark.parametrize(
     ("error", "failure", "text"),
     [
-        (raises_collision, "collision", "rock"),
+        (raise_collision, "collision", "rock"),
         (lambda: 1 / 0, "handler error", "ZeroDivisionError: division by zero"),
         (lambda: sys.exit(3), "handler error", "SystemExit: 3"),
-        (cancels_itself, "cancelled", ""),
+        (cancel_itself, "cancelled", ""),
     ],
 )
-def test_a_coroutine_fails_as_a_function_does(
+def test_error_in_coroutine_fails_its_task(
     legs: Module, user: Client, error: Callable[[], object], failure: str, text: str
 ) -> None:
     @legs.handles(REST)
@@ -217,24 +215,24 @@ def test_a_coroutine_fails_as_a_function_does(
             assert "tca_module" not in failed.value.text
 
 
-def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user: Client) -> None:
-    async def look(number: int) -> None:
+def test_lone_failure_in_task_group_is_unwrapped(legs: Module, user: Client) -> None:
+    async def sleep_or_collide(number: int) -> None:
         await asyncio.sleep(0)
         if number == 1:
-            raises_collision()
+            raise_collision()
         await asyncio.sleep(60)
 
     @legs.handles(REST)
     async def rest(task: Task) -> None:
         async with asyncio.TaskGroup() as group:
             for number in range(3):
-                group.create_task(look(number))
+                group.create_task(sleep_or_collide(number))
 
     @legs.handles(STOP)
     async def stop(task: Task) -> None:
         async with asyncio.TaskGroup() as group:
-            group.create_task(look(1))
-            group.create_task(look(1))
+            group.create_task(sleep_or_collide(1))
+            group.create_task(sleep_or_collide(1))
 
     with legs.running():
         with pytest.raises(TaskFailed) as failed:
@@ -244,9 +242,7 @@ def test_a_failure_that_is_alone_in_its_group_is_that_failure(legs: Module, user
             user.command(STOP).result(SOON)
 
 
-def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(
-    legs: Module, user: Client
-) -> None:
+def test_background_tasks_are_cancelled_when_module_ends(legs: Module, user: Client) -> None:
     ends = queue.Queue[str]()
 
     @legs.handles(REST)
@@ -267,9 +263,7 @@ def test_what_coroutines_left_behind_is_cancelled_when_the_module_ends(
     assert ends.get(timeout=SOON) == "cleaned"
 
 
-def test_a_module_ends_when_something_in_its_loop_wants_to_leave(
-    legs: Module, user: Client
-) -> None:
+def test_system_exit_in_event_loop_ends_module(legs: Module, user: Client) -> None:
     @legs.handles(REST)
     async def rest(task: Task) -> None:
         asyncio.get_running_loop().call_soon(lambda: sys.exit(7))
@@ -284,7 +278,7 @@ def test_a_module_ends_when_something_in_its_loop_wants_to_leave(
     assert left.value.code == 7
 
 
-def test_only_async_handlers_await(user: Client) -> None:
+def test_await_outside_async_handler_is_misuse(user: Client) -> None:
     async def script() -> float:
         return await user.query_send(TEMPERATURE)
 
@@ -295,7 +289,7 @@ def test_only_async_handlers_await(user: Client) -> None:
         asyncio.run(script())
 
 
-def test_a_coroutine_does_not_await_a_central_that_is_silent(
+def test_await_fails_when_central_is_silent(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     ended = queue.Queue[str]()
@@ -315,7 +309,7 @@ def test_a_coroutine_does_not_await_a_central_that_is_silent(
         assert "does not answer: start it with 'tca central'" in ended.get(timeout=SOON)
 
 
-def test_who_awaits_many_tells_central_so_in_one_packet(
+def test_gathered_awaits_reach_central_in_one_packet(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     asked, count, began = Query("asked", int, reply=int), 100, threading.Event()
@@ -345,7 +339,7 @@ def test_who_awaits_many_tells_central_so_in_one_packet(
     assert [kinds for kinds in packets if Await in kinds] == [[Await] * count]
 
 
-# --- Circles through ``await`` --------------------------------------------------------------------
+# --- Deadlocks through ``await`` ------------------------------------------------------------------
 
 
 DRAW, MAP = Command("draw"), Command("map")
@@ -353,48 +347,48 @@ LOOK, WHERE = Query("look", reply=int), Query("where", reply=int)
 
 
 @pytest.fixture(autouse=True)
-def _soon_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Central hears of a coroutine that waits after 0.2 s already, and not after 1 s."""
+def _report_waits_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coroutines report their waits to central after 0.2 s instead of 1 s."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
 
 
-How = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]
+AwaitStyle = Callable[[Awaitable[Any]], Coroutine[Any, Any, Any]]
 
 
-async def alone(awaited: Awaitable[Any]) -> Any:
+async def await_directly(awaited: Awaitable[Any]) -> Any:
     return await awaited
 
 
-async def gathered(awaited: Awaitable[Any]) -> Any:
+async def await_gathered(awaited: Awaitable[Any]) -> Any:
     return (await asyncio.gather(awaited))[0]
 
 
-async def in_a_group(awaited: Awaitable[Any]) -> Any:
+async def await_in_group(awaited: Awaitable[Any]) -> Any:
     async with asyncio.TaskGroup() as group:
-        task = group.create_task(alone(awaited))
+        task = group.create_task(await_directly(awaited))
     return task.result()
 
 
-async def in_a_task(awaited: Awaitable[Any]) -> Any:
-    return await asyncio.create_task(alone(awaited))
+async def await_in_task(awaited: Awaitable[Any]) -> Any:
+    return await asyncio.create_task(await_directly(awaited))
 
 
-async def as_the_first(awaited: Awaitable[Any]) -> Any:
+async def await_first_completed(awaited: Awaitable[Any]) -> Any:
     done, _ = await asyncio.wait(
-        [asyncio.create_task(alone(awaited))], return_when=asyncio.FIRST_COMPLETED
+        [asyncio.create_task(await_directly(awaited))], return_when=asyncio.FIRST_COMPLETED
     )
     return done.pop().result()
 
 
-async def in_time(awaited: Awaitable[Any]) -> Any:
+async def await_with_timeout(awaited: Awaitable[Any]) -> Any:
     async with asyncio.timeout(SOON):
         return await awaited
 
 
-class Circle:
-    """Two modules, each of whose one slot waits for what the other's must handle."""
+class WaitCycle:
+    """Two modules with one slot each, whose handlers wait for each other's module."""
 
-    def __init__(self, central: Any, how: How) -> None:
+    def __init__(self, central: Any, style: AwaitStyle) -> None:
         self.eyes, self.maps = Module("eyes", central), Module("maps", central)
         both = threading.Barrier(2)
         self.maps.handles(WHERE)(lambda _: 1)
@@ -403,15 +397,15 @@ class Circle:
         @self.eyes.handles(DRAW)
         async def draw(task: Task) -> None:
             both.wait(SOON)
-            await how(task.query_send(WHERE))
+            await style(task.query_send(WHERE))
 
         @self.maps.handles(MAP)
         async def map_(task: Task) -> None:
             both.wait(SOON)
-            await how(task.query_send(LOOK))
+            await style(task.query_send(LOOK))
 
     def outcomes(self, user: Client) -> tuple[str, list[Outcome]]:
-        """What became of both; the failure of the one that failed."""
+        """The failure of the handler that failed, and the outcomes of both."""
         with self.eyes.running(), self.maps.running():
             refs = user.command(DRAW, sequential=False), user.command(MAP, sequential=False)
             outcomes = sorted(ref.wait(SOON) for ref in refs)
@@ -421,11 +415,21 @@ class Circle:
         return f"{raised.value.failure}: {raised.value}", outcomes
 
 
-@pytest.mark.parametrize("how", [alone, gathered, in_a_group, in_a_task, as_the_first, in_time])
-def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(
-    how: How, central: LocalCentral, user: Client
+@pytest.mark.parametrize(
+    "style",
+    [
+        await_directly,
+        await_gathered,
+        await_in_group,
+        await_in_task,
+        await_first_completed,
+        await_with_timeout,
+    ],
+)
+def test_one_await_of_deadlock_is_refused_and_other_completes(
+    style: AwaitStyle, central: LocalCentral, user: Client
 ) -> None:
-    text, outcomes = Circle(central, how).outcomes(user)
+    text, outcomes = WaitCycle(central, style).outcomes(user)
     assert outcomes == [Outcome.DONE, Outcome.FAILED]
     assert text.startswith("deadlock: ")
     assert "draw {" in text
@@ -433,7 +437,7 @@ def test_one_await_of_a_circle_is_refused_and_the_other_goes_on(
 
 
 class Device:
-    """Lets go of what coroutines wait for, from a thread of its own."""
+    """Releases waiting coroutines from a thread of its own."""
 
     def __init__(self) -> None:
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -448,30 +452,28 @@ class Device:
         self.loop.call_soon_threadsafe(self.event.set)
 
 
-async def beside_a_device(awaited: Awaitable[Any], device: Device) -> None:
-    """It waits for the map, while an asyncio task beside holds the legs until the device is
-    ready.
-    """
+async def await_reply_then_device(awaited: Awaitable[Any], device: Device) -> None:
+    """Await the reply, while an asyncio task beside it holds the slot until the device is ready."""
     beside = asyncio.create_task(device.wait())
     await awaited
     await beside
 
 
-async def for_the_first_of_both(awaited: Awaitable[Any], device: Device) -> None:
-    tasks = [asyncio.create_task(alone(awaited)), asyncio.create_task(device.wait())]
+async def await_reply_or_device(awaited: Awaitable[Any], device: Device) -> None:
+    tasks = [asyncio.create_task(await_directly(awaited)), asyncio.create_task(device.wait())]
     _, waiting = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in waiting:
         task.cancel()
 
 
-async def for_the_device(awaited: Awaitable[Any], device: Device) -> None:
-    beside = asyncio.create_task(alone(awaited))
+async def await_device(awaited: Awaitable[Any], device: Device) -> None:
+    beside = asyncio.create_task(await_directly(awaited))
     await device.wait()
     beside.cancel()
 
 
-async def with_a_shield(awaited: Awaitable[Any], device: Device) -> None:
-    beside = asyncio.ensure_future(alone(awaited))
+async def await_shielded(awaited: Awaitable[Any], device: Device) -> None:
+    beside = asyncio.ensure_future(await_directly(awaited))
     waiting = asyncio.create_task(device.wait())
     await asyncio.wait(
         [asyncio.shield(beside), asyncio.shield(waiting)], return_when=asyncio.FIRST_COMPLETED
@@ -479,8 +481,8 @@ async def with_a_shield(awaited: Awaitable[Any], device: Device) -> None:
     beside.cancel()
 
 
-def told(central: LocalCentral) -> set[str]:
-    """The messages of the coroutines that central takes to wait."""
+def waiting_messages(central: LocalCentral) -> set[str]:
+    """The messages whose coroutines central counts as waiting."""
     core = central.core
     waits = [
         wait
@@ -493,15 +495,16 @@ def told(central: LocalCentral) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "how", [beside_a_device, for_the_first_of_both, for_the_device, with_a_shield]
+    "style", [await_reply_then_device, await_reply_or_device, await_device, await_shielded]
 )
-def test_a_handler_that_something_else_may_bring_on_is_not_refused(
-    how: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
+def test_await_beside_external_event_is_no_deadlock(
+    style: Callable[[Awaitable[Any], Device], Coroutine[Any, Any, None]],
     central: LocalCentral,
     user: Client,
 ) -> None:
-    """Of what is awaited besides central's answers nothing is known. Somebody else, who can be seen
-    to wait, is waited for twice, so that there was time enough to be wrong.
+    """Central knows nothing of awaited things other than its answers, so a coroutine may not
+    count as waiting because of one. Another module's visible wait is observed twice, which
+    leaves time for a wrong report.
     """
     eyes, maps, control = (
         Module("eyes", central),
@@ -514,11 +517,11 @@ def test_a_handler_that_something_else_may_bring_on_is_not_refused(
     @eyes.handles(DRAW)
     async def draw(task: Task) -> None:
         made.append(Device())
-        await how(task.query_send(WHERE), made[0])
+        await style(task.query_send(WHERE), made[0])
 
     @maps.handles(WHERE)
     def where(task: Task) -> int:
-        if how is beside_a_device:
+        if style is await_reply_then_device:
             return 1 if go_on.wait(SOON) else 0
         return task.query(LOOK, timeout=SOON)
 
@@ -532,21 +535,24 @@ def test_a_handler_that_something_else_may_bring_on_is_not_refused(
     eyes.handles(LOOK)(lambda _: 1)
     with eyes.running(), maps.running(), control.running():
         drawing = user.command(DRAW, sequential=False)
-        until(lambda: made and made[0].loop, "it waits for its device")
+        until(lambda: made and made[0].loop, "the coroutine awaits its device")
         for _ in range(2):
             seen = user.command(MAP, sequential=False)
-            until(lambda: "map" in told(central), "the one that is seen")
-            assert "draw" not in told(central)
+            until(lambda: "map" in waiting_messages(central), "map is reported as waiting")
+            assert "draw" not in waiting_messages(central)
             seen.kill("it was seen")
-            until(lambda: "map" not in told(central), "the one that was seen has gone")
+            until(
+                lambda: "map" not in waiting_messages(central),
+                "map is no longer reported as waiting",
+            )
         go_on.set()
         made[0].ready()
         assert drawing.wait(SOON) is Outcome.DONE
     assert not [fact for fact in central.facts if isinstance(fact, RequestRefused)]
 
 
-def test_what_is_awaited_only_so_long_is_given_up(central: LocalCentral, user: Client) -> None:
-    """And who waited so is no longer taken to wait."""
+def test_timed_out_await_is_withdrawn_from_central(central: LocalCentral, user: Client) -> None:
+    """The coroutine no longer counts as waiting then."""
     eyes, maps, go_on = Module("eyes", central), Module("maps", central), threading.Event()
     ended: list[bool] = []
 
@@ -554,17 +560,17 @@ def test_what_is_awaited_only_so_long_is_given_up(central: LocalCentral, user: C
     async def draw(task: Task) -> None:
         loop, deadline = asyncio.get_running_loop(), asyncio.timeout(None)
 
-        def end_it() -> None:
-            until(lambda: "draw" in told(central), "it is seen to wait")
+        def expire() -> None:
+            until(lambda: "draw" in waiting_messages(central), "draw is reported as waiting")
             loop.call_soon_threadsafe(deadline.reschedule, 0)
 
-        seen = threading.Thread(target=end_it)
+        seen = threading.Thread(target=expire)
         seen.start()
         try:
             async with deadline:
                 await task.query_send(WHERE)
         except TimeoutError:
-            ended.append("draw" not in told(central))
+            ended.append("draw" not in waiting_messages(central))
 
     @maps.handles(WHERE)
     def where(_: Task) -> int:

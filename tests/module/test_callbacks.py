@@ -1,5 +1,5 @@
-"""Functions that a module's threads call between messages: at times, and when files have something
-to read.
+"""Functions that a module's threads call between messages: at times, and when files become
+readable.
 """
 
 import math
@@ -25,14 +25,14 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 @pytest.fixture
 def line() -> Iterator[tuple[socket.socket, socket.socket]]:
-    """The two ends of a line: ours and the device's."""
+    """The two ends of a line: the module's and the device's."""
     near, far = socket.socketpair()
     with near, far:
         yield near, far
 
 
 class Clock:
-    """A thread's callbacks on a clock of the test's own."""
+    """A thread's callbacks on the test's own clock."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -45,7 +45,7 @@ class Clock:
         return moment - self.now
 
     def wake(self) -> None:
-        """Nobody waits."""
+        """No thread waits, so none needs to wake."""
 
     def begin(self) -> None:
         connection = Connection.__new__(Connection)
@@ -55,8 +55,8 @@ class Clock:
         connection.log = log_of("legs")
         self.callbacks.begin(connection)
 
-    def pass_by(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
-        """Wait as a slot does, and call what is due."""
+    def advance(self, seconds: float, ready: dict[int, bool] | None = None) -> None:
+        """Wait as a slot does, and call the callbacks that are due."""
         self.now += seconds
         if self.callbacks.connection is not None:
             self.callbacks.queue_due(ready or {})
@@ -69,34 +69,34 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_time_counts_from_the_beginning_of_the_module(clock: Clock) -> None:
+def test_delay_counts_from_module_start(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.after(2.0, lambda: called.append(clock.now))
-    clock.pass_by(50.0)
+    clock.advance(50.0)
     clock.begin()
     clock.callbacks.after(1.0, lambda: called.append(clock.now))
     assert clock.callbacks.patience(0.2) == 0.2
-    clock.pass_by(0.9)
+    clock.advance(0.9)
     assert clock.callbacks.patience(0.2) == pytest.approx(0.1)
-    clock.pass_by(0.1)
-    clock.pass_by(1.0)
-    clock.pass_by(9.0)
+    clock.advance(0.1)
+    clock.advance(1.0)
+    clock.advance(9.0)
     assert called == [151.0, 152.0]
     assert not clock.callbacks
 
 
-def test_a_default_argument_stays_when_a_callback_may_do_without(clock: Clock) -> None:
+def test_default_arguments_of_callback_are_kept(clock: Clock) -> None:
     called: list[object] = []
     for n in (1, 2):
         clock.callbacks.every(1.0, lambda n=n: called.append(n))
     clock.callbacks.every(1.0, lambda callback, n=n: called.append((type(callback), n)))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     assert called == [1, 2, (Callback, 2)]
     assert check_function("observes()", lambda change, n=n: (change, n), "(change)", (2, 1)) == 1
 
 
-def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
+def test_failing_callback_stops_no_other(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     called: list[str] = []
 
     def fails(callback: Callback) -> None:
@@ -106,16 +106,16 @@ def test_an_error_stops_nobody(clock: Clock, caplog: pytest.LogCaptureFixture) -
     clock.callbacks.every(1.0, fails)
     clock.callbacks.every(1.0, lambda: called.append("works"))
     clock.begin()
-    clock.pass_by(1.0)
-    clock.pass_by(1.0)
+    clock.advance(1.0)
+    clock.advance(1.0)
     assert called == ["fails", "works"] * 2
     assert [record.getMessage() for record in caplog.records] == [
-        "callback test_an_error_stops_nobody.<locals>.fails failed"
+        "callback test_failing_callback_stops_no_other.<locals>.fails failed"
     ] * 2
     assert "OSError: hot" in caplog.text
 
 
-def test_cancelling_from_within_and_from_outside(clock: Clock) -> None:
+def test_callback_is_cancelled_from_inside_and_outside(clock: Clock) -> None:
     called: list[str] = []
 
     def thrice(callback: Callback) -> None:
@@ -136,57 +136,57 @@ def test_cancelling_from_within_and_from_outside(clock: Clock) -> None:
     never.cancel()
     assert never.is_over
     for _ in range(5):
-        clock.pass_by(1.0)
+        clock.advance(1.0)
     assert called == ["thrice"] * 3
     once_more = clock.callbacks.after(0.0, once)
     assert not once_more.is_over
-    clock.pass_by(0.0)
+    clock.advance(0.0)
     assert called[-1] == "once"
 
 
-def test_one_may_cancel_another_that_is_due_too(clock: Clock) -> None:
+def test_callback_cancels_another_due_callback(clock: Clock) -> None:
     called: list[str] = []
     clock.callbacks.after(1.0, lambda: other.cancel())  # noqa: PLW0108 - not there yet
     other = clock.callbacks.after(1.0, lambda: called.append("other"))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     assert not called
 
 
-def test_what_is_left_begins_anew_with_the_next_run(clock: Clock) -> None:
+def test_remaining_callbacks_restart_with_next_run(clock: Clock) -> None:
     called: list[float] = []
     clock.callbacks.every(1.0, lambda: called.append(clock.now))
     once = clock.callbacks.after(1.5, lambda: called.append(0.0))
     clock.begin()
-    clock.pass_by(1.0)
+    clock.advance(1.0)
     clock.callbacks.end()
-    clock.pass_by(5.0)
+    clock.advance(5.0)
     assert called == [101.0]
     with pytest.raises(MisuseError, match=r"callback .* can't send: its module is not running"):
         once.query(TEMPERATURE)
     clock.begin()
-    clock.pass_by(1.0)
-    clock.pass_by(0.5)
+    clock.advance(1.0)
+    clock.advance(0.5)
     assert called == [101.0, 107.0, 0.0]
 
 
-def test_a_file_that_was_closed_is_no_longer_waited_for(
-    clock: Clock, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_closed_file_is_no_longer_watched(clock: Clock, caplog: pytest.LogCaptureFixture) -> None:
     called: list[str] = []
     watch = clock.callbacks.on_readable(77, lambda: called.append("readable"))
     clock.begin()
-    clock.pass_by(0.0, {77: True})
+    clock.advance(0.0, {77: True})
     assert called == ["readable"]
-    clock.pass_by(0.0, {77: False})
+    clock.advance(0.0, {77: False})
     assert watch.is_over
     assert not clock.callbacks.files
-    assert "is not called any more: file 77 is closed" in caplog.text
-    clock.pass_by(0.0, {77: True})  # found before it was removed
+    assert "is called no more: its file 77 was closed" in caplog.text
+    clock.advance(0.0, {77: True})  # found before it was removed
     assert called == ["readable"]
 
 
-def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket.socket]) -> None:
+def test_second_callback_for_file_is_misuse(
+    legs: Module, line: tuple[socket.socket, socket.socket]
+) -> None:
     near, far = line
     first = legs.on_readable(near, print)
     with pytest.raises(MisuseError, match=r"callback print waits for file .* already: cancel"):
@@ -198,7 +198,7 @@ def test_a_file_has_one_callback(legs: Module, line: tuple[socket.socket, socket
         legs.on_readable(far, print)
 
 
-def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) -> None:
+def test_callback_sends_under_root(legs: Module, central: LocalCentral) -> None:
     moved = queue.Queue[tuple[str, Footfall]]()
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
 
@@ -214,8 +214,8 @@ def test_a_callback_sends_under_the_root(legs: Module, central: LocalCentral) ->
     assert [fact.parent for fact in central.facts if isinstance(fact, Received)] == [0]
 
 
-def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user: Client) -> None:
-    """One resource is one thread: neither needs locks."""
+def test_callbacks_and_handlers_of_resource_take_turns(legs: Module, user: Client) -> None:
+    """One resource is one thread: neither callbacks nor handlers need locks."""
     threads, go = queue.Queue[str](), threading.Event()
 
     @legs.handles(TEMPERATURE, resource="arm")
@@ -238,7 +238,7 @@ def test_callbacks_of_a_resource_and_its_handlers_take_turns(legs: Module, user:
             legs.after(0.0, print, resource="leg")
 
 
-def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, user: Client) -> None:
+def test_callback_thread_starts_on_first_use(legs: Module, user: Client) -> None:
     rang = queue.Queue[str]()
 
     @legs.handles(TEMPERATURE)
@@ -252,32 +252,34 @@ def test_the_thread_of_callbacks_begins_when_it_is_first_needed(legs: Module, us
             assert rang.get(timeout=SOON) == "callbacks 2"
 
 
-def test_files_times_and_coroutines_share_a_thread(
+def test_files_timers_and_coroutines_share_slot_thread(
     legs: Module, user: Client, line: tuple[socket.socket, socket.socket]
 ) -> None:
     near, far = line
-    heard, beats = queue.Queue[tuple[str, bytes]](), queue.Queue[str]()
+    packets, beats = queue.Queue[tuple[str, bytes]](), queue.Queue[str]()
 
     @legs.handles(STANCE)
     async def stance(task: Task, radius: float) -> list[int]:
         return [int(radius)]
 
     legs.on_readable(
-        near, lambda: heard.put((threading.current_thread().name, near.recv(100))), resource="legs"
+        near,
+        lambda: packets.put((threading.current_thread().name, near.recv(100))),
+        resource="legs",
     )
     legs.every(0.01, resource="legs")(lambda: beats.put(threading.current_thread().name))
     with legs.running():
         for number in range(3):
             assert user.query(STANCE, float(number), timeout=SOON) == [number]
             far.send(b"word")
-            assert heard.get(timeout=SOON) == ("legs 1", b"word")
+            assert packets.get(timeout=SOON) == ("legs 1", b"word")
             assert beats.get(timeout=SOON) == "legs 1"
 
 
-def test_a_closed_file_is_noticed_by_the_thread(
+def test_closed_file_is_noticed_by_waiting_slot(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """With and without an event loop."""
+    """The slot has an event loop in the second round only."""
     rang = queue.Queue[str]()
 
     @legs.handles(TEMPERATURE)
@@ -299,10 +301,10 @@ def test_a_closed_file_is_noticed_by_the_thread(
     assert caplog.text.count("is closed") == 2
 
 
-# --- When timers are due, on a clock of the test's own --------------------------------------------
+# --- Due times of timers, on the test's own clock -------------------------------------------------
 
 
-def test_what_is_due_once() -> None:
+def test_one_shot_timer_is_due_once() -> None:
     time = DueTime(5.0, is_once=True)
     assert time.due == math.inf
     time.begin(2.0)
@@ -312,7 +314,7 @@ def test_what_is_due_once() -> None:
     assert time.due == math.inf
 
 
-def test_a_period_does_not_drift() -> None:
+def test_period_does_not_drift() -> None:
     time = DueTime(0.1, is_once=False)
     time.begin(100.0)
     for turn in range(1, 1001):
@@ -320,15 +322,15 @@ def test_a_period_does_not_drift() -> None:
         time.was_done(time.due + 0.04)  # always a little late
 
 
-def test_what_was_missed_is_left_out() -> None:
-    """After a stall, or a long call, the next is at a multiple of the period again."""
+def test_missed_periods_are_skipped() -> None:
+    """After a stall, or a long call, the next call is at a multiple of the period again."""
     time = DueTime(1.0, is_once=False)
     time.begin(0.0)
     time.was_done(9.4)
     assert time.due == 10.0
 
 
-def test_a_call_that_ends_when_the_next_is_due_does_not_come_twice() -> None:
+def test_call_ending_at_next_due_time_is_not_repeated() -> None:
     time = DueTime(0.1, is_once=False)
     time.begin(0.0)
     times: list[float] = []

@@ -1,4 +1,6 @@
-"""What central itself answers: who is there, shared variables, locks and reservations."""
+"""Services of central itself: lists of modules and handlers, shared variables, locks and
+reservations.
+"""
 
 import logging
 import queue
@@ -50,8 +52,8 @@ def walkers(central: LocalCentral) -> Module:
     return legs
 
 
-class Started:
-    """A module that is run in the background, and may have to wait before it serves."""
+class BackgroundModule:
+    """A module that runs in the background, and may have to wait before it serves."""
 
     def __init__(self, started: Module) -> None:
         self.module, self.error = started, list[TcaError]()
@@ -70,34 +72,34 @@ class Started:
         assert not self.thread.is_alive()
 
 
-def test_who_is_there_and_handles_what(walkers: Module, user: Client) -> None:
+def test_modules_and_handlers_are_listed(walkers: Module, user: Client) -> None:
     with walkers.running():
-        known = {info.name: info for info in user.modules()}
-        assert set(known) == {"legs", "user"}
-        assert known["legs"].handles == ("move leg", "temperature")
-        assert [(part.name, part.capacity) for part in known["legs"].resources] == [
+        modules = {info.name: info for info in user.modules()}
+        assert set(modules) == {"legs", "user"}
+        assert modules["legs"].handles == ("move leg", "temperature")
+        assert [(part.name, part.capacity) for part in modules["legs"].resources] == [
             ("legs", 2),
             ("thermometer", 1),
         ]
-        assert known["user"].resources == ()
+        assert modules["user"].resources == ()
         assert user.handlers(MOVE_LEG) == [HandlerInfo("legs", "legs", 2, "both", 3, 0)]
         assert user.handlers(STANCE) == []
         assert walkers.modules() == user.modules()
     assert user.handlers(MOVE_LEG) == []
 
 
-def test_waiting_until_messages_are_handled(walkers: Module, user: Client) -> None:
-    later = threading.Timer(0.1, lambda: started.append(Started(walkers)))
-    started: list[Started] = []
+def test_wait_until_handled_returns_when_handlers_exist(walkers: Module, user: Client) -> None:
+    later = threading.Timer(0.1, lambda: started.append(BackgroundModule(walkers)))
+    started: list[BackgroundModule] = []
     later.start()
     user.wait_until_handled(MOVE_LEG, TEMPERATURE, timeout=SOON)
     assert user.query(TEMPERATURE) == 36.6
     later.join()
     started[0].stop()
-    user.wait_until_handled(timeout=SOON)  # for nothing
+    user.wait_until_handled(timeout=SOON)  # nothing to wait for
 
 
-def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> None:
+def test_unhandled_messages_are_named_at_timeout(walkers: Module, user: Client) -> None:
     with walkers.running(), pytest.raises(Timeout) as late:
         user.wait_until_handled(MOVE_LEG, STANCE, ALARM, timeout=0.01)
     assert str(late.value) == (
@@ -105,29 +107,29 @@ def test_what_is_not_handled_in_time_is_named(walkers: Module, user: Client) -> 
     )
 
 
-def test_a_module_serves_when_what_it_requires_is_handled(
+def test_module_serves_once_required_messages_are_handled(
     walkers: Module, central: LocalCentral, user: Client
 ) -> None:
     planner = Module("planner", central, requires=[TEMPERATURE, MOVE_LEG])
     planner.handles(STANCE)(lambda task, _: [int(task.query(TEMPERATURE))])
-    started = Started(planner)
+    started = BackgroundModule(planner)
     assert user.execute_if_handled(STANCE, 1.0) is None
     with walkers.running():
         user.wait_until_handled(STANCE, timeout=SOON)
         assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-    assert user.handlers(STANCE) != []  # it goes on serving
+    assert user.handlers(STANCE) != []  # it continues to serve
     started.stop()
     assert started.error == []
 
 
-def test_what_a_module_handles_itself_it_need_not_wait_for(central: LocalCentral) -> None:
+def test_own_handler_satisfies_requirement(central: LocalCentral) -> None:
     planner = Module("planner", central, requires=(STANCE,))
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with planner.running():
         assert planner.handlers(STANCE)[0].module == "planner"
 
 
-def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
+def test_waiting_module_names_requirements_and_can_be_stopped(
     central: LocalCentral,
     user: Client,
     monkeypatch: pytest.MonkeyPatch,
@@ -136,8 +138,8 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     monkeypatch.setattr(module, "_WARN_AFTER", 0.0)
     monkeypatch.setattr(module, "CHECK_PERIOD", 0.01)
     with caplog.at_level(logging.WARNING):
-        started = Started(Module("planner", central, requires=[STANCE, MOVE_LEG]))
-        until(lambda: caplog.records, "it says so")
+        started = BackgroundModule(Module("planner", central, requires=[STANCE, MOVE_LEG]))
+        until(lambda: caplog.records, "the wait is logged")
         awaited = {message["message"]: message["awaited_by"] for message in user.status("messages")}
         assert awaited == {"stance": ["planner"], "move leg": ["planner"]}
         started.stop()
@@ -148,11 +150,11 @@ def test_a_module_that_waits_can_be_stopped_and_says_what_it_waits_for(
     assert [info.name for info in user.modules()] == ["user"]
 
 
-def test_modules_that_require_each_other_are_told_at_once(
+def test_mutually_requiring_modules_are_warned_at_once(
     central: LocalCentral, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Each would wait for the other for ever; one that another module still may handle is not
-    named.
+    """Each would wait for the other for ever. A message that another module may still handle is
+    not named.
     """
     legs, planner = (
         Module("legs", central, requires=[STANCE]),
@@ -161,8 +163,8 @@ def test_modules_that_require_each_other_are_told_at_once(
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
     planner.handles(STANCE)(lambda _, radius: [int(radius)])
     with caplog.at_level(logging.WARNING):
-        started = [Started(legs), Started(planner)]
-        until(lambda: len(caplog.records) == 2, "both say so")
+        started = [BackgroundModule(legs), BackgroundModule(planner)]
+        until(lambda: len(caplog.records) == 2, "both waits are logged")
         for one in started:
             one.stop()
     assert {record.name for record in caplog.records} == {"tca.legs", "tca.planner"}
@@ -172,32 +174,32 @@ def test_modules_that_require_each_other_are_told_at_once(
         assert "'planner' waits for 'move leg', which 'legs' will handle" in record.message
 
 
-def test_a_wait_goes_on_after_a_restart_of_central(central: LocalCentral, walkers: Module) -> None:
-    started = Started(Module("planner", central, requires=[TEMPERATURE]))
-    until(lambda: "temperature" in central.core.registry.messages, "it waits")
+def test_requirement_wait_survives_central_restart(central: LocalCentral, walkers: Module) -> None:
+    started = BackgroundModule(Module("planner", central, requires=[TEMPERATURE]))
+    until(lambda: "temperature" in central.core.registry.messages, "planner waits for temperature")
     central.restart("second")
     with walkers.running():
-        until(lambda: started.module._keep_alive, "it serves")
+        until(lambda: started.module._keep_alive, "planner serves")
         started.stop()
     assert started.error == []
 
 
 @pytest.fixture
-def told(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
-    """What a module is told that listens to all notices."""
-    told: queue.SimpleQueue[Any] = queue.SimpleQueue()
+def notices(central: LocalCentral) -> Iterator["queue.SimpleQueue[Any]"]:
+    """The notices that a module with handlers for all of them gets."""
+    notices: queue.SimpleQueue[Any] = queue.SimpleQueue()
     guard = Module("guard", central)
-    guard.handles(MODULE_JOINED)(lambda _, who: told.put(who.module))
-    guard.handles(MODULE_LEFT)(lambda _, who: told.put((who.module, who.why)))
-    guard.handles(HANDLERS_CHANGED)(lambda _, what: told.put((what.message, what.handlers)))
+    guard.handles(MODULE_JOINED)(lambda _, who: notices.put(who.module))
+    guard.handles(MODULE_LEFT)(lambda _, who: notices.put((who.module, who.why)))
+    guard.handles(HANDLERS_CHANGED)(lambda _, what: notices.put((what.message, what.handlers)))
     with guard.running():
-        yield told
+        yield notices
 
 
-def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") -> None:
+def test_notices_reach_listening_module(walkers: Module, notices: "queue.SimpleQueue[Any]") -> None:
     with walkers.running():
         pass
-    assert {told.get(timeout=SOON) for _ in range(6)} == {
+    assert {notices.get(timeout=SOON) for _ in range(6)} == {
         "legs",
         ("move leg", 1),
         ("temperature", 1),
@@ -207,15 +209,15 @@ def test_who_listens_is_told(walkers: Module, told: "queue.SimpleQueue[Any]") ->
     }
 
 
-def test_commands_that_people_type_are_not_told_of(
-    central: LocalCentral, told: "queue.SimpleQueue[Any]"
+def test_shell_commands_cause_no_notices(
+    central: LocalCentral, notices: "queue.SimpleQueue[Any]"
 ) -> None:
-    """Who suspends the robot when a module leaves would do so for each ``tca status``."""
+    """Otherwise each ``tca status`` would suspend a robot whose supervisor reacts to departures."""
     with connect("tca status", central) as first, connect("tca status", central):
         assert "tca status" in {one.name for one in first.modules()}
     with connect("operator panel", central):
         pass
-    assert [told.get(timeout=SOON) for _ in range(2)] == [
+    assert [notices.get(timeout=SOON) for _ in range(2)] == [
         "operator panel",
         ("operator panel", "it said goodbye"),
     ]
@@ -228,7 +230,7 @@ def test_commands_that_people_type_are_not_told_of(
     )
 
 
-def test_notices_are_central_s(user: Client) -> None:
+def test_only_central_may_send_notices(user: Client) -> None:
     sender: Any = user
     with pytest.raises(
         MisuseError, match=r"broadcast\(\) takes messages of class Broadcast, not Notice\('tca: "
@@ -248,7 +250,7 @@ POSE = Variable("pose", Arc)
 MODE = Variable("mode", str)
 
 
-def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) -> None:
+def test_newest_variable_value_is_visible_to_all(central: LocalCentral, user: Client) -> None:
     with connect("sensor", central) as sensor:
         sensor.set_variable(POSE, Arc(1.0, 1))
         sensor.set_variable(POSE, Arc(2.0, 2))
@@ -257,7 +259,7 @@ def test_the_newest_value_is_there_for_all(central: LocalCentral, user: Client) 
     assert user.get_variable(POSE) == Arc(3.0, 3)
 
 
-def test_a_variable_that_was_never_set(user: Client) -> None:
+def test_unset_variable_raises_or_yields_default(user: Client) -> None:
     with pytest.raises(VariableNotSet) as unset:
         user.get_variable(MODE)
     assert (
@@ -272,10 +274,8 @@ def test_a_variable_that_was_never_set(user: Client) -> None:
     assert user.get_variable(MODE) == "idle"
 
 
-@pytest.mark.usefixtures("attentive")
-def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(
-    central: LocalCentral, user: Client
-) -> None:
+@pytest.mark.usefixtures("short_timeouts")
+def test_watcher_gets_missed_value_after_reconnect(central: LocalCentral, user: Client) -> None:
     view, seen = Module("view", central), queue.SimpleQueue[str]()
     view.handles(MODE)(lambda _, mode: seen.put(mode))
     with view.running():
@@ -287,7 +287,7 @@ def test_a_watcher_learns_after_a_break_what_was_set_meanwhile(
             assert mode == "idle"
 
 
-def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
+def test_handler_sets_and_gets_variable(central: LocalCentral, user: Client) -> None:
     legs, done = Module("legs", central), threading.Event()
 
     @legs.handles(POSITION)
@@ -308,7 +308,7 @@ def test_a_handler_sets_and_gets(central: LocalCentral, user: Client) -> None:
     ]
 
 
-# --- Locks and reservations, as modules use them, and those that were taken away ------------------
+# --- Locks and reservations, as modules use them --------------------------------------------------
 
 
 MOVE = Command("move", int)
@@ -316,7 +316,7 @@ WHERE = Query("where", reply=int)
 ASK = Query("ask", reply=int)
 
 
-def test_while_a_resource_is_locked_nobody_gets_in(
+def test_locked_resource_starts_no_message(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     moved: list[int] = []
@@ -337,7 +337,7 @@ def resources(user: Client) -> list[ResourceInfo]:
     return [resource for module in user.modules() for resource in module.resources]
 
 
-def test_a_reservation_lets_in_what_its_module_sends(
+def test_reservation_admits_messages_of_its_module(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     moved: list[int] = []
@@ -353,7 +353,7 @@ def test_a_reservation_lets_in_what_its_module_sends(
         assert moved == [1, 2]
 
 
-def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
+def test_handler_gets_answer_after_releasing_own_resource(
     central: LocalCentral, legs: Module, user: Client
 ) -> None:
     legs.handles(WHERE)(lambda *_: 7)
@@ -368,9 +368,7 @@ def test_a_handler_gets_its_own_answer_when_it_has_released_its_own_resource(
         assert user.query(ASK, timeout=10) == 7
 
 
-def test_whoever_waits_too_long_is_told_who_has_it(
-    central: LocalCentral, legs: Module, user: Client
-) -> None:
+def test_lock_timeout_names_lock_holder(central: LocalCentral, legs: Module, user: Client) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running(), connect("other", central) as other:
         with user.lock("legs"):
@@ -385,7 +383,7 @@ def test_whoever_waits_too_long_is_told_who_has_it(
 
 
 @pytest.mark.parametrize("in_block", [False, True])
-def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
+def test_release_refused_in_other_thread_keeps_lock(
     central: LocalCentral, legs: Module, user: Client, in_block: bool
 ) -> None:
     legs.handles(MOVE)(lambda *_: None)
@@ -412,16 +410,18 @@ def test_a_release_that_is_refused_in_another_thread_loses_no_lock(
         other.lock("legs", timeout=5).release()
 
 
-# --- A lock or reservation that was taken away ----------------------------------------------------
+# --- Locks and reservations that were taken away --------------------------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 SCAN = Command("scan")
 
 
 class Scans:
-    """Scans, for which the legs must stand still: each waits in its block until it may go on."""
+    """Scans, for which the legs must stand still: each waits in its lock block until it may
+    continue.
+    """
 
     def __init__(self, eyes: Module) -> None:
         self.held: list[bool] = []
@@ -438,7 +438,7 @@ class Scans:
 
     @contextmanager
     def under_way(self) -> Iterator[None]:
-        """While a scan has the legs."""
+        """In this block a scan has locked the legs."""
         assert self._locked.wait(SOON)
         try:
             yield
@@ -447,21 +447,19 @@ class Scans:
 
 
 @pytest.fixture
-def moving(legs: Module) -> Iterator[None]:
+def moving_legs(legs: Module) -> Iterator[None]:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running():
         yield
 
 
-def taken_away(central: LocalCentral) -> None:
+def unlock_by_operator(central: LocalCentral) -> None:
     with connect("operator", central) as operator:
         assert operator.unlock("legs")
 
 
-@pytest.mark.usefixtures("moving")
-def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(
-    eyes: Module, user: Client
-) -> None:
+@pytest.mark.usefixtures("moving_legs")
+def test_handler_fails_at_block_end_when_lock_was_taken_away(eyes: Module, user: Client) -> None:
     scans = Scans(eyes)
     with eyes.running():
         scan = user.command(SCAN)
@@ -476,28 +474,28 @@ def test_a_handler_whose_lock_was_taken_away_fails_at_the_end_of_its_block(
     assert scans.held == [True, False]
 
 
-@pytest.mark.usefixtures("moving")
-def test_an_error_that_leaves_the_block_is_not_replaced(
+@pytest.mark.usefixtures("moving_legs")
+def test_error_from_lock_block_is_not_replaced_by_lock_lost(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         with task.lock("legs"):
-            taken_away(central)
+            unlock_by_operator(central)
             raise KeyError("dust")
 
     with eyes.running(), pytest.raises(TaskFailed, match="dust"):
         user.command(SCAN).result(SOON)
 
 
-@pytest.mark.usefixtures("moving")
-def test_who_releases_without_a_block_is_told_once(
+@pytest.mark.usefixtures("moving_legs")
+def test_explicit_release_raises_lock_lost_once(
     eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     @eyes.handles(SCAN)
     def scan(task: Task) -> None:
         claim = task.reserve("legs")
-        taken_away(central)
+        unlock_by_operator(central)
         with pytest.raises(
             LockLost, match="the reservation of resource 'legs' was lost before it was released"
         ):
@@ -508,9 +506,11 @@ def test_who_releases_without_a_block_is_told_once(
         assert user.command(SCAN).wait(SOON) is Outcome.DONE
 
 
-@pytest.mark.usefixtures("moving")
-def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentral) -> None:
-    """Central frees what those had who are gone, if only for a moment: others have been let in."""
+@pytest.mark.usefixtures("moving_legs")
+def test_lock_is_lost_when_connection_breaks(user: Client, central: LocalCentral) -> None:
+    """Central releases the locks of a lost module even if it returns at once: others may have
+    used the resource.
+    """
     with connect("other", central) as other:
         claim = other.lock("legs")
         central.cut("other")
@@ -526,7 +526,7 @@ def test_the_connection_broke_inside_the_block(user: Client, central: LocalCentr
             central.cut("other")
 
 
-def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
+def test_lock_is_lost_when_resource_module_leaves(user: Client, legs: Module) -> None:
     legs.handles(MOVE)(lambda *_: None)
     with legs.running():
         claim = user.lock("legs")
@@ -535,9 +535,9 @@ def test_the_module_of_the_resource_is_gone(user: Client, legs: Module) -> None:
         pass
 
 
-@pytest.mark.usefixtures("moving")
-def test_central_was_restarted_inside_the_block(user: Client, central: LocalCentral) -> None:
-    """A client learns it when it next says something: at the end of the block at the latest."""
+@pytest.mark.usefixtures("moving_legs")
+def test_lock_is_lost_when_central_restarts(user: Client, central: LocalCentral) -> None:
+    """A client learns it with its next message: at the end of the block at the latest."""
     with (
         pytest.raises(LockLost, match="central was restarted and has forgotten it"),
         user.lock("legs"),

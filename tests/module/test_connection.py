@@ -1,22 +1,16 @@
-"""Waiting on a connection: a scripted central, and a clock that runs only while somebody waits."""
-
-import contextlib
-import math
-from collections.abc import Callable
+"""Waiting on a connection: a scripted central, and a clock that runs only during waits."""
 
 import pytest
+from module.scripted_central import HELLO, ScriptedCentral, accept_all, scripted_connection
 
 from tca_module.errors import CentralLost, FormatRefused, Refused, Timeout
 from tca_module.link.connection import Connection
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP
 from tca_module.session.session import QUIET, Session
-from tca_module.sockets.transport import Waker
 from tca_wire.messages.declarations import Goal
 from tca_wire.packets import headers
-from tca_wire.packets.codec import pack, unpack_to_central
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
-    Accepted,
     Answer,
     Await,
     Beat,
@@ -32,156 +26,57 @@ from tca_wire.packets.headers import (
     ToCentral,
     ToModule,
     Unknown,
-    Unregister,
     Welcome,
 )
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import Limit, Refusal
+from tca_wire.vocabulary import Refusal
 
-WELCOME = Welcome(1, 1, "legs", "one")
 WALK = Goal("walk")
 
-Script = Callable[[ToCentral], list[ToModule]]
 
-
-class ScriptedCentral:
-    """A transport whose far end answers each header as *script* says; waiting takes time on its own
-    clock.
-    """
-
-    address = "ipc://scripted"
-
-    def __init__(self, script: Script) -> None:
-        self.script = script
-        self.now = 100.0
-        self.heard: list[ToCentral] = []
-        self.packets: list[tuple[float, bytes]] = []
-        self.is_there = True
-        self.room = -1  # packets that it takes before it is gone
-
-    def say(self, *headers: ToModule, at: float = 0.0) -> None:
-        """Let these arrive; at a later time, if given."""
-        self.packets.append((at, pack((header, b"") for header in headers)))
-
-    def beat(self) -> None:
-        """Say that it lives, for a while."""
-        for second in range(100):
-            self.say(Beat(), at=self.now + second)
-
-    def send(self, packet: bytes, wait_seconds: float) -> bool:
-        self.is_there, self.room = self.is_there and self.room != 0, self.room - 1
-        if not self.is_there:
-            self.now += wait_seconds
-            return False
-        assert len(packet) <= Limit.PACKET
-        for header, _ in unpack_to_central(packet):
-            self.heard.append(header)
-            if answers := self.script(header):
-                self.say(*answers)
-        return True
-
-    def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
-        timeout_seconds = max(0.0, min(timeout_seconds, alarm - self.now))
-        if self.packets and self.packets[0][0] <= self.now + timeout_seconds:
-            at, packet = self.packets.pop(0)
-            self.now = max(self.now, at)
-            return packet
-        self.now += timeout_seconds
-        return None
-
-    def time(self) -> float:
-        return self.now
-
-    def seconds_until(self, moment: float) -> float:
-        return moment - self.now
-
-    def pausing(self) -> contextlib.AbstractContextManager[None]:
-        return contextlib.nullcontext()
-
-    def has_arrived(self) -> bool:
-        return bool(self.packets)
-
-    def fileno(self) -> int:
-        raise AssertionError
-
-    def files(self) -> list[int]:
-        raise AssertionError
-
-    def waker(self) -> Waker:
-        raise AssertionError
-
-    def wake(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-def friendly(header: ToCentral) -> list[ToModule]:
-    """A central that takes everything and answers no question."""
-    if isinstance(header, Hello):
-        return [WELCOME]
-    if isinstance(header, Send) and header.number and header.message == "walk":
-        return [Accepted(header.number, 17)]
-    if isinstance(header, Register | Unregister):
-        return [Accepted(header.number)]
-    return []
-
-
-HELLO = Hello(1, PROTOCOL_VERSION, "legs", "run")
-
-
-def connected(script: Script = friendly) -> tuple[Connection, ScriptedCentral]:
-    central = ScriptedCentral(script)
-    connection = Connection(central, Session(HELLO), clock=lambda: central.now)
-    connection.open()
-    central.heard.clear()
-    return connection, central
-
-
-@pytest.mark.parametrize("is_there", [True, False])
-def test_nobody_answers_hello(*, is_there: bool) -> None:
+@pytest.mark.parametrize("is_present", [True, False])
+def test_unanswered_hello_raises_central_lost(*, is_present: bool) -> None:
     central = ScriptedCentral(lambda _: [])
-    central.is_there = is_there
+    central.is_present = is_present
     connection = Connection(central, Session(HELLO), patience=5.0, clock=lambda: central.now)
     with pytest.raises(
         CentralLost, match=r"central at ipc://scripted does not answer: start it with 'tca central'"
     ):
         connection.open()
     assert 105 <= central.now <= 106.5
-    assert len(central.heard) == 5 * is_there  # Hello, once a second
+    assert len(central.received) == 5 * is_present  # Hello, once a second
 
 
-def test_a_central_that_can_not_read_hello_is_of_another_version() -> None:
-    """One from before Hello had its last field says so, without a number: it could not read that,
-    either.
+def test_unreadable_hello_is_reported_as_other_protocol_version() -> None:
+    """A central from before Hello had its last field refuses it without a number, which it
+    could not read.
     """
-    said = "a header is not a message to central: Expected `array` of at most length 8, got 9"
-    central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, said)])
+    reason = "a header is no message to central: Expected `array` of at most length 8, got 9"
+    central = ScriptedCentral(lambda _: [headers.Refused(0, Refusal.PROTOCOL, reason)])
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     with pytest.raises(Refused) as found:
         connection.open()
     assert str(found.value) == (
         f"module 'legs' was refused: central speaks another protocol than this module's {PROTOCOL_VERSION}: "
-        f"use one version of TCA for both (it says: {said})"
+        f"use one version of TCA for both (it says: {reason})"
     )
 
 
-def test_a_message_is_declared_once() -> None:
-    connection, central = connected()
+def test_message_is_declared_once() -> None:
+    connection, central = scripted_connection()
     connection.declare(WALK)
     connection.declare(WALK)
-    assert central.heard == [Register(2, [WALK.format], [])]
+    assert central.received == [Register(2, [WALK.format], [])]
     connection.declare(Goal("walk"))  # another declaration of that name may have another format
-    assert len(central.heard) == 2
+    assert len(central.received) == 2
 
 
-def test_a_refused_format_is_declared_anew_next_time() -> None:
-    connection, central = connected(
+def test_refused_format_is_declared_again() -> None:
+    connection, central = scripted_connection(
         lambda header: (
             [headers.Refused(header.number, Refusal.FORMAT, "two formats")]
             if isinstance(header, Register)
-            else friendly(header)
+            else accept_all(header)
         )
     )
     for _ in range(2):
@@ -190,151 +85,159 @@ def test_a_refused_format_is_declared_anew_next_time() -> None:
         ) as caught:
             connection.declare(WALK)
         assert (caught.value.refusal, caught.value.text) == (Refusal.FORMAT, "two formats")
-    assert len(central.heard) == 2
+    assert len(central.received) == 2
 
 
-def test_a_wait_ends_in_time_while_central_lives() -> None:
-    connection, central = connected()
+def test_wait_ends_at_its_timeout() -> None:
+    connection, central = scripted_connection()
     central.beat()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     assert not connection.wait(request, 7.0, "query")
     assert 107 <= central.now <= 107.1
     connection.abandon(request)
-    assert central.heard == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
+    assert central.received == [Send(2, "stance", blocking=True), GiveUp(2, 3)]
 
 
-def test_a_wait_of_no_time_takes_what_is_there() -> None:
-    connection, central = connected()
+def test_zero_timeout_wait_takes_arrived_answer() -> None:
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     assert not connection.wait(request, 0, "query")
-    central.say(Beat())
-    central.say(Answer(2))
+    central.deliver(Beat())
+    central.deliver(Answer(2))
     assert not connection.wait(request, 0, "query")
     assert connection.wait(request, 0, "query")
     assert central.now == 100.0
 
 
-def test_what_central_does_not_acknowledge_is_given_up() -> None:
-    connection, central = connected()
+def test_unacknowledged_request_is_given_up() -> None:
+    connection, central = scripted_connection()
     central.beat()
     with pytest.raises(
         Timeout, match=r"goal 'x' was not acknowledged within 30 s, though central is alive"
     ):
         connection.call(Send(0, "x"), "goal 'x'")
     central.packets.clear()
-    central.say(Unknown())
+    central.deliver(Unknown())
     connection.post(Send(0, "position"), b"")
-    central.heard.clear()
+    central.received.clear()
     connection.post(Send(0, "position"), b"")
-    assert central.heard == [Send(0, "position")]  # and x is not repeated
+    assert central.received == [Send(0, "position")]  # the given-up goal is not repeated
 
 
-def test_what_is_delivered_is_handled_within_the_wait() -> None:
-    connection, central = connected()
+def test_delivery_is_handled_inside_wait() -> None:
+    connection, central = scripted_connection()
     handled = []
 
-    def attend(delivery: Deliver, _: bytes) -> None:
+    def handle(delivery: Deliver, _: bytes) -> None:
         handled.append(delivery.delivery)
         connection.reply(Reply(delivery.delivery), b"")
-        central.say(Answer(2))
+        central.deliver(Answer(2))
 
-    connection.waiting.handle_delivery = attend
+    connection.waiting.handle_delivery = handle
     request = connection.request(Send(0, "stance"), wants_answer=True)
-    central.say(Deliver(8, "stance"))
+    central.deliver(Deliver(8, "stance"))
     assert connection.wait(request, 1.0, "query")
     assert handled == [8]
-    assert central.heard[-1] == Reply(8)
+    assert central.received[-1] == Reply(8)
 
 
-def test_a_broken_packet_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) -> None:
-    connection, central = connected()
+def test_broken_packet_is_logged_and_skipped(caplog: pytest.LogCaptureFixture) -> None:
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.packets.append((0.0, b"nonsense"))
-    central.say(Answer(2))
+    central.deliver(Answer(2))
     assert connection.wait(request, 1.0, "query")
     assert "sent an invalid packet" in caplog.text
 
 
-def test_what_has_left_is_not_asked_of_the_next_central_though_the_rest_could_not_leave() -> None:
-    connection, central = connected()
-    central.is_there = False
+def test_next_central_gets_unsent_requests_but_not_sent_one() -> None:
+    connection, central = scripted_connection()
+    central.is_present = False
     requests = [
         connection.request(Send(0, f"{number}"), bytes(6 << 20), wants_answer=True)
         for number in range(3)
     ]
-    central.is_there, central.room = True, 2
+    central.is_present, central.room = True, 2
     assert not connection.wait(requests[2], 0.3, "query")
-    assert [getattr(header, "message", "") for header in central.heard] == [
+    assert [getattr(header, "message", "") for header in central.received] == [
         "",
         "0",
     ]  # Hello, and the first of them
-    central.is_there, central.room = True, -1
+    central.is_present, central.room = True, -1
     central.script = lambda header: (
         [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     )
     assert not connection.wait(requests[2], 0.3, "query")
-    assert [getattr(header, "message", "") for header in central.heard][2:] == ["", "1", "2"]
+    assert [getattr(header, "message", "") for header in central.received][2:] == ["", "1", "2"]
     assert requests[0].lost
     assert not requests[1].lost
 
 
-def test_what_has_left_is_not_counted_as_lost_though_the_rest_could_not_leave() -> None:
-    connection, central = connected()
+def test_only_unsent_informs_count_as_dropped() -> None:
+    connection, central = scripted_connection()
     central.room = 1
     session = connection.session
     for name in ("position", "stance"):
         session.post(Send(0, name), bytes(6 << 20))
     connection.post(Send(0, "speed"), b"")
-    assert [header.message for header in central.heard if isinstance(header, Send)] == ["position"]
+    assert [header.message for header in central.received if isinstance(header, Send)] == [
+        "position"
+    ]
     assert session.dropped == 2
 
 
-def test_an_interrupted_wait_is_not_asked_again() -> None:
-    connection, central = connected()
+def test_interrupted_wait_gives_up_its_request() -> None:
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
 
     def interrupt(_delivery: Deliver, _body: bytes) -> None:
         raise KeyboardInterrupt
 
     connection.waiting.handle_delivery = interrupt
-    central.say(Deliver(8, "walk"))
+    central.deliver(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
-    assert central.heard == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
+    assert central.received == [Send(2, "stance"), Await(2), GiveUp(2, 3)]
 
 
-# --- what is ahead --------------------------------------------------------------------------------
+# --- Prefetched messages --------------------------------------------------------------------------
 
 
-class Ear:
-    """A slot whose first message is followed by what *news* brings in; it handles what is *slow*
-    for so long.
+class ScriptedSlot:
+    """A slot whose first message is followed by *arrivals*. *durations* gives the seconds for
+    each handled delivery.
     """
 
     def __init__(
-        self, *news: ToModule, slow: dict[int, float], is_nested: bool = False, ends_in: int = 0
+        self,
+        *arrivals: ToModule,
+        durations: dict[int, float],
+        is_nested: bool = False,
+        ends_in: int = 0,
     ) -> None:
-        self.connection, self.central = connected()
+        self.connection, self.central = scripted_connection()
         self.begun: list[int] = []
-        self.told: list[
+        self.recall_answered: list[
             bool
-        ] = []  #: for each begun, whether central had been told by then what is given back
-        self.connection.waiting.handle_delivery = self.attend
+        ] = []  #: for each begun delivery, whether the recall had been answered by then
+        self.connection.waiting.handle_delivery = self.handle
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
-        self.news, self.slow, self.is_nested = news, slow, is_nested
+        self.arrivals, self.durations, self.is_nested = arrivals, durations, is_nested
 
-    def attend(self, delivery: Deliver, _: bytes) -> None:
+    def handle(self, delivery: Deliver, _: bytes) -> None:
         self.begun.append(delivery.delivery)
-        self.told.append(any(isinstance(header, Recalled) for header in self.central.heard))
+        self.recall_answered.append(
+            any(isinstance(header, Recalled) for header in self.central.received)
+        )
         if len(self.begun) == 1:
-            for one in self.news:
-                self.central.say(one)
-        self.central.now += self.slow.get(delivery.delivery, 0.0)
+            for one in self.arrivals:
+                self.central.deliver(one)
+        self.central.now += self.durations.get(delivery.delivery, 0.0)
         self.connection.reply(Reply(delivery.delivery), b"")
 
     def serve(self) -> list[int]:
-        """Handle all that comes; the deliveries that were begun."""
-        self.central.say(Deliver(8, "note"))
+        """Handle all that arrives, and return the deliveries that were begun."""
+        self.central.deliver(Deliver(8, "note"))
         self.connection.serve(
             lambda: self.central.now > 150.0, None if self.is_nested else lambda _: False
         )
@@ -342,57 +245,59 @@ class Ear:
 
 
 @pytest.mark.parametrize("is_nested", [False, True])
-def test_what_is_recalled_is_not_begun_though_other_packets_came_before(*, is_nested: bool) -> None:
+def test_recalled_prefetched_message_is_not_begun(*, is_nested: bool) -> None:
     numbers = list(range(9, 20))
-    news = [Deliver(number, "note", ahead=number - 8) for number in numbers]
-    ear = Ear(*news, Recall(numbers), slow=dict.fromkeys(numbers, 0.1), is_nested=is_nested)
-    assert ear.serve() == [8]
-    assert Recalled(numbers) in ear.central.heard
+    arrivals = [Deliver(number, "note", ahead=number - 8) for number in numbers]
+    slot = ScriptedSlot(
+        *arrivals, Recall(numbers), durations=dict.fromkeys(numbers, 0.1), is_nested=is_nested
+    )
+    assert slot.serve() == [8]
+    assert Recalled(numbers) in slot.central.received
 
 
-def test_what_is_given_back_does_not_wait_for_the_handler_of_what_is_kept() -> None:
-    news = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
-    ear = Ear(*news, Recall([10, 11]), slow={9: 2.0})
-    assert ear.serve() == [8, 9]
-    assert ear.told == [False, True]
+def test_recall_is_answered_before_kept_message_is_handled() -> None:
+    arrivals = [Deliver(number, "note", ahead=number - 8) for number in range(9, 12)]
+    slot = ScriptedSlot(*arrivals, Recall([10, 11]), durations={9: 2.0})
+    assert slot.serve() == [8, 9]
+    assert slot.recall_answered == [False, True]
 
 
-def test_nothing_that_is_ahead_is_begun_when_the_module_ends() -> None:
-    assert Ear(
-        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={}, ends_in=9
+def test_prefetched_message_is_not_begun_when_module_ends() -> None:
+    assert ScriptedSlot(
+        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), durations={}, ends_in=9
     ).serve() == [8, 9]
 
 
 @pytest.mark.parametrize("is_forgotten", [False, True])
-def test_a_process_that_stood_still_asks_before_it_begins_what_is_ahead(
-    *, is_forgotten: bool
-) -> None:
-    ear = Ear(Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), slow={9: STALL + 0.1})
+def test_stalled_process_asks_before_prefetched_message_begins(*, is_forgotten: bool) -> None:
+    slot = ScriptedSlot(
+        Deliver(9, "note", ahead=1), Deliver(10, "note", ahead=2), durations={9: STALL + 0.1}
+    )
     begun_when_asked: list[list[int]] = []
 
     def script(header: ToCentral) -> list[ToModule]:
         if isinstance(header, Register):
-            begun_when_asked.append([*ear.begun])
+            begun_when_asked.append([*slot.begun])
             if is_forgotten and len(begun_when_asked) == 1:
                 return [Unknown()]
-        return friendly(header)
+        return accept_all(header)
 
-    ear.central.script = script
-    assert ear.serve() == ([8, 9] if is_forgotten else [8, 9, 10])
+    slot.central.script = script
+    assert slot.serve() == ([8, 9] if is_forgotten else [8, 9, 10])
     assert begun_when_asked[0] == [8, 9]
 
 
-# --- central is gone ------------------------------------------------------------------------------
+# --- Central is gone ------------------------------------------------------------------------------
 
 
-def test_a_silent_central_is_asked_and_then_given_up() -> None:
-    connection, central = connected()
+def test_silent_central_is_asked_then_given_up() -> None:
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.script = lambda _: []
     with pytest.raises(CentralLost):
         connection.wait(request, None, "query")
     assert 110 <= central.now <= 110.5
-    questions = [header for header in central.heard if isinstance(header, Register)]
+    questions = [header for header in central.received if isinstance(header, Register)]
     assert len(questions) == 8  # from QUIET on, once a second
     assert QUIET == 2.5
 
@@ -405,34 +310,32 @@ def test_a_silent_central_is_asked_and_then_given_up() -> None:
         (headers.Lock(0, "camera", origin=7), "start again"),
     ],
 )
-def test_what_was_lost_with_central_raises_and_says_what_to_do(
-    asked: ToCentral, advice: str
-) -> None:
-    connection, central = connected()
+def test_request_lost_with_central_raises_with_advice(asked: ToCentral, advice: str) -> None:
+    connection, central = scripted_connection()
     request = connection.request(asked, wants_answer=True)
     central.script = lambda header: (
         [Welcome(1, 1, "legs", "two")] if isinstance(header, Hello) else []
     )
-    central.say(Unknown())
+    central.deliver(Unknown())
     with pytest.raises(
         CentralLost, match=f"the answer is lost: central was restarted .*; {advice}$"
     ):
         connection.wait(request, None, "the answer")
 
 
-def test_a_sender_that_never_waits_still_finds_central_again() -> None:
-    connection, central = connected()
+def test_sender_that_never_waits_reconnects() -> None:
+    connection, central = scripted_connection()
     connection.post(Send(0, "position"), b"")
-    central.say(Unknown())
+    central.deliver(Unknown())
     for _ in range(3):
         connection.post(Send(0, "position"), b"")
-    assert [type(header) for header in central.heard] == [Send, Hello, Send, Send]
+    assert [type(header) for header in central.received] == [Send, Hello, Send, Send]
     assert connection.session.dropped == 1
 
 
-def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    connection, central = connected()
-    central.is_there = False
+def test_lost_informs_are_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
+    connection, central = scripted_connection()
+    central.is_present = False
     for _ in range(3):
         connection.post(Send(0, "position"), b"")
     assert connection.session.dropped == 3
@@ -441,48 +344,48 @@ def test_a_lost_inform_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     ]
 
 
-def test_central_comes_back_for_a_connection_that_serves() -> None:
-    connection, central = connected()
+def test_serving_connection_reconnects_when_central_returns() -> None:
+    connection, central = scripted_connection()
     stop = []
     connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
-    central.is_there = False
+    central.is_present = False
 
-    def come_back() -> bool:
-        if central.now > 200 and not central.is_there:
-            central.is_there = True
+    def restart_central() -> bool:
+        if central.now > 200 and not central.is_present:
+            central.is_present = True
             central.script = lambda header: (
-                [Unknown()] if isinstance(header, Register) else friendly(header)
+                [Unknown()] if isinstance(header, Register) else accept_all(header)
             )
-            central.say(Deliver(8, "walk"), at=central.now + 5)
+            central.deliver(Deliver(8, "walk"), at=central.now + 5)
         return bool(stop)
 
-    connection.serve(come_back)
-    assert Hello in map(type, central.heard)
+    connection.serve(restart_central)
+    assert Hello in map(type, central.received)
 
 
-def test_hello_is_said_again_soon_after_a_packet_that_did_not_leave() -> None:
-    connection, central = connected()
+def test_hello_is_repeated_soon_after_unsent_packet() -> None:
+    connection, central = scripted_connection()
     request = connection.request(Send(0, "stance", blocking=True), wants_answer=True)
     connection.session.post(Bye())
-    central.is_there = False
-    back_at = central.now + SEND_WAIT  # so long it tries to send
+    central.is_present = False
+    back_at = central.now + SEND_WAIT  # the connection tries to send for that long
 
-    def come_back() -> bool:
-        central.is_there = central.now >= back_at
+    def restore_central() -> bool:
+        central.is_present = central.now >= back_at
         return False
 
-    assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", come_back)
-    assert Hello in map(type, central.heard)
+    assert not connection.wait(request, SEND_WAIT + 2 * STEP, "query 'stance'", restore_central)
+    assert Hello in map(type, central.received)
 
 
-# --- silence --------------------------------------------------------------------------------------
+# --- Silence --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("timeout", [0.0, 0.1, 0.2, 1.0, 5.0])
-def test_a_wait_is_not_late_when_central_has_died(timeout: float) -> None:
-    """Neither because what was asked can't be sent, nor because what is given up can't be said."""
-    connection, central = connected()
-    central.is_there = False
+def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
+    """Neither the unsent request nor its unsent give-up delays the end of the wait."""
+    connection, central = scripted_connection()
+    central.is_present = False
     for _ in range(3):
         began = central.now
         request = connection.request(Send(0, "stance"), wants_answer=True, is_awaited=True)
@@ -492,20 +395,20 @@ def test_a_wait_is_not_late_when_central_has_died(timeout: float) -> None:
         assert central.now == pytest.approx(began + timeout)
 
 
-def test_a_central_that_answers_is_not_silent() -> None:
-    connection, central = connected()
+def test_answering_central_is_not_silent() -> None:
+    connection, central = scripted_connection()
     assert not connection.silence
     central.now += QUIET
     assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
-    central.say(Beat())
-    connection.keep_alive(central.now)
+    central.deliver(Beat())
+    connection.tend(central.now)
     assert not connection.silence
 
 
-def test_a_late_answer_names_the_silence_before_it() -> None:
-    connection, central = connected()
+def test_timeout_names_silence_of_central() -> None:
+    connection, central = scripted_connection()
     central.script = lambda _: []
-    central.say(Beat(), at=central.now + 6.0)  # the network is back
+    central.deliver(Beat(), at=central.now + 6.0)  # the network is back
     with pytest.raises(
         Timeout, match=r"not acknowledged within 7 s, central was silent for 6\.0 s of it"
     ):
@@ -515,9 +418,9 @@ def test_a_late_answer_names_the_silence_before_it() -> None:
         connection.call(Register(0, []), "the declaration", within=7.0)
 
 
-def test_a_central_that_had_nothing_to_say_is_asked_before_it_counts_as_silent() -> None:
-    """It beats seldom to those who wait for nothing."""
-    connection, central = connected()
+def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
+    """Central beats seldom to connections that wait for nothing."""
+    connection, central = scripted_connection()
     central.script = lambda _: []
     central.now += 20.0
     request = connection.request(Send(0, "stance"), wants_answer=True)

@@ -46,10 +46,10 @@ HIGHER, SHRUG = ExceptionHandler("higher", float), ExceptionHandler("shrug")
 
 
 class Robot:
-    """Legs that hit a rock below 0.3, and an expert; both write down what they do."""
+    """Legs that hit a rock below 0.3, and an expert. Both log their actions."""
 
     def __init__(self, central: LocalCentral) -> None:
-        self.said: list[str] = []
+        self.log: list[str] = []
         self.held, self.go_on, self.shrugged = (threading.Semaphore(0) for _ in range(3))
         self.legs, self.expert = Module("legs", central=central), Module("expert", central=central)
         self.legs.handles(MOVE)(self.move)
@@ -58,7 +58,7 @@ class Robot:
         self.expert.handles(SHRUG)(self.shrug)
 
     def move(self, _: Task, height: float) -> float:
-        self.said.append(f"move {height}")
+        self.log.append(f"move {height}")
         if height < 0.3:
             raise ROCK(0.3, "hit it")
         return height
@@ -66,13 +66,14 @@ class Robot:
     def rest(self, task: Task) -> None:
         self.held.release()
         self.go_on.acquire(timeout=10)
-        self.said.append(
-            "suspended" if task.suspended else "cancelled" if task.cancelled else "rested"
-        )
+        if task.suspended:
+            self.log.append("suspended")
+        else:
+            self.log.append("cancelled" if task.cancelled else "rested")
 
     def higher(self, task: Task, rock: float) -> None:
         trouble = task.trouble
-        self.said.append(
+        self.log.append(
             f"{trouble.failure} at {rock}, attempt {trouble.attempts}, {trouble.failing.message}"
         )
         if trouble.attempts > 1:
@@ -80,19 +81,19 @@ class Robot:
         trouble.failing.retry(MOVE, trouble.failing.data(MOVE) + 0.05)
 
     def shrug(self, task: Task) -> None:
-        self.said.append("shrug")
+        self.log.append("shrug")
         task.trouble.resolved()
         self.shrugged.release()
 
 
 @pytest.fixture
-def them(central: LocalCentral) -> Iterator[Robot]:
+def robot(central: LocalCentral) -> Iterator[Robot]:
     robot = Robot(central)
     with robot.legs.running(), robot.expert.running():
         yield robot
 
 
-def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user: Client) -> None:
+def test_failure_is_retried_with_new_data_then_reissued(robot: Robot, user: Client) -> None:
     user.on_failure(None, SHRUG)
     user.on_failure(COLLISION, HIGHER, of=MOVE)
     assert user.command(MOVE, 0.28).result(timeout=5) == pytest.approx(0.33)
@@ -106,12 +107,10 @@ def test_a_failure_is_retried_with_new_data_and_reissued_above(them: Robot, user
         f"move {0.1 + 0.05}",
         "rock at 0.3, attempt 2, move",
     ]
-    assert them.said[-5:] == [*attempts, "shrug"]
+    assert robot.log[-5:] == [*attempts, "shrug"]
 
 
-def test_exception_handlers_travel_with_the_task_and_can_be_removed(
-    them: Robot, user: Client
-) -> None:
+def test_exception_handlers_are_sent_with_task_and_removed(robot: Robot, user: Client) -> None:
     assert (
         user.command(MOVE, 0.1, on_failure=[Recovery(ROCK, SHRUG)]).wait(timeout=5)
         is Outcome.RESOLVED
@@ -119,34 +118,32 @@ def test_exception_handlers_travel_with_the_task_and_can_be_removed(
     ladder = [Recovery(None, SHRUG), Recovery(ROCK, HIGHER, maximum=1)]
     assert user.command(MOVE, 0.1, on_failure=ladder).wait(timeout=5) is Outcome.RESOLVED
     attempts = ["move 0.1", "rock at 0.3, attempt 1, move", f"move {0.1 + 0.05}", "shrug"]
-    assert them.said[-4:] == attempts
+    assert robot.log[-4:] == attempts
     user.on_failure(ROCK, SHRUG, of=MOVE).remove()
     assert user.command(MOVE, 0.1).wait(timeout=5) is Outcome.FAILED
-    assert them.said == ["move 0.1", "shrug", *attempts, "move 0.1"]
+    assert robot.log == ["move 0.1", "shrug", *attempts, "move 0.1"]
 
 
-def test_a_running_task_is_suspended_and_goes_on_and_what_follows_waits(
-    them: Robot, user: Client
-) -> None:
+def test_running_task_sees_suspension_and_queued_task_waits(robot: Robot, user: Client) -> None:
     resting = user.command(REST)
     moving = user.command(MOVE, 0.5)
-    them.held.acquire(timeout=5)
+    robot.held.acquire(timeout=5)
     resting.suspend()
     moving.suspend()
-    them.go_on.release()
+    robot.go_on.release()
     resting.wait(timeout=5)
     info = moving.info()
     assert info is not None
     assert info.suspended
     moving.resume()
     assert moving.result(timeout=5) == 0.5
-    assert them.said == ["suspended", "move 0.5"]
+    assert robot.log == ["suspended", "move 0.5"]
 
 
-def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None:
+def test_deadline_delay_and_delayed_kill_take_effect(robot: Robot, user: Client) -> None:
     late = user.command(REST, deadline=0.02, on_failure=[Recovery(None, SHRUG)])
-    assert them.shrugged.acquire(timeout=5)
-    them.go_on.release()
+    assert robot.shrugged.acquire(timeout=5)
+    robot.go_on.release()
     assert late.wait(timeout=5) is Outcome.RESOLVED
     moved = user.command(MOVE, 0.5)
     delayed = user.command(
@@ -161,24 +158,24 @@ def test_deadlines_delays_and_kills_that_wait(them: Robot, user: Client) -> None
     assert doomed.wait(timeout=5) is Outcome.KILLED
 
 
-def test_what_is_to_be_done_on_termination(them: Robot, user: Client) -> None:
+def test_termination_message_runs_after_kill(robot: Robot, user: Client) -> None:
     resting = user.command(REST)
-    them.held.acquire(timeout=5)
+    robot.held.acquire(timeout=5)
     resting.on_termination(MOVE, 0.9)
     resting.kill()
-    them.go_on.release()
+    robot.go_on.release()
     assert resting.wait(timeout=5) is Outcome.KILLED
-    assert them.said == ["cancelled", "move 0.9"]
+    assert robot.log == ["cancelled", "move 0.9"]
 
 
-def test_a_wiretap_hears_what_others_send_and_is_removed(them: Robot, user: Client) -> None:
+def test_wiretap_reports_messages_until_removed(robot: Robot, user: Client) -> None:
     note = Command("note", float)
-    watcher = Module("watcher", central=them.legs.central)
+    watcher = Module("watcher", central=robot.legs.central)
 
     @watcher.handles(note)
     def listen(task: Task, height: float) -> None:
-        heard = task.tap_event
-        them.said.append(f"{heard.condition} {heard.message} {height}")
+        event = task.tap_event
+        robot.log.append(f"{event.condition} {event.message} {height}")
 
     with watcher.running():
         tap = watcher.tap(Condition.BEFORE_HANDLING, MOVE, note)
@@ -187,15 +184,15 @@ def test_a_wiretap_hears_what_others_send_and_is_removed(them: Robot, user: Clie
         user.command(MOVE, 0.6).result(timeout=5)
         with pytest.raises(Refused, match="never happens"):
             watcher.tap(Condition.AFTER_PLANNED, MOVE, note)
-    assert them.said == ["before handling move 0.5", "move 0.5", "move 0.6"]
+    assert robot.log == ["before handling move 0.5", "move 0.5", "move 0.6"]
 
 
-def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
+def test_each_monitor_kind_sends_its_action(robot: Robot, user: Client) -> None:
     acted = threading.Semaphore(0)
     seen: Query[None, float | None] = Query("seen", reply=float | None)
     act, look = Command("act", float), Command("look")
     values: list[float | None] = [None, 1.0, None, 2.0]
-    eye = Module("eye", central=them.legs.central)
+    eye = Module("eye", central=robot.legs.central)
 
     @eye.handles(seen)
     def see(_: Task) -> float | None:
@@ -203,7 +200,7 @@ def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
 
     @eye.handles(act)
     def on_act(_: Task, value: float) -> None:
-        them.said.append(f"act {value}")
+        robot.log.append(f"act {value}")
         acted.release()
 
     @eye.handles(look)
@@ -222,39 +219,39 @@ def test_monitors_of_all_kinds(them: Robot, user: Client) -> None:
         acted.acquire(timeout=5)
         with pytest.raises(MisuseError, match="the options are"):
             user.monitor(PointMonitor("check2", condition=seen), perod=1)  # type: ignore[call-overload]
-    assert them.said == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
+    assert robot.log == ["act 1.0", "act 2.0", "act 5.0", "act 7.0"]
 
 
-def test_a_wiretap_calls_at_once_for_what_is_past_and_once(
+def test_late_wiretap_fires_once_for_past_events(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
-    told = Inform("told")
-    heard: list[TaskRef | None] = []
+    notice = Inform("told")
+    tapped: list[TaskRef | None] = []
     legs.handles(MOVE)(lambda _, height: height)
-    legs.handles(told)(lambda task: heard.append(task.tap_event.tapped))
+    legs.handles(notice)(lambda task: tapped.append(task.tap_event.tapped))
     with legs.running():
         moves = [user.command(MOVE, 1.0, keep=bool(number % 3)) for number in range(20)]
         for number, move in enumerate(moves):
             if number % 2:
                 move.wait(SOON)
-            user.tap(Condition.AFTER_ACHIEVED, move, told, at_once=True)
+            user.tap(Condition.AFTER_ACHIEVED, move, notice, at_once=True)
         for condition in (Condition.WHEN_SENT, Condition.AFTER_HANDLED):
-            user.tap(condition, moves[0], told, at_once=True)
-        user.command(MOVE, 1.0).wait(SOON)  # behind all that was sent to the legs
-        assert sorted(one.id for one in heard if one) == sorted(
+            user.tap(condition, moves[0], notice, at_once=True)
+        user.command(MOVE, 1.0).wait(SOON)  # behind all messages to the legs
+        assert sorted(one.id for one in tapped if one) == sorted(
             [one.id for one in moves] + [moves[0].id] * 2
         )
         with pytest.raises(Refused, match="its data was not kept: send the task with keep=True"):
             user.tap(Condition.AFTER_ACHIEVED, moves[0], Inform("its height", float), at_once=True)
 
 
-def test_monitors_listen_to_wiretaps(them: Robot, user: Client) -> None:
+def test_wiretap_starts_monitors(robot: Robot, user: Client) -> None:
     asked = threading.Semaphore(0)
-    eye = Module("eye", central=them.legs.central)
+    eye = Module("eye", central=robot.legs.central)
 
     @eye.handles(IS_FREE)
-    def look(_: Task) -> None:
-        them.said.append("look")
+    def is_free(_: Task) -> None:
+        robot.log.append("look")
         asked.release()
 
     watch = PollingMonitor("watch", condition=IS_FREE)
@@ -262,13 +259,13 @@ def test_monitors_listen_to_wiretaps(them: Robot, user: Client) -> None:
         before = user.tap(Condition.BEFORE_HANDLING, MOVE, AT_ONCE)
         user.command(MOVE, 0.5).result(timeout=5)
         before.remove()
-        assert them.said == ["look", "move 0.5"]
+        assert robot.log == ["look", "move 0.5"]
         user.tap(Condition.WHILE_HANDLING, REST, watch, period=0.01)
         resting = user.command(REST)
         for _ in range(3):
             assert asked.acquire(timeout=5)
         (watching,) = user.tasks(watch)
-        them.go_on.release()
+        robot.go_on.release()
         resting.result(timeout=5)
         user.command(MOVE, 0.6).result(timeout=5)
         assert watching.info() is None
@@ -293,8 +290,8 @@ def walking(central: LocalCentral) -> Iterator[None]:
         yield
 
 
-def test_relatives_of_a_task(them: Robot, user: Client) -> None:
-    central = them.legs.central
+def test_task_reports_its_relatives(robot: Robot, user: Client) -> None:
+    central = robot.legs.central
     assert isinstance(central, LocalCentral)
     with walking(central):
         walk = user.goal(WALK, 0.5)
@@ -316,9 +313,11 @@ def test_relatives_of_a_task(them: Robot, user: Client) -> None:
         assert waiting.info() is None
 
 
-def test_point_monitors_stand_in_blocks_like_tasks(them: Robot, user: Client) -> None:
-    """In parallel they wait for nothing; in a sequence what follows waits for them."""
-    central = them.legs.central
+def test_point_monitor_is_ordered_like_task_in_blocks(robot: Robot, user: Client) -> None:
+    """In a parallel block a monitor waits for no sibling; in a sequence its successor waits for
+    it.
+    """
+    central = robot.legs.central
     planner = Module("planner", central=central)
     asked = threading.Semaphore(0)
     go_on = threading.Event()
@@ -337,16 +336,16 @@ def test_point_monitors_stand_in_blocks_like_tasks(them: Robot, user: Client) ->
 
     with planner.running():
         walking = user.goal(WALK, 0.5)
-        assert asked.acquire(timeout=5), "the monitor waits for its sibling"
-        assert them.held.acquire(timeout=5)
-        them.go_on.release()
-        assert "move 0.5" not in them.said
+        assert asked.acquire(timeout=5), "the monitor must not wait for its sibling"
+        assert robot.held.acquire(timeout=5)
+        robot.go_on.release()
+        assert "move 0.5" not in robot.log
         go_on.set()
         walking.result(5)
-    assert them.said == ["rested", "move 0.5"]
+    assert robot.log == ["rested", "move 0.5"]
 
 
-# --- Demon monitors, and what the parts of monitors get as data -----------------------------------
+# --- Demon monitors, and the data of a monitor's parts --------------------------------------------
 
 
 GO, WATCH, FETCH, OTHER = Goal("go"), Command("watch"), Command("fetch", str), Command("other", int)
@@ -356,9 +355,7 @@ BUMPS = DemonMonitor("bumps", set_up=WATCH)
 NUDGES = DemonMonitor("nudges")
 
 
-def test_a_monitor_is_fired_with_its_action_and_nothing_else(
-    legs: Module, eyes: Module, user: Client
-) -> None:
+def test_monitor_fires_only_its_declared_action(legs: Module, eyes: Module, user: Client) -> None:
     fetched, errors = list[str](), queue.Queue[str]()
     legs.handles(FETCH)(lambda _, cup: fetched.append(cup))
 
@@ -383,9 +380,7 @@ def test_a_monitor_is_fired_with_its_action_and_nothing_else(
     assert fetched == ["blue"]
 
 
-def test_a_handler_fires_any_monitor_by_its_task_or_by_name(
-    legs: Module, eyes: Module, user: Client
-) -> None:
+def test_handler_fires_monitors_by_task_or_name(legs: Module, eyes: Module, user: Client) -> None:
     asked, fired = queue.Queue[str](), list[bool]()
     watch = PollingMonitor("watch the dark", condition=IS_DARK)
 
@@ -412,7 +407,7 @@ def test_a_handler_fires_any_monitor_by_its_task_or_by_name(
     assert fired == [True, True, False]
 
 
-def test_a_monitor_without_an_action_is_fired_without_one(
+def test_monitor_without_action_is_fired_without_message(
     eyes: Module, central: LocalCentral, user: Client
 ) -> None:
     eyes.handles(WATCH)(lambda _: None)
@@ -426,15 +421,15 @@ def test_a_monitor_without_an_action_is_fired_without_one(
     ]
 
 
-def test_a_monitor_that_has_yet_to_begin_is_not_fired(user: Client) -> None:
+def test_unstarted_monitor_is_not_fired(user: Client) -> None:
     going = user.goal(GO)
     nudges = user.monitor(NUDGES, constraints=[going.handling.start <= this.handling.start])
     assert not nudges.fire()
     assert nudges.info() is not None
 
 
-def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
-    """They need not be told what the monitor was."""
+def test_monitor_parts_without_data_type_get_no_data(legs: Module, user: Client) -> None:
+    """A part declared without data does not get the monitor's data."""
     done: queue.SimpleQueue[str] = queue.SimpleQueue()
     begin, end = Command("begin"), Command("end")
 
@@ -461,9 +456,7 @@ def test_parts_without_data_get_none(legs: Module, user: Client) -> None:
         assert [done.get(timeout=SOON) for _ in range(3)] == ["begin", "cup", "end"]
 
 
-def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(
-    legs: Module, user: Client
-) -> None:
+def test_catch_all_exception_handler_gets_none_without_data(legs: Module, user: Client) -> None:
     caught: queue.SimpleQueue[Any] = queue.SimpleQueue()
     ease: ExceptionHandler[float | None] = ExceptionHandler("ease", float | None)
     legs.handles(ease)(lambda task, force: caught.put((task.trouble.failure, force)))
@@ -476,13 +469,13 @@ def test_an_exception_handler_of_any_failure_gets_none_where_there_is_no_data(
 # --- The module that answers a monitor's condition dies, or leaves --------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 BATTERY = Query("battery", reply=bool)
 WATCH_BATTERY = PollingMonitor("watch", condition=BATTERY, action=Command("charge"))
 
 
-def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
+def test_monitor_waits_for_condition_handler_and_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     blind = "'watch' sees nothing until a module handles its condition 'battery'"
@@ -498,11 +491,11 @@ def test_between_two_tests_the_next_one_waits_and_centrals_log_says_so(
 
         with gauge().running():
             monitor = user.monitor(WATCH_BATTERY, period=0.05)
-            until(tests, "it tests")
+            until(tests, "the monitor has tested its condition")
             assert "sees nothing" not in caplog.text
-        until(lambda: f"task {monitor.id} {blind}" in caplog.text, "the log says it")
+        until(lambda: f"task {monitor.id} {blind}" in caplog.text, "the log has the warning")
         assert caplog.text.count("sees nothing") == 1
         before = tests()
         with gauge().running():
-            until(lambda: tests() > before, "it tests on")
+            until(lambda: tests() > before, "the monitor tests again")
         assert monitor.end()

@@ -1,5 +1,5 @@
-"""All that users may hand to another process can be pickled and copied; all that hangs on a
-connection says no.
+"""Values that users may hand to another process can be pickled and copied. Objects that need a
+connection refuse it.
 """
 
 import copy
@@ -30,7 +30,8 @@ OTHERS = (
     "tca_tools.explore.errors",
     *["tca_central.errors"] * (not is_compiled()),
 )
-"""Those of a central of machine code have no constructor that can be asked for its arguments."""
+"""In a compiled central the errors have no constructor that shows its arguments: they are left out.
+"""
 VALUES = {
     int: 3,
     bytes: b"\x01",
@@ -62,8 +63,8 @@ def error_classes() -> Iterator[type[BaseException]]:
                 yield kind
 
 
-def made(kind: type[BaseException]) -> BaseException:
-    """An error as its constructor wants it."""
+def make_error(kind: type[BaseException]) -> BaseException:
+    """An error with arguments of the types that its constructor declares."""
     if not inspect.isfunction(kind.__init__):
         return kind("what was wrong")
     hints = [
@@ -75,9 +76,9 @@ def made(kind: type[BaseException]) -> BaseException:
 
 
 @pytest.mark.parametrize("copied", [pickled, copy.copy, copy.deepcopy])
-def test_every_error_is_the_same_when_copied(copied: Callable[[Any], Any]) -> None:
+def test_every_error_survives_copying(copied: Callable[[Any], Any]) -> None:
     for kind in error_classes():
-        error = made(kind)
+        error = make_error(kind)
         error.add_note("a note")
         found = copied(error)
         assert (type(found), str(found), found.args, vars(found)) == (
@@ -100,7 +101,7 @@ def test_declarations_can_be_copied(copied: Callable[[Any], Any]) -> None:
     assert copied(tca_module.GENERAL) == tca_module.GENERAL
 
 
-def test_handles_say_that_they_cannot_be_pickled(legs: Module, user: Client) -> None:
+def test_pickling_connected_object_is_misuse(legs: Module, user: Client) -> None:
     @legs.handles(MOVE)
     def move(task: Task, _: list[int]) -> float:
         for one in (task, task.ref, user):

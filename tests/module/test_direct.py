@@ -1,10 +1,7 @@
-"""Real sockets: direct messages between modules (what central sees of them is in its journal),
-threads, files, pulses.
-"""
+"""Direct messages between modules over real sockets; the journal shows central's knowledge of them."""
 
 import asyncio
 import os
-import queue
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -12,18 +9,15 @@ from pathlib import Path
 
 import pytest
 import zmq
-from module.real_central import SOON, Gate, RealCentral, until
-from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
+from module.real_central import SOON, Gate, RealCentral, disable_polling, until
 
 from dev.invariants import check_invariants
 from tca_module import (
-    Callback,
     CentralLost,
     Client,
     Command,
     Inform,
     LaterReply,
-    MisuseError,
     Module,
     Outcome,
     Query,
@@ -31,9 +25,6 @@ from tca_module import (
     Task,
     connect,
 )
-from tca_module.link import wait_loop
-from tca_module.serving import event_loop
-from tca_module.sockets.transport import DealerTransport
 from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Delivered, HandledDirectly, HandlerRemoved, LostDirectly
 from tca_wire.vocabulary import Condition, Refusal
@@ -45,7 +36,7 @@ HEARD = Inform("heard", float)
 WALK = Command("walk", float, result=float)
 
 
-def a_map(
+def map_module(
     central: RealCentral | str, name: str = "map", height: Callable[[float], float] = abs
 ) -> Module:
     module = Module(name, central if isinstance(central, str) else central.address)
@@ -65,17 +56,17 @@ def user(central: RealCentral) -> Iterator[Client]:
         yield user
 
 
-def direct(central: RealCentral, message: str = "height", module: str = "") -> int:
-    """How many messages were handled directly (by a module), as far as central has been told."""
+def count_direct(central: RealCentral, message: str = "height", module: str = "") -> int:
+    """Count the messages handled directly (by a module) that central was told of."""
     noted = central.facts(HandledDirectly)
     return sum(fact.message == message and module in ("", fact.module) for fact in noted)
 
 
-def through_central(central: RealCentral) -> int:
+def count_delivered(central: RealCentral) -> int:
     return len(central.facts(Delivered))
 
 
-def said_lost(central: RealCentral) -> int:
+def count_lost(central: RealCentral) -> int:
     return sum(fact.number for fact in central.facts(LostDirectly))
 
 
@@ -83,30 +74,31 @@ def ask_until_direct(
     central: RealCentral, ask: Callable[[], object], message: str = "height", module: str = ""
 ) -> None:
     """Ask until the question goes directly (to a module)."""
-    before = direct(central, message, module)
+    before = count_direct(central, message, module)
     until(
-        lambda: (ask(), direct(central, message, module) > before)[1], f"'{message}' goes directly"
+        lambda: (ask(), count_direct(central, message, module) > before)[1],
+        f"'{message}' goes directly",
     )
 
 
-# --- Direct messages between real modules over real sockets ---------------------------------------
+# --- Direct messages between working modules ------------------------------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
-def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: Client) -> None:
-    with a_map(central).running():
+def test_queries_go_directly_once_route_is_known(central: RealCentral, user: Client) -> None:
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0))
-        before = through_central(central)
+        before = count_delivered(central)
         assert [user.query(HEIGHT, float(-x)) for x in range(100)] == [float(x) for x in range(100)]
         pending = [user.query_send(HEIGHT, float(x)) for x in range(100)]
         assert [one.receive(SOON) for one in pending] == [float(x) for x in range(100)]
-        assert through_central(central) == before
-        heard: list[float] = []
-        note = user.query_notify(HEIGHT, -3.0, lambda _, height: heard.append(height))
+        assert count_delivered(central) == before
+        heights: list[float] = []
+        note = user.query_notify(HEIGHT, -3.0, lambda _, height: heights.append(height))
         assert note.wait(SOON)
-        assert heard == [3.0]
+        assert heights == [3.0]
     fact = central.facts(HandledDirectly)[-1]
     assert (fact.message, fact.module, fact.resource, fact.sender, fact.size) == (
         "height",
@@ -118,24 +110,24 @@ def test_queries_go_directly_once_the_way_is_known(central: RealCentral, user: C
     assert fact.outcome is Outcome.DONE
 
 
-def test_informs_go_directly_in_order_and_all_are_noted(central: RealCentral, user: Client) -> None:
+def test_direct_informs_keep_order_and_are_journaled(central: RealCentral, user: Client) -> None:
     seen: list[float] = []
-    module = a_map(central)
+    module = map_module(central)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
     with module.running():
         ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
         for number in range(500):
             user.inform(POSE, float(number))
-        until(lambda: len(seen) == 500, "all have come")
+        until(lambda: len(seen) == 500, "all informs have arrived")
         assert seen == [float(number) for number in range(500)]
     until(
-        lambda: direct(central, "pose") > 500,
-        "its last word tells of those that were not noted yet",
+        lambda: count_direct(central, "pose") > 500,
+        "the leaving module reports its last direct messages",
     )
     assert not central.facts(LostDirectly)
 
 
-def test_a_handler_asks_directly_and_the_journal_says_for_whom(
+def test_direct_query_of_handler_is_journaled_with_origin(
     central: RealCentral, user: Client
 ) -> None:
     walker = Module("walker", central.address)
@@ -145,22 +137,16 @@ def test_a_handler_asks_directly_and_the_journal_says_for_whom(
         ask_until_direct(central, lambda: task.query(HEIGHT, x))
         return task.query(HEIGHT, x)
 
-    with a_map(central).running(), walker.running():
+    with map_module(central).running(), walker.running():
         task = user.command(WALK, -2.0)
         assert task.result(SOON) == 2.0
     until(
         lambda: {fact.origin for fact in central.facts(HandledDirectly)} == {task.id},
-        "all were noted",
+        "every direct query is journaled",
     )
 
 
-def hear_only_what_wakes(patch: pytest.MonkeyPatch) -> None:
-    """A wait that misses something waits for ever: it no longer looks again by itself."""
-    for where in (wait_loop, event_loop):
-        patch.setattr(where, "STEP", 10 * SOON)
-
-
-def test_coroutines_ask_and_answer_directly(
+def test_coroutines_query_and_answer_directly(
     central: RealCentral, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     walker, eyes = Module("walker", central.address), Module("eyes", central.address)
@@ -179,38 +165,44 @@ def test_coroutines_ask_and_answer_directly(
     with walker.running(), eyes.running():
         ask_until_direct(central, lambda: user.command(WALK, -2.0).result(SOON))
         with monkeypatch.context() as patch:
-            hear_only_what_wakes(patch)
+            disable_polling(patch)
             assert user.command(WALK, -2.0).result(SOON) == 40.0
-    until(lambda: direct(central, "depth"), "it was noted")
+    until(lambda: count_direct(central, "depth"), "the direct query is journaled")
 
 
-def test_a_wiretap_sees_all_while_it_lasts(central: RealCentral, user: Client) -> None:
-    heard: list[float] = []
+def test_direct_queries_are_tapped_until_wiretap_is_removed(
+    central: RealCentral, user: Client
+) -> None:
+    heights: list[float] = []
     observer = Module("observer", central.address)
-    observer.handles(HEARD)(lambda _, x: heard.append(x))
-    with a_map(central).running(), observer.running():
+    observer.handles(HEARD)(lambda _, x: heights.append(x))
+    with map_module(central).running(), observer.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         tap = user.tap(Condition.WHEN_SENT, HEIGHT, HEARD)
         for x in range(1, 51):
             user.query(HEIGHT, float(x))
-        until(lambda: len(heard) == 50, "the observer has heard all")
-        assert heard == [float(x) for x in range(1, 51)]
+        until(lambda: len(heights) == 50, "the observer has all queries")
+        assert heights == [float(x) for x in range(1, 51)]
         tap.remove()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def test_a_newer_handler_takes_over_and_gives_back(central: RealCentral, user: Client) -> None:
-    with a_map(central).running():
+def test_newer_handler_gets_direct_queries_until_it_leaves(
+    central: RealCentral, user: Client
+) -> None:
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
-        with a_map(central, "better map", lambda x: x + 100).running():
-            until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the new one answers")
+        with map_module(central, "better map", lambda x: x + 100).running():
+            until(lambda: user.query(HEIGHT, 1.0) == 101.0, "the newer handler answers")
             ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="better map")
         assert user.query(HEIGHT, -7.0) == 7.0
         ask_until_direct(central, lambda: user.query(HEIGHT, -1.0), module="map")
 
 
-def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: Client) -> None:
-    """Queries that wait at the entrance of a module which ends are answered by the next one, each
+def test_leaving_module_hands_over_unbegun_direct_queries(
+    central: RealCentral, user: Client
+) -> None:
+    """Queries that wait at the entrance of a leaving module are answered by the next one, each
     once.
     """
     gate, handled = Gate(), list[float]()
@@ -223,8 +215,8 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
         handled.append(x)
         return x + 100
 
-    with a_map(central, "second", quick).running():
-        leaving = a_map(central, "first", slow)
+    with map_module(central, "second", quick).running():
+        leaving = map_module(central, "first", slow)
         thread = threading.Thread(target=leaving.run)
         thread.start()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0), module="first")
@@ -232,8 +224,11 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
         pending = [user.query_send(HEIGHT, float(x)) for x in range(1, 6)]
         assert gate.begun.wait(SOON)
         leaving.stop()
-        until(lambda: (user.status(), central.facts(HandlerRemoved))[1], "the first is withdrawn")
-        user.status()  # by its answer the user has been told
+        until(
+            lambda: (user.status(), central.facts(HandlerRemoved))[1],
+            "the first handler is withdrawn",
+        )
+        user.status()  # its answer shows that the user has been notified
         assert user.query(HEIGHT, 50.0) == 150.0
         gate.go_on.set()
         answers = [one.receive(SOON) for one in pending]
@@ -242,10 +237,10 @@ def test_who_leaves_hands_on_what_it_has_not_begun(central: RealCentral, user: C
     assert sorted(x for x in handled if x < 50) == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
-def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
+def test_slot_handles_direct_and_central_messages_in_turn(
     central: RealCentral, user: Client
 ) -> None:
-    """While a direct handler waits, central, which does not know of it, delivers to its slot."""
+    """While a direct handler waits, central delivers to its slot without knowing of it."""
     diary: list[str] = []
     module, other = Module("map", central.address), Module("other", central.address)
 
@@ -256,7 +251,7 @@ def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
             task.query(DEPTH, x)
             assert (
                 task.query(HEIGHT, 0.0) == 0.0
-            )  # what its own resource is asked is handled inside of the wait
+            )  # a query to its own resource is handled inside of the wait
         diary.append(f"end of {x:g}")
         return x
 
@@ -279,7 +274,7 @@ def test_a_slot_has_one_message_at_a_time_wherever_they_come_from(
     assert diary == ["height 1", "height 0", "end of 0", "end of 1", "walk", "height 0", "end of 0"]
 
 
-def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Client) -> None:
+def test_later_reply_to_direct_query_keeps_slot_busy(central: RealCentral, user: Client) -> None:
     module, owed = Module("map", central.address), list[LaterReply[float]]()
 
     @module.handles(HEIGHT, direct=True)
@@ -291,7 +286,7 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
 
     def ask() -> None:
         pending = user.query_send(HEIGHT, 0.0)
-        until(lambda: owed, "it was asked")
+        until(lambda: owed, "the handler was called")
         assert not owed[-1].cancelled
         owed.pop().reply(0.0)
         pending.receive(SOON)
@@ -304,28 +299,28 @@ def test_what_is_answered_later_keeps_its_slot(central: RealCentral, user: Clien
             user.command(WALK, 3.0),
         )
         walk.wait_for(walk.handling.start, SOON)  # as central sees it
-        until(lambda: owed, "it was asked")
+        until(lambda: owed, "the handler was called")
         assert len(owed) == 1
         owed.pop().reply(1.5)
         assert one.receive(SOON) == 1.5
         assert walk.result(SOON) == 3.0
-        until(lambda: owed, "it was asked again")
+        until(lambda: owed, "the handler was called again")
         owed.pop().reply(2.5)
         assert two.receive(SOON) == 2.5
 
 
-def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(
+def test_overloaded_receiver_refuses_queries_and_drops_informs(
     central: RealCentral, user: Client
 ) -> None:
     gate, seen = Gate(), list[float]()
     go_on = gate.go_on
-    module = a_map(central, height=lambda x: gate() or x)
+    module = map_module(central, height=lambda x: gate() or x)
     module.handles(POSE, direct=True)(lambda _, x: seen.append(x) if x >= 0 else None)
     with module.running():
         go_on.set()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         ask_until_direct(central, lambda: user.inform(POSE, -1.0), "pose")
-        until(lambda: user.query(HEIGHT, 0.0) == 0.0, "all that was sent is done")
+        until(lambda: user.query(HEIGHT, 0.0) == 0.0, "all messages are handled")
         go_on.clear()
         pending = [user.query_send(HEIGHT, 1.0) for _ in range(500)]
         for number in range(1000):
@@ -337,14 +332,19 @@ def test_a_slow_receiver_refuses_and_loses_but_does_not_queue_for_ever(
         assert refused.value.refusal is Refusal.OVERLOAD
         go_on.set()
         assert [one.receive(SOON) for one in pending] == [1.0] * 500
-        until(lambda: user.query(HEIGHT, 3.0) == 3.0, "it works on")
+        until(lambda: user.query(HEIGHT, 3.0) == 3.0, "the handler answers again")
         lost = 1000 - len(seen)
         assert lost >= 500 - 64
         assert seen == [float(number) for number in range(len(seen))]
-        until(lambda: (user.status(), said_lost(central) == lost)[1], "central has been told")
+        until(
+            lambda: (user.status(), count_lost(central) == lost)[1],
+            "central knows the number of lost informs",
+        )
 
 
-def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
+def test_direct_query_times_out_and_cancelled_one_is_skipped(
+    central: RealCentral, user: Client
+) -> None:
     go_on, handled = threading.Event(), list[float]()
 
     def slow(x: float) -> float:
@@ -352,12 +352,12 @@ def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
         go_on.wait(SOON)
         return x
 
-    with a_map(central, height=slow).running():
+    with map_module(central, height=slow).running():
         go_on.set()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         go_on.clear()
         at_work = user.query_send(HEIGHT, 1.0)
-        until(lambda: 1.0 in handled, "the handler is at work")
+        until(lambda: 1.0 in handled, "the handler has begun")
         with pytest.raises(TimeoutError, match="was not answered within"):
             at_work.receive(0.05)
         user.query_send(HEIGHT, 2.0).cancel()
@@ -366,7 +366,7 @@ def test_a_query_in_time_or_not(central: RealCentral, user: Client) -> None:
     assert 2.0 not in handled
 
 
-def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
+def test_direct_queries_reach_all_slots(central: RealCentral, user: Client) -> None:
     names: set[str] = set()
     module = Module("map", central.address, capacity=3)
 
@@ -377,32 +377,32 @@ def test_more_slots_take_turns(central: RealCentral, user: Client) -> None:
 
     with module.running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-        until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots were asked")
+        until(lambda: (user.query(HEIGHT, 0.0), len(names) == 3)[1], "all slots have answered")
 
 
-# --- Direct messages when something breaks, dies or is foreign ------------------------------------
+# --- Direct messages after breaks, deaths and foreign packets -------------------------------------
 
 
-def test_a_sender_whose_connection_to_central_broke_learns_the_way_anew(
+def test_direct_route_is_relearnt_after_connection_break(
     central: RealCentral, user: Client
 ) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         connection = user._connection()
         connection.session.break_off()
-        assert user.query(HEIGHT, -1.0) == 1.0  # goes on while it is away
+        assert user.query(HEIGHT, -1.0) == 1.0  # still answered while the connection is away
         user.status()
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
-    """What is under way when another central comes is lost, as through central; then all is learnt
-    anew.
+def test_direct_queries_are_answered_while_central_is_away(tmp_path: Path) -> None:
+    """A query that is open when another central starts is lost, as through central. Then routes
+    are learnt again.
     """
     address = f"ipc://{tmp_path}/central.sock"
     gate = Gate()
     central = RealCentral(address)
-    module = a_map(address, height=lambda x: gate() or x if x < 0 else x)
+    module = map_module(address, height=lambda x: gate() or x if x < 0 else x)
     with module.running(), connect("user", address) as user:
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
         central.close()
@@ -417,17 +417,17 @@ def test_direct_messages_flow_while_central_is_gone(tmp_path: Path) -> None:
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
 
 
-def entrance(folder: Path) -> Path:
+def entrance_path(folder: Path) -> Path:
     (path,) = folder.glob("*.direct")
     return path
 
 
-def test_strangers_at_the_entrance_harm_nobody(
+def test_stranger_at_entrance_is_refused_and_harmless(
     central: RealCentral, user: Client, tmp_path: Path
 ) -> None:
-    with a_map(central).running():
+    with map_module(central).running():
         ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
-        path = entrance(tmp_path)
+        path = entrance_path(tmp_path)
         assert path.stat().st_mode & 0o777 == 0o600
         with zmq.Context() as context, context.socket(zmq.DEALER) as stranger:
             stranger.connect(f"ipc://{path}")
@@ -445,35 +445,33 @@ def test_strangers_at_the_entrance_harm_nobody(
     until(lambda: not path.exists(), "the entrance is gone")
 
 
-def test_what_killed_modules_left_behind_is_cleared_away(
-    central: RealCentral, tmp_path: Path
-) -> None:
+def test_stale_entrance_sockets_are_removed(central: RealCentral, tmp_path: Path) -> None:
     with zmq.Context() as context, context.socket(zmq.ROUTER) as alive:
         gone, taken, foreign = (
             tmp_path / f"{name}.direct" for name in ("4194305-a", "4194306-b", "notes")
         )
         alive.bind(f"ipc://{gone}")
         gone_too = tmp_path / "4194307-c.direct"
-        gone.rename(gone_too)  # as if its process were on another machine: it still answers
+        gone.rename(gone_too)  # like a process on another machine: it still answers
         with socket.socket(socket.AF_UNIX) as dead:
             dead.bind(str(taken))
         foreign.touch()
-        with a_map(central).running():
+        with map_module(central).running():
             assert not taken.exists()
             assert gone_too.exists()
             assert foreign.exists()
 
 
-def test_over_tcp_the_entrance_is_where_central_is_reached(tmp_path: Path) -> None:
+def test_tcp_entrance_uses_host_of_central(tmp_path: Path) -> None:
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address) as user:
-        with a_map(central).running():
+        with map_module(central).running():
             ask_until_direct(central, lambda: user.query(HEIGHT, 0.0))
             ((path,),) = user._connection().direct.routes._routes.values()
             assert path.entrance.endpoint.startswith("tcp://127.0.0.1:")
         assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
+def test_too_long_socket_path_only_disables_direct_messages(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path
@@ -481,137 +479,15 @@ def test_a_folder_that_is_too_deep_costs_the_direct_way_only(
         folder = folder / ("x" * min(10, 84 - len(str(folder))))
     folder.mkdir(parents=True)
     with RealCentral(f"ipc://{folder}/c") as central, connect("user", central.address) as user:
-        with a_map(central).running():
+        with map_module(central).running():
             assert user.query(HEIGHT, -1.0) == 1.0
         assert "all go through central" in caplog.text
 
 
-def test_with_a_local_central_all_goes_through_its_core() -> None:
+def test_local_central_routes_direct_queries_itself() -> None:
     with LocalCentral(check=check_invariants) as central, connect("user", central) as user:
         module = Module("map", central)
         module.handles(HEIGHT, direct=True)(lambda _, x: -x)
         with module.running():
             assert [user.query(HEIGHT, 1.0) for _ in range(5)] == [-1.0] * 5
         assert sum(isinstance(fact, Delivered) for fact in central.facts) == 5
-
-
-# --- The library over real sockets ----------------------------------------------------------------
-
-
-REST_LEG = Command("rest leg")
-
-
-@pytest.fixture
-def address(tmp_path: Path) -> str:
-    return f"ipc://{tmp_path}/central.sock"
-
-
-def test_a_socket_does_not_take_what_nobody_is_there_for(address: str) -> None:
-    transport = DealerTransport(address)
-    assert not transport.send(b"packet", 0.05)
-    assert transport.receive(0.01) is None
-    transport.wake()
-    transport.close()
-
-
-def test_an_address_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(
-        MisuseError, match=r"central's address must be .*'tcp://host:port', not 'somewhere'"
-    ):
-        connect("user", "somewhere")
-
-
-def test_coroutines_hear_all_that_arrives(
-    central: RealCentral, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A ZeroMQ socket's file tells only of changes: what a blocking call has read meanwhile must
-    not be missed.
-    """
-    legs, eyes = Module("legs", central.address), Module("eyes", central.address, capacity=4)
-    eyes.handles(STANCE)(lambda _, radius: [int(radius)])
-
-    @legs.handles(TEMPERATURE)
-    async def temperature(task: Task) -> float:
-        total = 0
-        for turn in range(50):
-            pending = [
-                asyncio.ensure_future(task.query_send(STANCE, float(turn))) for _ in range(4)
-            ]
-            await asyncio.sleep(0)
-            total += task.query(STANCE, 0.0)[0]
-            task.command(REST_LEG, sequential=False)
-            total += sum(stance[0] for stance in await asyncio.gather(*pending))
-        return float(total)
-
-    @legs.handles(REST)
-    async def rest(task: Task) -> None:
-        await asyncio.Event().wait()
-
-    with legs.running(), eyes.running(), connect("user", central.address) as user:
-        with monkeypatch.context() as patch:
-            hear_only_what_wakes(patch)
-            assert user.query(TEMPERATURE, timeout=SOON) == 4 * sum(range(50))
-        rested = user.goal(REST)
-        rested.wait_for(rested.handling.start, SOON)
-        rested.kill("enough")
-        assert rested.wait(SOON) is Outcome.KILLED
-
-
-def test_other_threads_timers_and_files_wake_a_slot(
-    central: RealCentral, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    legs, jobs = Module("legs", central.address), queue.Queue[LaterReply[Footfall]]()
-    near, far = socket.socketpair()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
-        later = task.reply_later()
-        jobs.put(later)
-        return later
-
-    @legs.every(0.001, resource="legs")
-    def ask_device(callback: Callback) -> None:
-        if not jobs.empty():
-            far.send(b"go")
-
-    def device() -> None:
-        near.recv(100)
-        if not jobs.empty():  # the timer may have told of this job twice
-            jobs.get().reply(Footfall(1, 0.0))
-
-    with near, far, legs.running(), connect("user", central.address) as user:
-        hear_only_what_wakes(monkeypatch)
-        for _ in range(20):  # the test's own thread answers
-            move = user.command(MOVE_LEG, 1)
-            jobs.get(timeout=SOON).reply(Footfall(1, 0.0))
-            move.result(SOON)
-        legs.on_readable(near, device)
-        for _ in range(20):  # a timer sees the job, a file tells another thread
-            user.command(MOVE_LEG, 1).result(SOON)
-
-
-def test_nothing_stays_of_a_pulse_when_its_last_connection_is_closed(address: str) -> None:
-    """All connections of a process to one central share one."""
-    with RealCentral(address), RealCentral(f"{address}-2") as other:
-        with connect("first", address):  # what ZeroMQ has once for a process is there from now on
-            pass
-        before = files_here()
-        first, second = connect("first", address), connect("second", address)
-        third = connect("third", other.address)
-        assert pulses_here() == 2
-        first.close()
-        assert pulses_here() == 2
-        second.close()
-        assert pulses_here() == 1
-        third.close()
-        third.close()
-        assert pulses_here() == 0
-        until(lambda: files_here() <= before, "every file is closed")
-
-
-def files_here() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
-
-
-def pulses_here() -> int:
-    return sum(thread.name == "pulse" for thread in threading.enumerate())

@@ -1,4 +1,4 @@
-"""The line between a sender and an entrance, without sockets: whatever breaks, nothing is handled
+"""The line between a sender and an entrance, without sockets: no break makes a message handled
 twice or forgotten.
 """
 
@@ -40,7 +40,7 @@ LICENCE = licence(KEY, "test.1")
 
 
 class Line:
-    """A line that can break: what is on its way is lost then, and the far end knows the sender
+    """A line that can break: packets on their way are lost, and the far end knows the sender
     under a new address.
     """
 
@@ -122,7 +122,7 @@ class Pair:
             lambda: self.now,
             logging.getLogger("t"),
         )
-        self.over: list[Request] = []
+        self.ended: list[Request] = []
         self.handed_over: list[Request] = []
         self.lost: list[str] = []
         self.handled: list[bytes] = []
@@ -131,15 +131,15 @@ class Pair:
             Near(self.line),
             "run/0/1",
             "user",
-            end=self.end,
+            end=self.record_end,
             hand_over=self.handed_over.append,
             lose=lambda what, number, _: self.lost.extend([what] * number),
         )
 
-    def end(self, request: Request) -> None:
+    def record_end(self, request: Request) -> None:
         assert not request.is_over
         request.is_over = True
-        self.over.append(request)
+        self.ended.append(request)
 
     def ask(self, body: bytes = b"?") -> Request:
         request = Request(Send(0, "height"), body, wants_answer=True)
@@ -152,15 +152,15 @@ class Pair:
         self.path.receive()
 
     def handle(self) -> None:
-        """The slot handles one message, if there is one."""
+        """Let the slot handle one message, if one waits."""
         self.inbox.listen()
         if (taken := self.inbox.next_message()) is not None:
             delivery, body = taken
             self.handled.append(body)
             self.inbox.reply(Reply(delivery.delivery), body)
 
-    def settle(self) -> None:
-        """Let enough time pass, and everything be handled."""
+    def run_until_idle(self) -> None:
+        """Let time pass until all messages are handled."""
         for _ in range(4):
             self.now += 1.1
             for _ in range(60):
@@ -169,7 +169,7 @@ class Pair:
                 self.path.receive()
 
 
-# --- The line between a sender and an entrance, without sockets -----------------------------------
+# --- Single breaks and departures -----------------------------------------------------------------
 
 
 @pytest.fixture
@@ -179,7 +179,7 @@ def pair() -> Pair:
     return pair
 
 
-def test_nothing_goes_before_the_greeting_is_answered() -> None:
+def test_path_is_unusable_before_greeting_is_answered() -> None:
     pair = Pair()
     assert not pair.path.is_usable
     pair.path.send_due(0.0)
@@ -189,55 +189,55 @@ def test_nothing_goes_before_the_greeting_is_answered() -> None:
     assert pair.path.is_usable
 
 
-def test_queries_are_answered_and_informs_are_not(pair: Pair) -> None:
+def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
     request = pair.ask(b"how high")
-    assert pair.path.send_inform(Send(0, "pose"), b"here")
-    pair.settle()
+    assert pair.path.tell(Send(0, "pose"), b"here")
+    pair.run_until_idle()
     ((answer, body),) = request.answers
     assert (answer.outcome, body) == (Outcome.DONE, b"how high")
     assert pair.handled == [b"how high", b"here"]
     assert not pair.path.requests
 
 
-def test_a_sender_that_leaves_learns_what_has_arrived(pair: Pair) -> None:
-    pair.path.send_inform(Send(0, "pose"), b"1")
-    assert pair.path.unconfirmed == 1
+def test_leaving_sender_learns_that_informs_arrived(pair: Pair) -> None:
+    pair.path.tell(Send(0, "pose"), b"1")
+    assert pair.path.unheard == 1
     pair.path.is_asked = True
     pair.greet()
     assert (pair.path.unconfirmed, pair.handled) == (0, [])
 
 
-def test_what_was_lost_on_the_line_is_sent_again_under_its_number(pair: Pair) -> None:
+def test_lost_query_is_resent_and_lost_inform_is_counted(pair: Pair) -> None:
     first = pair.ask(b"1")
     pair.path.send_inform(Send(0, "pose"), b"2")
     pair.line.cut()
     second = pair.ask(b"3")  # the sender has not noticed
-    pair.settle()
+    pair.run_until_idle()
     assert sorted(pair.handled) == [b"1", b"3"]
     assert first.answers[0][1] == b"1"
     assert second.answers[0][1] == b"3"
     assert pair.lost == ["pose"]
 
 
-def test_an_answer_that_was_lost_is_given_again(pair: Pair) -> None:
+def test_lost_answer_is_repeated(pair: Pair) -> None:
     request = pair.ask()
     pair.handle()
     pair.line.cut()
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 1
     assert request.answers
 
 
-def test_an_answer_that_is_kept_no_longer_is_lost_and_not_handled_again(pair: Pair) -> None:
+def test_discarded_answer_is_lost_and_query_not_handled_again(pair: Pair) -> None:
     request = pair.ask(bytes(2 << 20))
     pair.handle()
     pair.line.cut()
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 1
     assert request.lost == "the line to the module broke before the answer came"
 
 
-def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
+def test_forgotten_sender_repeats_no_query(pair: Pair) -> None:
     request = pair.ask()
     pair.handle()
     pair.path.socket.receive()  # the answer is lost
@@ -245,14 +245,14 @@ def test_a_sender_that_was_forgotten_asks_nothing_twice(pair: Pair) -> None:
         greet = Greet(PROTOCOL_VERSION, LICENCE, f"other {number}", "other")
         pair.line.there.append((b"other %d" % number, [pack_item(greet)]))
         pair.inbox.listen()
-    pair.settle()
+    pair.run_until_idle()
     assert request.lost
     assert pair.ask().is_over is False
-    pair.settle()
+    pair.run_until_idle()
     assert len(pair.handled) == 2
 
 
-def test_too_much_on_its_way_is_refused_at_once(
+def test_direct_query_over_limit_is_refused_at_once(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     requests = [pair.ask() for _ in range(MOST_UNDER_WAY)]
@@ -272,7 +272,7 @@ def test_too_much_on_its_way_is_refused_at_once(
     assert pair.ask(bytes(101)).refused
 
 
-def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
+def test_acknowledged_informs_free_the_path(pair: Pair) -> None:
     for number in range(3 * MOST_UNDER_WAY):
         assert pair.path.send_inform(Send(0, "pose"), b"%d" % number)
         pair.handle()
@@ -281,7 +281,7 @@ def test_informs_are_acknowledged_now_and_then(pair: Pair) -> None:
     assert len(pair.handled) == 3 * MOST_UNDER_WAY
 
 
-def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
+def test_leaving_receiver_returns_unbegun_queries(pair: Pair) -> None:
     begun, waiting = pair.ask(b"1"), pair.ask(b"2")
     pair.path.send_inform(Send(0, "pose"), b"3")
     pair.handle()
@@ -294,21 +294,21 @@ def test_who_leaves_hands_back_what_was_not_begun(pair: Pair) -> None:
     assert pair.notes.due != FAR
 
 
-def test_informs_that_who_dies_has_not_begun_are_lost(pair: Pair) -> None:
+def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
     for number in range(10):
         pair.path.send_inform(Send(0, "pose"), b"%d" % number)
     for _ in range(4):
         pair.handle()
     pair.now += direct_path.REPEAT
     pair.greet()
-    pair.handle()  # nobody is told of this one
-    assert (pair.path.unconfirmed, pair.lost) == (0, [])
-    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
+    pair.handle()  # the sender is not notified of this one
+    assert (pair.path.unheard, pair.lost) == (0, [])
+    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
     assert not pair.path.is_needed
 
 
-def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_counted_by_it(
+def test_lost_informs_are_counted_once_when_receiver_leaves(
     pair: Pair,
 ) -> None:
     for number in range(10):
@@ -326,21 +326,21 @@ def test_informs_that_who_leaves_has_not_read_are_lost_and_those_it_has_are_coun
     assert (len(noted.notes), noted.losses) == (4, [Loss("pose", 6)])
 
 
-def test_a_sender_that_missed_what_has_begun_learns_it_and_sends_on(pair: Pair) -> None:
+def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> None:
     for _ in range(MOST_UNDER_WAY):
         pair.path.send_inform(Send(0, "pose"), b"")
         pair.handle()
     pair.line.cut()
-    pair.settle()
-    pair.path.send_inform(Send(0, "pose"), b"next")
-    pair.settle()
+    pair.run_until_idle()
+    pair.path.tell(Send(0, "pose"), b"next")
+    pair.run_until_idle()
     assert (pair.handled[-1], pair.lost) == (b"next", [])
 
 
-def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
+def test_unanswered_direct_query_fails_when_receiver_dies(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
-    pair.handle()  # its answer has arrived, and was not read yet
-    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
+    pair.handle()  # its answer has arrived, but was not read yet
+    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
     assert (answer.outcome, answer.failure, answer.text) == (
@@ -350,7 +350,7 @@ def test_who_dies_fails_what_it_has_not_answered(pair: Pair) -> None:
     )
 
 
-def test_who_has_left_may_have_last_words(pair: Pair) -> None:
+def test_late_answer_of_departed_receiver_is_accepted(pair: Pair) -> None:
     answered, silent = pair.ask(), pair.ask()
     pair.path.on_disconnected("it said goodbye", pair.now, lost=False)
     pair.handle()
@@ -362,15 +362,15 @@ def test_who_has_left_may_have_last_words(pair: Pair) -> None:
     assert silent.answers[0][0].failure == "module lost"
 
 
-def test_a_query_that_was_given_up_is_not_handled(pair: Pair) -> None:
+def test_abandoned_query_is_not_handled(pair: Pair) -> None:
     pair.path.abandon(pair.ask(b"1"))
     kept = pair.ask(b"2")
-    pair.settle()
+    pair.run_until_idle()
     assert pair.handled == [b"2"]
     assert kept.answers
 
 
-def test_a_failure_is_answered_too(pair: Pair) -> None:
+def test_failure_is_returned_to_direct_sender(pair: Pair) -> None:
     request = pair.ask()
     pair.inbox.listen()
     taken = pair.inbox.next_message()
@@ -381,8 +381,8 @@ def test_a_failure_is_answered_too(pair: Pair) -> None:
     assert (answer.failure, answer.text, body) == ("fog", "can't see", b"data")
 
 
-def said(pair: Pair, *frames: bytes) -> list[Any]:
-    """What the entrance says to whom sends this."""
+def entrance_answers(pair: Pair, *frames: bytes) -> list[Any]:
+    """The answers of the entrance to these frames."""
     pair.line.back.clear()
     pair.line.there.append((pair.line.address, list(frames)))
     pair.inbox.listen()
@@ -411,37 +411,37 @@ def said(pair: Pair, *frames: bytes) -> list[Any]:
         ((pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "\x1b[2J")),), "is not a sender"),
     ],
 )
-def test_nonsense_is_refused(frames: tuple[bytes, ...], why: str) -> None:
+def test_malformed_packet_at_entrance_is_refused(frames: tuple[bytes, ...], why: str) -> None:
     pair = Pair()
-    (answer,) = said(pair, *frames)
+    (answer,) = entrance_answers(pair, *frames)
     assert answer.refusal is Refusal.PROTOCOL
     assert why in answer.text
-    (answer,) = said(pair, pack_item(Direct(1, "height")))
+    (answer,) = entrance_answers(pair, pack_item(Direct(1, "height")))
     assert isinstance(answer, Unknown)
     assert pair.inbox.next_message() is None
 
 
-def test_a_message_that_is_not_handled_here_is_refused_and_numbers_may_be_any(pair: Pair) -> None:
+def test_unhandled_message_is_refused_and_number_gap_is_bounded(pair: Pair) -> None:
     for number in (5, 1 << 61, -1):
-        answers = said(pair, pack_item(Direct(number, "move leg")))
+        answers = entrance_answers(pair, pack_item(Direct(number, "move leg")))
         assert [answer.refusal for answer in answers] == [Refusal.UNKNOWN] * (number > 0)
     greet = Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", 1 << 61, is_first=False)
-    greeting, _ = said(pair, pack_item(greet))
+    greeting, _ = entrance_answers(pair, pack_item(greet))
     assert greeting.missing == []
-    greeting, _ = said(
+    greeting, _ = entrance_answers(
         pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "far ahead", "m", (1 << 61) + 10_000))
     )
     assert len(greeting.missing) == 2000
 
 
-def test_data_that_are_too_long_are_refused_with_both_sizes(pair: Pair) -> None:
-    said(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
-    (answer,) = said(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
+def test_oversized_direct_data_is_refused_with_both_sizes(pair: Pair) -> None:
+    entrance_answers(pair, pack_item(Greet(PROTOCOL_VERSION, LICENCE, "s", "m")))
+    (answer,) = entrance_answers(pair, pack_item(Direct(1, "height"), bytes(Limit.BODY + 1)))
     assert answer.text == "a body of 8,388,609 bytes; at most 8,388,608 are allowed"
     assert not pair.inbox.has_message
 
 
-def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_inbox_leaves_packets_in_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tca_module.direct.inbox.MOST_WAITING", 5)
     for number in range(1, 11):
         pair.line.there.append((pair.line.address, [pack_item(Direct(number, "pose"))]))
@@ -452,14 +452,14 @@ def test_a_flood_stays_in_the_socket(pair: Pair, monkeypatch: pytest.MonkeyPatch
     assert len(pair.handled) == 10
 
 
-class Life(Pair):
-    """A pair to which anything may happen."""
+class RandomPair(Pair):
+    """A pair to which anything may happen, in any order."""
 
     def __init__(self) -> None:
         super().__init__()
         self.greet()
         self.asked: list[Request] = []
-        self.told: list[bytes] = []
+        self.informed: list[bytes] = []
         self.given_up: set[Request] = set()
 
     def asks(self, body: bytes) -> None:
@@ -468,8 +468,8 @@ class Life(Pair):
             self.asked.append(request)
 
     def tells(self, body: bytes) -> None:
-        if self.path.is_usable and self.path.send_inform(Send(0, "pose"), body):
-            self.told.append(body)
+        if self.path.is_usable and self.path.tell(Send(0, "pose"), body):
+            self.informed.append(body)
 
     def gives_up(self, _: bytes) -> None:
         for request in self.asked[-1:]:
@@ -483,44 +483,42 @@ class Life(Pair):
         self.line.is_connected = not self.line.is_connected
 
 
-STEPS: dict[str, Callable[[Life, bytes], object]] = {
-    "ask": Life.asks,
-    "tell": Life.tells,
-    "give up": Life.gives_up,
-    "handle": lambda life, _: life.handle(),
-    "listen": lambda life, _: life.inbox.listen(),
-    "receive": lambda life, _: life.path.receive(),
-    "send_due": lambda life, _: life.path.send_due(life.now),
-    "wait": Life.waits,
-    "cut": lambda life, _: life.line.cut(),
-    "unplug": Life.unplugs,
+STEPS: dict[str, Callable[[RandomPair, bytes], object]] = {
+    "ask": RandomPair.asks,
+    "tell": RandomPair.tells,
+    "give up": RandomPair.gives_up,
+    "handle": lambda pair, _: pair.handle(),
+    "listen": lambda pair, _: pair.inbox.listen(),
+    "receive": lambda pair, _: pair.path.receive(),
+    "tend": lambda pair, _: pair.path.tend(pair.now),
+    "wait": RandomPair.waits,
+    "cut": lambda pair, _: pair.line.cut(),
+    "unplug": RandomPair.unplugs,
 }
 
 
 @settings(max_examples=150)
 @given(st.lists(st.sampled_from(sorted(STEPS)), max_size=60))
-def test_whatever_breaks_nothing_is_handled_twice_or_forgotten(steps: list[str]) -> None:
-    life = Life()
+def test_direct_messages_are_handled_once_despite_breaks(steps: list[str]) -> None:
+    pair = RandomPair()
     for number, step in enumerate(steps):
-        STEPS[step](life, b"%d" % number)
-    life.line.is_connected = True
-    life.settle()
-    life.ask(b"last")  # what nobody waits for is noticed when something follows
-    life.settle()
-    assert len(set(life.handled)) == len(life.handled)
-    for request in life.asked:
-        assert request.is_over or request in life.given_up
-        assert bool(request.answers) <= (request.body in life.handled)
-    poses = [body for body in life.handled if body in life.told]
+        STEPS[step](pair, b"%d" % number)
+    pair.line.is_connected = True
+    pair.run_until_idle()
+    pair.ask(b"last")  # an inform that is lost is noticed only when another message follows
+    pair.run_until_idle()
+    assert len(set(pair.handled)) == len(pair.handled)
+    for request in pair.asked:
+        assert request.is_over or request in pair.given_up
+        assert bool(request.answers) <= (request.body in pair.handled)
+    poses = [body for body in pair.handled if body in pair.informed]
     assert poses == sorted(poses, key=int)
-    assert len(poses) + len(life.lost) == len(life.told)
-    assert (
-        not life.path.is_needed
-    )  # the slot has told of everything: nothing more would be lost with it
+    assert len(poses) + len(pair.lost) == len(pair.informed)
+    assert not pair.path.is_needed  # the slot has reported everything: its death would lose no more
 
 
 @pytest.mark.parametrize("usable", [(False, True), (True, False), (False, False), (True, True)])
-def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, bool]) -> None:
+def test_routes_rotate_over_usable_slots(usable: tuple[bool, bool]) -> None:
     routes = DirectRoutes.__new__(DirectRoutes)
     paths: list[Any] = [SimpleNamespace(is_usable=one) for one in usable]
     routes._routes = {"height": deque(paths)}
@@ -531,22 +529,22 @@ def test_slots_take_turns_past_those_that_cannot_be_used(usable: tuple[bool, boo
     assert routes._path("unknown") is None
 
 
-def test_a_sender_whose_licence_is_withdrawn_is_heard_no_more() -> None:
+def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     pair = Pair()
     pair.greet()
     pair.handle()
-    asked, told = pair.ask(b"before"), pair.path.send_inform(Send(0, "pose"), b"")
-    assert told
+    asked, accepted = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
+    assert accepted
     pair.inbox.bar(["test.1"])
-    pair.settle()
+    pair.run_until_idle()
     assert pair.handled == []
     assert pair.path.is_over
-    assert pair.over == [asked]
+    assert pair.ended == [asked]
     assert "no licence" in asked.lost
     assert pair.lost == ["pose"]
 
 
-def test_a_sender_with_a_new_licence_goes_on_where_it_was() -> None:
+def test_sender_with_renewed_licence_continues() -> None:
     pair = Pair()
     pair.greet()
     first = pair.ask(b"1")
@@ -554,6 +552,6 @@ def test_a_sender_with_a_new_licence_goes_on_where_it_was() -> None:
     pair.inbox.bar(["test.1"])
     pair.path.entrance = Entrance("ipc:///there", licence(KEY, "test.2"))
     second = pair.ask(b"2")
-    pair.settle()
-    assert pair.over == [first, second]
+    pair.run_until_idle()
+    assert pair.ended == [first, second]
     assert pair.handled == [b"1", b"2"]

@@ -1,6 +1,4 @@
-"""Whatever breaks: requests reach the handler, its answers reach the client, and nobody is told a
-thing twice.
-"""
+"""Requests reach the handler and answers reach the client through any break, each exactly once."""
 
 import gc
 from collections.abc import Iterator
@@ -33,14 +31,14 @@ STEPPED = True  # the clock of central
 
 @pytest.fixture
 def camera(central: LocalCentral) -> Iterator[list[str]]:
-    """What it hears."""
-    camera, heard = Module("camera", central), list[str]()
+    """The requests that the camera has received."""
+    camera, requests = Module("camera", central), list[str]()
 
     @camera.handles(WATCH, takes=["update", "cancel"])
     def watch(task: Task, angle: float) -> str:
         task.report(angle)
         for request in task.requests():
-            heard.append(f"{request.transition} {request.goal}")
+            requests.append(f"{request.transition} {request.goal}")
             if request.transition == "cancel":
                 raise task.aborted()
             if request.goal > 90:
@@ -55,10 +53,10 @@ def camera(central: LocalCentral) -> Iterator[list[str]]:
         task.sleep(1)
 
     with camera.running():
-        yield heard
+        yield requests
 
 
-def test_requests_and_answers_outlive_breaks(
+def test_task_requests_and_answers_survive_breaks(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -78,7 +76,7 @@ def test_requests_and_answers_outlive_breaks(
     assert camera == ["update 2.0", "update 91.0"] * 4 + ["cancel None"]
 
 
-def test_an_update_is_over_when_the_task_ends_in_a_break(
+def test_pending_update_is_rejected_when_task_ends_in_break(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -96,7 +94,7 @@ def test_an_update_is_over_when_the_task_ends_in_a_break(
 
 
 @pytest.mark.soak
-def test_nobody_is_told_of_what_nobody_follows_any_more(
+def test_unfollowed_task_has_no_observers(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)
@@ -113,8 +111,8 @@ def test_nobody_is_told_of_what_nobody_follows_any_more(
         found = visitor.task(number)
         assert found is not None
         found.update(3.0, message=WATCH, timeout=SOON)
-        user.tasks()  # it hears that, and wants no more
-        assert central.core.observers.count == 2, "the visitor's, and that of the function"
+        user.tasks()  # it receives that change, and needs no more
+        assert central.core.observers.count == 2, "only the visitor and the function observe"
         central.advance(2)
         user.tasks()
         assert [one.state for one in seen] == ["running", "done"]
@@ -123,7 +121,7 @@ def test_nobody_is_told_of_what_nobody_follows_any_more(
         assert central.core.observers.count == 0
 
 
-def test_functions_are_called_also_after_a_wait_was_broken_off(
+def test_change_functions_run_after_wait_is_interrupted(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     brain, seen = Module("brain", central), list[str]()
@@ -153,7 +151,7 @@ def test_functions_are_called_also_after_a_wait_was_broken_off(
     assert seen[-1] == "cancelled"
 
 
-def test_a_task_that_is_retried_is_initiated_again(
+def test_retried_task_is_initiated_again(
     user: Client, camera: list[str], central: LocalCentral
 ) -> None:
     watch = user.command(WATCH, 1.0)

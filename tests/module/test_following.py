@@ -1,5 +1,5 @@
-"""Who sends a task follows its state, gives it a new goal and cancels it, whatever its handler
-knows of that.
+"""The sender of a task follows its state, updates it and cancels it, even if its handler ignores
+requests.
 """
 
 from collections.abc import Callable, Iterator
@@ -69,7 +69,7 @@ STEPPED = True  # the clock of central
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """An arm whose handlers know nothing of states. It grasps all but a cup at once."""
+    """An arm whose handlers ignore states. It grasps all but a cup at once."""
     module = Module("arm", central)
 
     @module.handles(GRASP)
@@ -89,15 +89,15 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         yield module
 
 
-def failed(why: str) -> None:
+def raise_error(why: str) -> None:
     raise ValueError(why)
 
 
-def told(changes: list[Change]) -> list[str]:
+def transitions_of(changes: list[Change]) -> list[str]:
     return [f"{one.transition}: {one.state}" for one in changes]
 
 
-def test_a_task_is_followed_from_beginning_to_end(
+def test_follower_sees_every_change_of_task(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
@@ -105,7 +105,7 @@ def test_a_task_is_followed_from_beginning_to_end(
     changes = grasp.changes()
     central.advance(5)
     seen = list(changes)
-    assert told(seen) == [
+    assert transitions_of(seen) == [
         "accepted: running",
         "result available: running",
         "result available: running",
@@ -122,7 +122,7 @@ def test_a_task_is_followed_from_beginning_to_end(
     assert {one.task.id for one in seen} == {grasp.id}
 
 
-def test_only_the_first_look_at_a_state_waits(
+def test_only_first_state_read_asks_central(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
@@ -132,7 +132,7 @@ def test_only_the_first_look_at_a_state_waits(
     assert len(central.entries) == before
 
 
-def test_the_next_change_is_waited_for(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_next_change_waits_for_change(user: Client, arm: Module, central: LocalCentral) -> None:
     wave = user.command(WAVE, 1, delay=5)
     wave.follow()
     with pytest.raises(Timeout, match=r"a change of command .wave. did not come within 0\.01 s"):
@@ -146,7 +146,9 @@ def test_the_next_change_is_waited_for(user: Client, arm: Module, central: Local
     assert wave.next_change() is None
 
 
-def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_wait_for_state_returns_at_state_or_end(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     wave = user.command(WAVE, 1, delay=5)
     assert wave.wait_for_state("initiated") == "initiated"
     with pytest.raises(
@@ -156,7 +158,7 @@ def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral)
     central.advance(5)
     assert wave.wait_for_state("running") == "running"
     central.advance(10)
-    assert wave.wait_for_state("running") == "done", "it has ended"
+    assert wave.wait_for_state("running") == "done", "the task has ended"
     with pytest.raises(
         MisuseError,
         match="is never 'paused': life cycle 'basic' has 'initiated', 'running', 'done'",
@@ -168,9 +170,7 @@ def test_a_state_is_waited_for(user: Client, arm: Module, central: LocalCentral)
         wave.wait_for_state(5)  # type: ignore[arg-type]
 
 
-def test_who_comes_late_learns_how_the_task_stands(
-    user: Client, arm: Module, central: LocalCentral
-) -> None:
+def test_late_follower_gets_current_state(user: Client, arm: Module, central: LocalCentral) -> None:
     user.command(GRASP, Grip("cup"))
     central.until_quiet()
     with connect("visitor", central) as visitor:
@@ -185,7 +185,7 @@ def test_who_comes_late_learns_how_the_task_stands(
             "",
         )
         assert (late.goal, late.data) == ({"item": "cup"}, {"force": 1.0}), (
-            "not declared by this program: plain values"
+            "an undeclared message has plain values"
         )
         assert next(found.progress()) == {"force": 1.0}
         found.kill("enough")
@@ -194,7 +194,7 @@ def test_who_comes_late_learns_how_the_task_stands(
         assert (last.state, last.text, last.by) == ("cancelled", "enough (by visitor)", "central")
 
 
-def test_changes_begin_with_how_a_followed_task_stands(
+def test_changes_of_followed_task_begin_with_current_state(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("cup"), delay=5)
@@ -211,9 +211,7 @@ def test_changes_begin_with_how_a_followed_task_stands(
     assert late.data == Feel(1.0)
 
 
-def test_how_a_task_has_ended_is_known_afterwards(
-    user: Client, arm: Module, central: LocalCentral
-) -> None:
+def test_final_state_is_known_after_end(user: Client, arm: Module, central: LocalCentral) -> None:
     grasp, dropped = user.command(GRASP, Grip("pen")), user.command(GRASP, Grip("cup"))
     central.until_quiet()
     dropped.kill()
@@ -224,7 +222,7 @@ def test_how_a_task_has_ended_is_known_afterwards(
     assert grasp.next_change() is None
 
 
-def test_progress_is_iterated_over(user: Client, arm: Module) -> None:
+def test_progress_yields_intermediate_results(user: Client, arm: Module) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     grasp.follow()
     assert [feel.force for feel in grasp.progress(Feel)][-1:] == [1.0]
@@ -235,7 +233,7 @@ def test_progress_is_iterated_over(user: Client, arm: Module) -> None:
         grasp.progress(float)
 
 
-def test_progress_is_of_the_declared_type_when_that_has_parts(user: Client, legs: Module) -> None:
+def test_progress_has_declared_generic_type(user: Client, legs: Module) -> None:
     count = Command("count", progress=list[int])
     legs.handles(count)(lambda task: task.report([1, 2]))
     with legs.running():
@@ -245,18 +243,18 @@ def test_progress_is_of_the_declared_type_when_that_has_parts(user: Client, legs
         assert next(counted) == [1, 2]
 
 
-def test_a_function_is_called_with_each_change(
+def test_on_change_function_gets_each_change(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     seen: list[str] = []
     wave = user.command(WAVE, 1, delay=5)
 
-    def look(sender: Sender, change: Change) -> None:
+    def record(sender: Sender, change: Change) -> None:
         seen.append(change.state)
         if change.is_over:
             sender.command(WAVE, 2)
 
-    wave.on_change(look)
+    wave.on_change(record)
     wave.on_change(lambda change: seen.append(str(change.serial)))
     never = wave.on_change(lambda _: seen.append("never"))
     never.cancel()
@@ -267,11 +265,11 @@ def test_a_function_is_called_with_each_change(
     assert seen == ["running", "1", "done", "2"]
 
 
-def test_an_error_in_such_a_function_is_logged(
+def test_error_in_on_change_function_is_logged(
     user: Client, arm: Module, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=1)
-    grasp.on_change(lambda _: failed("seen"))
+    grasp.on_change(lambda _: raise_error("seen"))
     central.advance(1)
     assert grasp.wait() is Outcome.DONE
     assert "ValueError: seen" in caplog.text
@@ -281,8 +279,8 @@ def test_an_error_in_such_a_function_is_logged(
         grasp.on_change(lambda: None)  # type: ignore[arg-type, misc]
 
 
-def look_and_cancel(seen: list[str], change: Change) -> None:
-    """Called in a wait, it ends the task in that."""
+def record_and_cancel(seen: list[str], change: Change) -> None:
+    """Called inside a wait, it cancels the task that the wait is for."""
     seen.append(change.state)
     if change.state == "running":
         change.task.cancel()
@@ -299,7 +297,7 @@ async def after_await(sent: SentTask[None]) -> None:
 
 
 @pytest.mark.parametrize(
-    "learn",
+    "await_end",
     [
         after_result,
         lambda sent: sent.wait(SOON),
@@ -309,17 +307,17 @@ async def after_await(sent: SentTask[None]) -> None:
     ],
     ids=["result", "wait", "wait_for_state", "changes", "next_change"],
 )
-def test_the_end_is_told_before_anybody_goes_on_who_knows_it(
-    user: Client, arm: Module, learn: Callable[[SentTask[None]], object]
+def test_on_change_sees_end_before_waiter_returns(
+    user: Client, arm: Module, await_end: Callable[[SentTask[None]], object]
 ) -> None:
     seen: list[str] = []
     carry = user.command(CARRY, 1)
-    carry.on_change(partial(look_and_cancel, seen))
-    learn(carry)
+    carry.on_change(partial(record_and_cancel, seen))
+    await_end(carry)
     assert seen == ["running", "cancel requested", "cancelled"]
 
 
-def test_the_end_is_told_before_a_coroutine_goes_on_that_awaits_it(
+def test_on_change_sees_end_before_awaiting_coroutine(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     brain, seen = Module("brain", central), list[str]()
@@ -327,7 +325,7 @@ def test_the_end_is_told_before_a_coroutine_goes_on_that_awaits_it(
     @brain.handles(WALK)
     async def think(task: Task, _: int) -> None:
         carry = task.command(CARRY, 1)
-        carry.on_change(partial(look_and_cancel, seen))
+        carry.on_change(partial(record_and_cancel, seen))
         await after_await(carry)
         seen.append("goes on")
 
@@ -336,29 +334,29 @@ def test_the_end_is_told_before_a_coroutine_goes_on_that_awaits_it(
     assert seen == ["running", "cancel requested", "cancelled", "goes on"]
 
 
-def test_the_end_is_told_before_the_connection_closes(
+def test_on_change_sees_end_before_connection_closes(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
-    seen, nobody = list[str](), Module("nobody", central)
-    for connection in (connect("visitor", central), nobody.running()):
+    seen, idle_module = list[str](), Module("nobody", central)
+    for connection in (connect("visitor", central), idle_module.running()):
         with connection as sender:
 
-            def look(sender: Sender, change: Change) -> None:
+            def record(sender: Sender, change: Change) -> None:
                 seen.append(change.state)
                 if change.is_over:
                     sender.command(WAVE, 1, delay=100)
 
-            sender.command(GRASP, Grip("cup"), delay=100).on_change(look)
+            sender.command(GRASP, Grip("cup"), delay=100).on_change(record)
             sender.tasks(GRASP)[0].cancel()
         assert seen.pop() == "cancelled"
     central.until_quiet()
-    assert len(user.tasks(WAVE)) == 2, "it could yet send"
+    assert len(user.tasks(WAVE)) == 2, "the function could still send"
 
 
 # --- Updates and cancels --------------------------------------------------------------------------
 
 
-def test_a_handler_that_knows_nothing_of_updates_begins_anew(
+def test_update_restarts_handler_that_takes_none(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("cup"))
@@ -366,7 +364,7 @@ def test_a_handler_that_knows_nothing_of_updates_begins_anew(
     central.until_quiet()
     grasp.update(Grip("pen"))
     assert grasp.result() == "holds pen"
-    seen = told([one for one in changes if one.transition != "result available"])
+    seen = transitions_of([one for one in changes if one.transition != "result available"])
     assert seen == [
         ": running",
         "update: update requested",
@@ -377,20 +375,20 @@ def test_a_handler_that_knows_nothing_of_updates_begins_anew(
     ]
 
 
-def test_and_is_killed_by_a_cancel(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_cancel_kills_task_whose_handler_takes_none(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("cup"))
     grasp.cancel("the cup is hot")
     assert grasp.wait() is Outcome.KILLED
     assert grasp.state == "cancelled"
-    grasp.cancel()  # it does no harm
+    grasp.cancel()  # cancelling again does no harm
     queued = user.command(GRASP, Grip("cup"), delay=60)
     queued.cancel()
     assert queued.wait() is Outcome.KILLED
 
 
-def test_a_cancel_is_not_lost_while_central_is_away(
-    user: Client, arm: Module, central: LocalCentral
-) -> None:
+def test_cancel_survives_connection_break(user: Client, arm: Module, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("cup"))
     assert grasp.state == "running"
     central.cut("user")
@@ -399,9 +397,7 @@ def test_a_cancel_is_not_lost_while_central_is_away(
     assert grasp.state == "cancelled"
 
 
-def test_a_cancel_right_before_the_end_of_a_program_arrives(
-    arm: Module, central: LocalCentral
-) -> None:
+def test_cancel_right_before_program_end_arrives(arm: Module, central: LocalCentral) -> None:
     with connect("hasty", central) as hasty:
         hasty.command(GRASP, Grip("cup"))
     with connect("hasty", central) as hasty:
@@ -411,7 +407,7 @@ def test_a_cancel_right_before_the_end_of_a_program_arrives(
     assert "killed: grasp {1}: no time (by hasty)" in central.transcript()
 
 
-def test_an_update_that_is_impossible_says_why(
+def test_impossible_update_is_refused_with_reason(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=5)
@@ -427,7 +423,7 @@ def test_an_update_that_is_impossible_says_why(
     assert error.value.reason == "it came too late, the task is done"
 
 
-def test_a_life_cycle_without_updates_has_none(user: Client, arm: Module) -> None:
+def test_life_cycle_without_update_or_cancel_refuses_both(user: Client, arm: Module) -> None:
     wave = user.command(WAVE, 1)
     with pytest.raises(MisuseError, match=r"life cycle 'basic' has no updates"):
         wave.update(2)
@@ -438,7 +434,7 @@ def test_a_life_cycle_without_updates_has_none(user: Client, arm: Module) -> Non
     wave.kill()
 
 
-def test_a_found_task_is_updated_with_its_message(
+def test_found_task_is_updated_only_with_its_message(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("cup"))
@@ -455,7 +451,7 @@ def test_a_found_task_is_updated_with_its_message(
     assert grasp.result() == "holds pen"
 
 
-def test_a_transition_of_ones_own(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_client_takes_custom_transition(user: Client, arm: Module, central: LocalCentral) -> None:
     carry = user.command(CARRY, 1)
     assert carry.state == "running"
     assert carry.take("pause", why="a step ahead")
@@ -472,13 +468,13 @@ def test_a_transition_of_ones_own(user: Client, arm: Module, central: LocalCentr
     assert carry.take("resume")
     central.advance(10)
     assert carry.state == "done"
-    assert not carry.take("cancel"), "it has ended"
+    assert not carry.take("cancel"), "the task has ended"
 
 
-# --- What gets lost -------------------------------------------------------------------------------
+# --- Breaks and lost changes ----------------------------------------------------------------------
 
 
-def test_following_goes_on_after_a_break(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_following_continues_after_break(user: Client, arm: Module, central: LocalCentral) -> None:
     wave = user.command(WAVE, 1, delay=5)
     changes = wave.changes()
     assert wave.state == "initiated"
@@ -490,7 +486,7 @@ def test_following_goes_on_after_a_break(user: Client, arm: Module, central: Loc
     assert [one.state for one in changes] == ["done"]
 
 
-def test_changes_that_nobody_reads_are_counted(
+def test_unread_changes_are_counted_as_missed(
     user: Client, arm: Module, monkeypatch: pytest.MonkeyPatch, central: LocalCentral
 ) -> None:
     monkeypatch.setattr(observation, "MOST_UNREAD", 2)
@@ -501,7 +497,7 @@ def test_changes_that_nobody_reads_are_counted(
     assert seen == [(3, 2), (4, 0)]
 
 
-def test_a_task_that_was_lost_with_central_has_no_state(
+def test_task_lost_with_central_raises_on_next_change(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     wave = user.command(WAVE, 1, delay=60)
@@ -511,14 +507,16 @@ def test_a_task_that_was_lost_with_central_has_no_state(
         wave.next_change(SOON)
 
 
-def test_a_failed_task_is_cancelled(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_failed_task_ends_in_state_cancelled(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     fail = Command("fail")
     feet = Module("feet", central)
-    feet.handles(fail)(lambda _: failed("no ground"))
+    feet.handles(fail)(lambda _: raise_error("no ground"))
     with feet.running():
         failing = user.command(fail, delay=1)
         changes = failing.changes()
         central.advance(1)
-        assert told(list(changes)) == ["accepted: running", "failed: cancelled"]
+        assert transitions_of(list(changes)) == ["accepted: running", "failed: cancelled"]
         with pytest.raises(TaskFailed):
             failing.result()

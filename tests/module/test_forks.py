@@ -1,6 +1,4 @@
-"""A forked process must not use what its parent has opened: each call says so at once, and nothing
-waits.
-"""
+"""A forked process must not use its parent's connections: each call raises at once, and none waits."""
 
 import multiprocessing
 from collections.abc import Callable
@@ -16,7 +14,7 @@ from tca_module.client import Client
 MOVE, WHERE = Command("move", int, result=int, progress=int), Query("where", reply=int)
 
 held: dict[str, Any] = {}
-"""What a program may hold when it is forked."""
+"""The objects that a program may hold when it is forked."""
 
 USES: list[tuple[str, Callable[[Any], Any]]] = [
     ("user", lambda user: user.query(WHERE, timeout=1)),
@@ -46,7 +44,7 @@ def hold(module: Module, user: Client, owed: LaterReply[int]) -> None:
 
 
 def in_child(address: str) -> int:
-    """Try all uses, leave what is inherited, and do the same with a connection of its own."""
+    """Try all uses, close the inherited client, and query with a connection of its own."""
     for name, use in USES:
         with pytest.raises(MisuseError, match=r"connect\(\) in each process"):
             print(name, use(held[name]))
@@ -56,7 +54,7 @@ def in_child(address: str) -> int:
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_a_forked_process_is_told_at_each_use(tmp_path: Path) -> None:
+def test_forked_process_gets_misuse_at_each_inherited_use(tmp_path: Path) -> None:
     owed: list[LaterReply[int]] = []
     with RealCentral(f"ipc://{tmp_path}/central") as central:
         module = Module("legs", central.address)

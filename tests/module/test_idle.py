@@ -1,6 +1,4 @@
-"""Who has nothing to do does nothing: modules sleep until something is due, and central says
-nothing to them.
-"""
+"""Idle programs use no time: modules sleep until something is due, and central sends them nothing."""
 
 import math
 import time
@@ -12,7 +10,7 @@ from typing import Any
 import pytest
 import zmq
 from module.real_central import SOON, RealCentral, until
-from module.test_connection import HELLO, ScriptedCentral, friendly
+from module.scripted_central import HELLO, ScriptedCentral, accept_all
 
 from tca_central.shell import server
 from tca_module import Command, Module, Query, Task, connect
@@ -25,11 +23,11 @@ from tca_wire.packets import codec, headers
 from tca_wire.packets.headers import Accepted, Beat, Hello, Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point
 
-WALK, NOBODY = Command("walk"), Query("nobody", reply=int)
+WALK, UNHANDLED = Command("walk"), Query("nobody", reply=int)
 
 
 class CountedCentral(ScriptedCentral):
-    """Counts how often a wait has ended."""
+    """Counts the ends of its waits."""
 
     wakes = 0
 
@@ -38,59 +36,59 @@ class CountedCentral(ScriptedCentral):
         return super().receive(timeout_seconds, alarm)
 
 
-def counted() -> tuple[Connection, CountedCentral]:
-    central = CountedCentral(friendly)
+def counted_connection() -> tuple[Connection, CountedCentral]:
+    central = CountedCentral(accept_all)
     connection = Connection(central, Session(HELLO), clock=lambda: central.now)
     connection.open()
-    central.heard.clear()
+    central.received.clear()
     central.wakes = 0
     return connection, central
 
 
-def test_who_serves_wakes_for_what_central_says_alone() -> None:
-    connection, central = counted()
+def test_serving_connection_wakes_only_for_packets() -> None:
+    connection, central = counted_connection()
     for minute in range(10):
-        central.say(Beat(), at=central.now + 30 * minute)
+        central.deliver(Beat(), at=central.now + 30 * minute)
     connection.serve(lambda: central.now >= 100 + 270)
     assert central.wakes == 10
-    assert not central.heard
+    assert not central.received
 
 
-def test_who_serves_and_hears_nothing_asks_now_and_then() -> None:
-    connection, central = counted()
+def test_serving_connection_asks_silent_central_periodically() -> None:
+    connection, central = counted_connection()
     connection.serve(lambda: central.now >= 100 + 10 * IDLE)
-    assert central.heard == [Register(0, [], [])] * 9
+    assert central.received == [Register(0, [], [])] * 9
     assert central.wakes <= 20  # for the answers, too
 
 
-def test_who_waits_wakes_for_beats_alone() -> None:
-    connection, central = counted()
+def test_waiting_connection_wakes_only_for_beats() -> None:
+    connection, central = counted_connection()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     for beat in range(50):
-        central.say(Beat(), at=central.now + 2 * beat)
+        central.deliver(Beat(), at=central.now + 2 * beat)
     assert not connection.wait(request, 99.0, "query")
     assert central.wakes <= 51
-    assert not [header for header in central.heard if isinstance(header, Register)]
+    assert not [header for header in central.received if isinstance(header, Register)]
 
 
 @pytest.mark.parametrize("patience", [0.5, 2.0])
-def test_who_has_little_patience_asks_soon(patience: float) -> None:
+def test_impatient_wait_asks_before_central_counts_as_lost(patience: float) -> None:
     """Central has no reason to beat that often."""
-    central = ScriptedCentral(friendly)
+    central = ScriptedCentral(accept_all)
     connection = Connection(central, Session(HELLO), clock=lambda: central.now, patience=patience)
     connection.open()
     request = connection.request(Send(0, "stance"), wants_answer=True)
     assert not connection.wait(request, 5.0, "query")
 
 
-def test_nobody_looks_after_a_module_that_has_nothing_to_do() -> None:
+def test_idle_module_is_not_polled() -> None:
     with LocalCentral() as central, Module("legs", central).running() as legs:
         kept = legs._keep_alive
         assert kept is not None
         until(lambda: kept.due > time.monotonic() + 5.0, "nothing is due for a while")
 
 
-def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
+def test_awaiting_coroutine_is_not_polled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.2)
@@ -99,7 +97,7 @@ def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
 
         @legs.handles(WALK)
         async def walk(task: Task) -> None:
-            await task.query_send(NOBODY)
+            await task.query_send(UNHANDLED)
 
         with legs.running():
             user.command(WALK)
@@ -109,29 +107,29 @@ def test_a_coroutine_that_awaits_an_answer_is_not_looked_at_all_the_time(
                 beat = slot._loop._timer if slot._loop is not None else None
                 return beat is not None and beat.when() > time.monotonic() + 0.5
 
-            until(is_calm, "central knows where it stands")
+            until(is_calm, "the event loop no longer polls")
 
 
 # --- Central --------------------------------------------------------------------------------------
 
 
 @contextmanager
-def line_to(central: RealCentral) -> Iterator["zmq.Socket[bytes]"]:
-    """A module's line: central has welcomed it."""
+def welcomed_line(central: RealCentral) -> Iterator["zmq.Socket[bytes]"]:
+    """A module's line that central has welcomed."""
     with zmq.Context() as context, context.socket(zmq.DEALER) as line:
         line.linger = 0
         line.rcvtimeo = int(1000 * SOON)
         line.connect(central.address)
-        say(line, Hello(1, headers.PROTOCOL_VERSION, "legs", str(id(line))))
-        assert isinstance(heard(line), Welcome)
+        send_header(line, Hello(1, headers.PROTOCOL_VERSION, "legs", str(id(line))))
+        assert isinstance(receive_header(line), Welcome)
         yield line
 
 
-def say(line: "zmq.Socket[bytes]", header: headers.ToCentral) -> None:
+def send_header(line: "zmq.Socket[bytes]", header: headers.ToCentral) -> None:
     line.send(codec.pack([(header, b"")]))
 
 
-def heard(line: "zmq.Socket[bytes]") -> Any:
+def receive_header(line: "zmq.Socket[bytes]") -> Any:
     ((header, _),) = codec.unpack_to_module(line.recv())
     return header
 
@@ -143,37 +141,38 @@ def central(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RealCen
         yield central
 
 
-def test_central_beats_to_those_who_wait(central: RealCentral) -> None:
-    with line_to(central) as idle, line_to(central) as waiting:
-        say(waiting, Register(2, [WALK.format]))
-        assert heard(waiting) == Accepted(2)
-        say(waiting, Send(3, WALK.name))
-        task = heard(waiting).id
-        say(waiting, headers.AwaitPoint(4, Point(task, Moment.END_ACHIEVING)))
-        assert [heard(waiting) for _ in range(3)] == [Beat()] * 3
-        say(idle, Register(2, []))
-        assert heard(idle) == Accepted(2)  # and nothing before
+def test_central_beats_only_to_waiting_connections(central: RealCentral) -> None:
+    with welcomed_line(central) as idle, welcomed_line(central) as waiting:
+        send_header(waiting, Register(2, [WALK.format]))
+        assert receive_header(waiting) == Accepted(2)
+        send_header(waiting, Send(3, WALK.name))
+        task = receive_header(waiting).id
+        send_header(waiting, headers.AwaitPoint(4, Point(task, Moment.END_ACHIEVING)))
+        assert [receive_header(waiting) for _ in range(3)] == [Beat()] * 3
+        send_header(idle, Register(2, []))
+        assert receive_header(idle) == Accepted(2)  # and nothing before
 
 
-def test_who_leaves_disturbs_nobody_and_who_is_lost_is_found(central: RealCentral) -> None:
-    with line_to(central) as idle:
+def test_departure_is_silent_and_lost_module_is_detected(central: RealCentral) -> None:
+    with welcomed_line(central) as idle:
         connect("user", central.address).close()
         until(lambda: central.server._closed == 2, "its line and its pulse have closed")
-        say(idle, Register(2, []))
-        assert heard(idle) == Accepted(2)
-        with line_to(central):
+        send_header(idle, Register(2, []))
+        assert receive_header(idle) == Accepted(2)
+        with welcomed_line(central):
             pass
-        assert heard(idle) == Beat()
+        assert receive_header(idle) == Beat()
         until(
-            lambda: len(central.server.central.registry.connections) == 1, "the other one is lost"
+            lambda: len(central.server.central.registry.connections) == 1,
+            "central has lost the other module",
         )
 
 
-def test_who_connects_anew_is_asked_who_he_is(central: RealCentral) -> None:
-    """A module whose central was killed hears at once that there is another one."""
+def test_new_connection_is_asked_to_identify_itself(central: RealCentral) -> None:
+    """A module whose central was killed learns at once that another one runs."""
     line = DealerTransport(central.address)
     until(
         lambda: line.receive(0.1) == codec.pack_item(Unknown()),
-        "central answers what was not even said",
+        "central answers the connection itself",
     )
     line.close()

@@ -33,7 +33,7 @@ Owed = list[LaterReply[int]]
 
 @pytest.fixture
 def owed(legs: Module, user: Client) -> Iterator[Owed]:
-    """All that the handlers of the legs owe; in the end, another message can use their slot."""
+    """All replies that the legs owe. At the end the test checks that their slot is free again."""
     owed = Owed()
 
     @legs.handles(MOVE, takes=["cancel"])
@@ -55,7 +55,7 @@ def sent(owed: Owed, user: Client, central: LocalCentral) -> SentTask[int]:
     return sent
 
 
-def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
+def test_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> None:
     owed.clear()
     with pytest.raises(TaskFailed, match="until you have called") as failed:
         sent.result(SOON)
@@ -63,9 +63,7 @@ def test_a_dropped_reply_fails_as_forgotten(sent: SentTask[int], owed: Owed) -> 
 
 
 @pytest.mark.parametrize("is_async", [False, True])
-def test_a_reply_that_is_never_kept_is_forgotten(
-    legs: Module, user: Client, *, is_async: bool
-) -> None:
+def test_unkept_reply_fails_as_forgotten(legs: Module, user: Client, *, is_async: bool) -> None:
     async def move(task: Task, _: int) -> LaterReply[int]:
         await asyncio.sleep(0)
         return task.reply_later()
@@ -75,7 +73,7 @@ def test_a_reply_that_is_never_kept_is_forgotten(
         user.command(MOVE, 1).result(SOON)
 
 
-def test_a_dropped_reply_of_a_killed_task_just_ends(
+def test_dropped_reply_of_killed_task_ends_it(
     sent: SentTask[int], owed: Owed, central: LocalCentral
 ) -> None:
     sent.kill("enough")
@@ -86,7 +84,7 @@ def test_a_dropped_reply_of_a_killed_task_just_ends(
 
 
 @pytest.mark.parametrize("does_reply", [False, True])
-def test_an_accepted_cancel_leaves_nothing_owed(
+def test_accepted_cancel_closes_later_reply(
     sent: SentTask[int], owed: Owed, central: LocalCentral, *, does_reply: bool
 ) -> None:
     sent.cancel("enough")
@@ -99,7 +97,7 @@ def test_an_accepted_cancel_leaves_nothing_owed(
 
 
 @pytest.mark.parametrize("outcome", [Outcome.DONE, Outcome.FAILED])
-def test_reports_come_in_order_when_the_handler_returns_last(
+def test_reports_keep_order_when_handler_returns_last(
     legs: Module, user: Client, outcome: Outcome
 ) -> None:
     @legs.handles(MOVE)
@@ -121,7 +119,7 @@ def test_reports_come_in_order_when_the_handler_returns_last(
         assert sent.wait(SOON) is outcome
 
 
-# --- Replies that leave together are the replies that handlers gave, each when it was -------------
+# --- Joined replies are equal to the single replies of the handlers -------------------------------
 
 
 NIL = b"\xc0"
@@ -131,25 +129,25 @@ BODIES = st.sampled_from([NIL, b"\x07", bytes(100), bytes(50_000), bytes(100_000
 def run(
     held: HeldReplies, delivery: int, began: float, ended: float, body: bytes = NIL
 ) -> tuple[Any, bytes]:
-    """A handler has run in a turn."""
+    """Run a handler within a turn."""
     held.begin(delivery, began)
     header = Reply(delivery, ended - began)
     assert held.hold(header, ended)
     return header, body
 
 
-def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
+def replies_of(header: Any) -> list[Any]:
+    if isinstance(header, Replies):
+        return header.ended
+    return [header] if isinstance(header, Reply) else []
+
+
+def separate_replies(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
     """The replies among items, each with its body."""
     found = []
     for header, body in items:
         at = 0
-        for one in (
-            header.ended
-            if isinstance(header, Replies)
-            else [header]
-            if isinstance(header, Reply)
-            else []
-        ):
+        for one in replies_of(header):
             size = getattr(one, "size", len(body))
             found.append((one.delivery, body[at : at + size] or NIL))
             at += size
@@ -158,14 +156,14 @@ def apart(items: list[tuple[Any, bytes]]) -> list[tuple[int, bytes]]:
 
 
 @given(st.lists(BODIES | st.sampled_from([Recalled([1]), Fail(99, "slipped")]), max_size=12))
-def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> None:
+def test_joined_replies_keep_content_and_order(given_: list[Any]) -> None:
     held, items = HeldReplies(), []
     for number, one in enumerate(given_, 1):
         items.append(
             run(held, number, number, number + 0.5, one) if isinstance(one, bytes) else (one, b"")
         )
     joined = held.joined(items, 20.0)
-    assert apart(joined) == [
+    assert separate_replies(joined) == [
         (header.delivery, body) for header, body in items if isinstance(header, Reply)
     ]
     assert [header for header, _ in joined if not isinstance(header, Replies | Reply)] == [
@@ -174,7 +172,7 @@ def test_joined_replies_are_the_same_in_the_same_order(given_: list[Any]) -> Non
     assert not held.ended
 
 
-def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None:
+def test_joined_header_gives_end_times_and_next_start() -> None:
     held = HeldReplies()
     items = [
         run(held, 1, 10.0, 11.0),
@@ -192,19 +190,19 @@ def test_a_header_says_when_its_handlers_ended_and_when_the_next_began() -> None
     assert (second.ended[0].delivery, second.begun) == (3, 1.0)
 
 
-def test_big_replies_do_not_share_a_header() -> None:
+def test_big_replies_do_not_share_header() -> None:
     held = HeldReplies()
     items = [run(held, number, number, number + 1, bytes(40_000)) for number in range(3)]
     assert [len(body) for _, body in held.joined(items, 9.0)] == [40_000] * 3
 
 
-def test_a_lone_reply_after_which_nothing_has_begun_is_a_plain_one() -> None:
+def test_lone_reply_without_successor_is_plain() -> None:
     held = HeldReplies()
     item = run(held, 1, 10.0, 11.0)
     assert held.joined([item], 11.0) == [item]
 
 
-def test_what_is_not_of_the_turn_is_not_held() -> None:
+def test_only_replies_of_current_turn_are_held() -> None:
     held = HeldReplies()
     held.begin(1, 0.0)
     assert not held.hold(Fail(1, "slipped"), 1.0)

@@ -1,6 +1,4 @@
-"""A handler that hangs is left behind: another thread takes its place, and what it says later
-counts no more.
-"""
+"""A handler that hangs is left behind: another thread replaces it, and its late reply is ignored."""
 
 import threading
 from pathlib import Path
@@ -13,7 +11,9 @@ from tca_module import Command, Module, Query, Task, Timeout, connect
 STEP, LOOK = Command("step", int), Query("look", int, reply=int)
 
 
-def test_a_handler_that_hangs_is_replaced(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_hung_handler_is_replaced_by_other_thread(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     legs = Module("legs", central := f"ipc://{tmp_path}/central.sock")
     legs.resource("legs", hung="replace", hung_after=0.2)
     hangs, go_on, done = threading.Event(), threading.Event(), list[int]()
@@ -26,7 +26,7 @@ def test_a_handler_that_hangs_is_replaced(tmp_path: Path, caplog: pytest.LogCapt
         done.append(number)
 
     @legs.handles(LOOK)
-    def look(_: Task, number: int) -> int:
+    def answer_query(_: Task, number: int) -> int:
         if not number:
             go_on.wait(SOON)
         return number

@@ -1,5 +1,5 @@
-"""What is wrong in a call is said in the words of that call, before anything leaves: what, which,
-and what it must be.
+"""A wrong call raises before anything is sent, and names the argument, its value and the allowed
+values.
 """
 
 import re
@@ -61,7 +61,7 @@ async def coming(_sender: Any, _reply: float) -> None: ...
 
 
 class Printed:
-    """What has no format."""
+    """An object without a format."""
 
 
 def wrong_data(_task: Task, _distance: list[int]) -> None: ...
@@ -70,10 +70,10 @@ def wrong_data(_task: Task, _distance: list[int]) -> None: ...
 def two(_first: Any, _second: Any) -> None: ...
 
 
-def test_what_is_said_of_a_wrong_call(
+def test_wrong_call_matches_approved_text(
     user: Client, legs: Module, approve: Callable[..., None]
 ) -> None:
-    known = {
+    names = {
         **vars(tca_module),
         **globals(),
         "user": user,
@@ -81,21 +81,21 @@ def test_what_is_said_of_a_wrong_call(
         "legs": legs,
     }
 
-    def tell(call: str) -> BaseException:
+    def error_of_call(call: str) -> BaseException:
         with pytest.raises((MisuseError, BadData, BadFormat, TypeError)) as error:
-            eval(call, known)
+            eval(call, names)
         return error.value
 
-    approve("misuse.txt", tell)
+    approve("misuse.txt", error_of_call)
 
 
-def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, legs: Module) -> None:
-    said: list[str] = []
+def test_call_at_wrong_time_or_in_wrong_thread_is_misuse(user: Client, legs: Module) -> None:
+    steps: list[str] = []
 
     def elsewhere() -> None:
         with pytest.raises(MisuseError, match="belongs to thread "):
             user.broadcast(HI)
-        said.append("refused")
+        steps.append("refused")
 
     @legs.handles(REST)
     def rest(task: Task) -> LaterReply[None]:
@@ -109,7 +109,7 @@ def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, leg
         later.reply()
         with pytest.raises(MisuseError, match="has been answered already"):
             later.reply()
-        said.append("late")
+        steps.append("late")
         return later
 
     with legs.running():
@@ -120,10 +120,10 @@ def test_what_is_said_at_the_wrong_time_or_in_the_wrong_thread(user: Client, leg
     user.close()
     with pytest.raises(MisuseError, match="this client is closed"):
         user.query(WHERE)
-    assert said == ["late", "refused"]
+    assert steps == ["late", "refused"]
 
 
-# --- Whatever somebody gives to any call that sends -----------------------------------------------
+# --- Hostile arguments for every call that sends --------------------------------------------------
 
 
 BRIEFLY = 0.01
@@ -153,7 +153,7 @@ HOSTILE = (
     POLL,
     int,
 )
-PATIENT = 4  # the first of them are times that one may wait
+TIMES = 4  # the first of them are valid times
 
 
 def nothing(*_: Any) -> None: ...
@@ -254,15 +254,15 @@ def sender(central: LocalCentral, legs: Module) -> Iterator[Client]:
 def outcome(call: Callable[[Any], object], wrong: Any) -> tuple[object, Exception | None]:
     try:
         made = call(wrong)
-        getattr(made, "id", None)  # what was sent may be refused afterwards
+        getattr(made, "id", None)  # a sent message may be refused afterwards
     except (TcaError, BadData) as error:
         return None, error
     return made, None
 
 
 def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
-    """Give a call all that is wrong, and what may happen to be right."""
-    for wrong in HOSTILE[PATIENT:] if no_times else HOSTILE:
+    """Give a call all hostile values. Some of them may be valid there."""
+    for wrong in HOSTILE[TIMES:] if no_times else HOSTILE:
         made, error = outcome(call, wrong)
         if error is None:
             if isinstance(made, Claim):
@@ -270,21 +270,23 @@ def attack(call: Callable[[Any], object], *, no_times: bool = False) -> None:
             continue
         text = str(error)
         assert text.isprintable()
-        assert isinstance(error, BadData) or "Expected" not in text, f"in words of the wire: {text}"
-        assert "an option can't be sent" not in text, f"not foreseen: {text}"
+        assert isinstance(error, BadData) or "Expected" not in text, (
+            f"not in the user's words: {text}"
+        )
+        assert "what was given can't be sent" not in text, f"not foreseen: {text}"
 
 
 def is_public(kind: type) -> set[str]:
     return {name for name in dir(kind) if not name.startswith("_")}
 
 
-def test_every_call_of_a_sender_is_attacked() -> None:
+def test_every_public_call_is_covered_by_attacks() -> None:
     assert is_public(Client) == ATTACKED.keys() | BY_POSITION | WITHOUT
     assert is_public(SentTask) == OF_TASKS.keys() | ALONE
 
 
 @pytest.mark.parametrize("name", ATTACKED)
-def test_calls_of_a_sender(sender: Client, name: str) -> None:
+def test_sender_call_survives_hostile_arguments(sender: Client, name: str) -> None:
     right = ATTACKED[name]
     for argument in right:
         attack(
@@ -294,7 +296,7 @@ def test_calls_of_a_sender(sender: Client, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OF_TASKS)
-def test_calls_of_a_task(sender: Client, name: str) -> None:
+def test_sent_task_call_survives_hostile_arguments(sender: Client, name: str) -> None:
     waits = sender.command(REST, delay=3600)
     right = OF_TASKS[name] | ({"point": waits.achieving.end} if "point" in OF_TASKS[name] else {})
     for argument in right:
@@ -304,20 +306,20 @@ def test_calls_of_a_task(sender: Client, name: str) -> None:
         )
 
 
-def test_calls_with_any_number_of_arguments(sender: Client) -> None:
+def test_variadic_call_survives_hostile_arguments(sender: Client) -> None:
     attack(sender.constrain)
     attack(lambda wrong: sender.wait_until_handled(wrong, timeout=0))
     attack(lambda wrong: sender.sequence(wrong).__enter__())
     attack(sender.under)
 
 
-def test_what_a_demon_monitor_is_fired_with(sender: Client) -> None:
+def test_fire_survives_hostile_arguments(sender: Client) -> None:
     rocks = sender.monitor(ROCKS)
     attack(rocks.fire)
     attack(lambda wrong: rocks.fire(REST, wrong))
 
 
-def test_points_and_what_is_made_of_them(sender: Client) -> None:
+def test_point_arithmetic_survives_hostile_operands(sender: Client) -> None:
     point = sender.command(REST, delay=3600).achieving.end
     attack(lambda wrong: point + wrong)
     attack(lambda wrong: point <= wrong)
@@ -325,7 +327,7 @@ def test_points_and_what_is_made_of_them(sender: Client) -> None:
     attack(lambda wrong: point + 1 <= wrong)
 
 
-def test_declaring_a_module(central: LocalCentral) -> None:
+def test_module_declaration_survives_hostile_arguments(central: LocalCentral) -> None:
     legs = Module("legs", central)
     right: dict[str, dict[str, Any]] = {
         "resource": {"name": "arm", "capacity": 1, "when_busy": "reject"},
@@ -365,9 +367,7 @@ def test_declaring_a_module(central: LocalCentral) -> None:
         lambda point: Constraint(Point("x", point.moment), point),  # type: ignore[arg-type]
     ],
 )
-def test_constraints_that_somebody_made_of_nonsense_do_not_leave(
-    sender: Client, made: Callable[[Any], Any]
-) -> None:
+def test_malformed_constraint_is_misuse(sender: Client, made: Callable[[Any], Any]) -> None:
     point = sender.command(REST, delay=3600).achieving.end
     with pytest.raises(MisuseError, match="an option can't be sent"):
         sender.command(REST, constraints=[made(point)])
@@ -377,9 +377,7 @@ NO_NAMES: tuple[Any, ...] = (0, [], "", " ", "a\nb", b"legs", False)
 
 
 @pytest.mark.parametrize("wrong", NO_NAMES)
-def test_what_is_no_name_does_not_count_as_none_given(
-    legs: Module, sender: Client, wrong: Any
-) -> None:
+def test_invalid_name_is_misuse_not_default(legs: Module, sender: Client, wrong: Any) -> None:
     idle = Module("idle", legs.central)
     calls: list[tuple[str, Callable[[], object]]] = [
         ("resource", lambda: idle.handles(REST, resource=wrong)),
@@ -403,7 +401,7 @@ def test_what_is_no_name_does_not_count_as_none_given(
 
 
 @pytest.mark.parametrize("wrong", [0, [], "", False])
-def test_nor_do_other_things_that_are_none(
+def test_falsy_argument_is_misuse_not_default(
     central: LocalCentral, sender: Client, wrong: Any
 ) -> None:
     for call in (lambda: connect("sender", wrong), lambda: Module("legs", wrong)):
@@ -419,7 +417,7 @@ def test_nor_do_other_things_that_are_none(
             Module("legs", central, requires=wrong)
 
 
-def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
+def test_none_counts_as_option_left_out(central: LocalCentral, sender: Client) -> None:
     """A program that passes its own options on need not leave them out."""
     arms = Module("arms", central)
     arms.handles(Command("grip"), resource=None, pool=None)(nothing)
@@ -431,7 +429,7 @@ def test_none_is_none_given(central: LocalCentral, sender: Client) -> None:
         assert sender.tasks(None) == []
 
 
-# --- Whoever constructs a public class wrongly is told so in terms of what can be imported --------
+# --- Errors of constructors name only public classes and arguments --------------------------------
 
 
 PUBLIC: dict[str, type] = {
@@ -442,12 +440,24 @@ PUBLIC: dict[str, type] = {
 } | {"tca_module.testing.LocalCentral": LocalCentral}
 
 WRITTEN = [
-    tca_module.Goal, tca_module.Command, tca_module.Query, tca_module.MultiQuery, tca_module.Inform,
-    tca_module.Broadcast, tca_module.Variable, tca_module.ExceptionHandler, tca_module.PointMonitor,
-    tca_module.PollingMonitor, tca_module.DemonMonitor, tca_module.Failure, tca_module.Module, LocalCentral,
-    tca_tools.explore.Scenario, tca_tools.explore.Property,
-]  # fmt: skip
-"""What users write themselves."""
+    tca_module.Goal,
+    tca_module.Command,
+    tca_module.Query,
+    tca_module.MultiQuery,
+    tca_module.Inform,
+    tca_module.Broadcast,
+    tca_module.Variable,
+    tca_module.ExceptionHandler,
+    tca_module.PointMonitor,
+    tca_module.PollingMonitor,
+    tca_module.DemonMonitor,
+    tca_module.Failure,
+    tca_module.Module,
+    LocalCentral,
+    tca_tools.explore.Scenario,
+    tca_tools.explore.Property,
+]
+"""The classes that users construct themselves."""
 
 WRONG: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
     ((), {}),
@@ -468,7 +478,7 @@ def errors_of(kind: Any) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("kind", PUBLIC.values(), ids=PUBLIC)
-def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
+def test_constructor_error_names_nothing_private(kind: type) -> None:
     for text in errors_of(kind):
         assert not re.search(
             r"(?<![\w.])_[A-Za-z]\w*", text.replace("__init__", "").replace("__new__", "")
@@ -476,7 +486,7 @@ def test_no_error_of_a_construction_names_what_is_private(kind: type) -> None:
 
 
 @pytest.mark.parametrize("kind", WRITTEN, ids=lambda kind: kind.__name__)
-def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
+def test_constructor_error_names_class_and_argument(kind: Any) -> None:
     with pytest.raises(
         TypeError,
         match=rf"^{kind.__name__}(\.__init__)?\(\):? got an unexpected keyword argument 'nonsense'",
@@ -487,8 +497,8 @@ def test_what_users_write_names_itself_and_the_argument(kind: Any) -> None:
             kind()
 
 
-def test_floats_of_numpy_are_seconds(user: Client, legs: Module) -> None:
-    """They are floats of Python, too, but msgspec takes them for something else."""
+def test_numpy_floats_are_accepted_as_seconds(user: Client, legs: Module) -> None:
+    """They are Python floats, too, but msgspec treats them as another type."""
     legs.handles(REST)(lambda _: None)
     legs.handles(WHERE)(lambda _: 1.0)
     one = np.float64(1)

@@ -1,19 +1,15 @@
-"""Modules: running, sharing and taking over messages, coming back, ending and being stopped; and
-users' LocalCentral.
+"""Modules: starting, running, sharing messages and reconnecting; and LocalCentral as users' tests
+need it.
 """
 
-import asyncio
-import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
-from module.real_central import SOON, Gate, RealCentral, until
-from module.robot import MOVE_LEG, REST, STANCE, STOP, TEMPERATURE, Footfall
+from module.real_central import SOON, Gate
+from module.robot import MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
 
 from tca_module import (
     CentralLost,
@@ -21,22 +17,18 @@ from tca_module import (
     FormatRefused,
     MisuseError,
     Module,
-    Outcome,
     QueryFailed,
     Task,
-    TaskFailed,
     Timeout,
     connect,
 )
 from tca_module.testing import LocalCentral, LocalTransport
 from tca_wire.journal.facts import HandlerAdded, ModuleLeft, Received, kind_of
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
-def test_a_resource_handles_as_many_messages_as_its_capacity(
-    central: LocalCentral, user: Client
-) -> None:
+def test_resource_handles_up_to_its_capacity(central: LocalCentral, user: Client) -> None:
     busy = Gate(36.6)
     legs = Module("legs", central, capacity=2)
     legs.handles(TEMPERATURE)(busy)
@@ -49,9 +41,7 @@ def test_a_resource_handles_as_many_messages_as_its_capacity(
         assert [one.receive(SOON) for one in pending] == [36.6] * 3
 
 
-def test_methods_and_partial_functions_handle_and_stay_as_they_are(
-    legs: Module, user: Client
-) -> None:
+def test_handles_accepts_methods_and_partials_unchanged(legs: Module, user: Client) -> None:
     class Body:
         def stance(self, task: Task, radius: float) -> list[int]:
             return [int(radius)]
@@ -60,7 +50,7 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(
     assert legs.handles(STANCE)(stance) is stance
     legs.handles(TEMPERATURE)(partial(lambda degrees, _: degrees, 36.6))
     with pytest.raises(
-        MisuseError, match="module 'legs' handles 'stance' already, in test_methods_and_partial"
+        MisuseError, match="module 'legs' handles 'stance' already, in test_handles_accepts_methods"
     ):
         legs.handles(STANCE)(lambda _, _radius: [])
     with legs.running():
@@ -68,7 +58,7 @@ def test_methods_and_partial_functions_handle_and_stay_as_they_are(
         assert user.query(TEMPERATURE) == 36.6
 
 
-def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: LocalCentral) -> None:
+def test_module_sends_from_outside_its_handlers(legs: Module, central: LocalCentral) -> None:
     legs.handles(STANCE)(lambda _, _radius: [3])
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
     with legs.running():
@@ -78,7 +68,7 @@ def test_a_module_sends_from_outside_of_its_handlers(legs: Module, central: Loca
     assert {fact.sender for fact in central.facts if isinstance(fact, Received)} == {"legs"}
 
 
-def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) -> None:
+def test_module_whose_start_function_fails_does_not_begin(central: LocalCentral) -> None:
     safety = Module("safety", central)
 
     @safety.at_start
@@ -90,7 +80,7 @@ def test_a_module_that_fails_at_its_start_does_not_begin(central: LocalCentral) 
     assert [fact.module for fact in central.facts if isinstance(fact, ModuleLeft)] == ["safety"]
 
 
-def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> None:
+def test_module_says_goodbye_when_it_ends(legs: Module, central: LocalCentral) -> None:
     legs.handles(REST)(lambda _: None)
     assert repr(legs) == "Module('legs')"
     with legs.running():
@@ -104,7 +94,7 @@ def test_a_module_leaves_with_goodbye(legs: Module, central: LocalCentral) -> No
 
 @contextmanager
 def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | None]]:
-    """Run a function beside the block; how it ended is in the list afterwards."""
+    """Run a function beside the block. Afterwards the list holds its error, or None."""
     ends: list[BaseException | None] = []
 
     def run() -> None:
@@ -121,7 +111,7 @@ def in_thread(function: Callable[[], object]) -> Iterator[list[BaseException | N
     assert not thread.is_alive()
 
 
-def test_run_ends_when_it_is_told_to(legs: Module, user: Client) -> None:
+def test_stop_ends_run(legs: Module, user: Client) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with in_thread(legs.run) as ends:
         assert user.query(TEMPERATURE) == 36.6
@@ -129,7 +119,7 @@ def test_run_ends_when_it_is_told_to(legs: Module, user: Client) -> None:
     assert ends == [None]
 
 
-def test_without_central_run_raises_an_ordinary_error(legs: Module, central: LocalCentral) -> None:
+def test_run_without_central_raises_central_lost(legs: Module, central: LocalCentral) -> None:
     central.close()
     with pytest.raises(CentralLost) as lost:
         legs.run(patience=0.1)
@@ -144,7 +134,7 @@ def test_without_central_run_raises_an_ordinary_error(legs: Module, central: Loc
         pass
 
 
-def test_run_may_end_when_central_is_lost(
+def test_run_without_reconnect_ends_when_central_is_lost(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -154,7 +144,7 @@ def test_run_may_end_when_central_is_lost(
     assert isinstance(ends[0], CentralLost)
 
 
-def test_a_module_that_cannot_begin_cleans_up(
+def test_module_that_cannot_begin_leaves_central(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     user.query_send(TEMPERATURE)
@@ -166,8 +156,8 @@ def test_a_module_that_cannot_begin_cleans_up(
     assert [module["module"] for module in user.status("modules")] == ["user"]
 
 
-class Full(LocalCentral):
-    """A central to which only so many connections can be made."""
+class FullCentral(LocalCentral):
+    """A central that accepts a limited number of connections."""
 
     room = 1
 
@@ -178,8 +168,8 @@ class Full(LocalCentral):
         return super().transport()
 
 
-def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
-    with Full() as central:
+def test_module_ends_when_slot_cannot_connect() -> None:
+    with FullCentral() as central:
         legs = Module("legs", central)
         legs.handles(TEMPERATURE)(lambda _: 36.6)
         with pytest.raises(OSError, match="no room"), legs.running():
@@ -187,10 +177,10 @@ def test_a_module_ends_when_one_of_its_threads_cannot_begin() -> None:
         assert not central.core.registry.connections
 
 
-def test_a_module_ends_when_one_of_its_threads_does(
+def test_module_ends_when_slot_thread_dies(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
-    """A bug of this library, or a full disk; it must not go unnoticed."""
+    """The cause may be a bug of this library, or a full disk; it must not go unnoticed."""
     legs.handles(TEMPERATURE)(lambda _: 36.6)
 
     def break_one() -> None:
@@ -204,9 +194,7 @@ def test_a_module_ends_when_one_of_its_threads_does(
     assert isinstance(ends[0], TypeError)
 
 
-def test_a_module_can_be_stopped_before_central_is_there(
-    legs: Module, central: LocalCentral
-) -> None:
+def test_module_can_be_stopped_before_central_answers(legs: Module, central: LocalCentral) -> None:
     central.close()
     began = threading.Event()
     central.submit = lambda *_: began.set() or False  # type: ignore[method-assign,func-returns-value]
@@ -216,7 +204,7 @@ def test_a_module_can_be_stopped_before_central_is_there(
     assert ends == [None]
 
 
-def test_a_module_comes_back_after_its_connections_broke(
+def test_module_reconnects_after_connections_break(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     busy = Gate(36.6)
@@ -239,7 +227,7 @@ def test_a_module_comes_back_after_its_connections_broke(
     ] * 2
 
 
-def test_a_wait_outlives_a_broken_connection(
+def test_task_wait_survives_connection_break_and_query_is_lost(
     legs: Module, central: LocalCentral, user: Client
 ) -> None:
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -267,10 +255,10 @@ def test_a_wait_outlives_a_broken_connection(
     other.close()
 
 
-# --- What users' tests rely on --------------------------------------------------------------------
+# --- LocalCentral as users' tests need it ---------------------------------------------------------
 
 
-def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_wanted(
+def test_local_central_runs_given_check_after_each_event(
     central: LocalCentral, user: Client
 ) -> None:
     user.goal(REST)
@@ -280,14 +268,14 @@ def test_the_invariants_of_central_are_checked_after_every_event_where_that_is_w
     central.core.tree.tasks[1].held = 0
 
 
-def test_checks_are_only_made_for_those_who_want_them() -> None:
+def test_local_central_runs_no_check_by_default() -> None:
     with LocalCentral() as central, connect("user", central) as user:
         user.goal(REST)
         central.core.tree.tasks[1].held = 1
         user.goal(REST)
 
 
-def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Client) -> None:
+def test_local_central_exposes_its_journal(central: LocalCentral, user: Client) -> None:
     user.goal(REST)
     kinds = [kind_of(fact) for fact in central.facts]
     assert kinds == ["module joined", "format", "received", "queued"]
@@ -295,354 +283,16 @@ def test_the_journal_is_there_to_be_looked_at(central: LocalCentral, user: Clien
     assert all(entry.time >= 0 for entry in central.entries)
 
 
-def test_a_closed_central_answers_nobody(central: LocalCentral, user: Client) -> None:
+def test_closed_local_central_answers_no_client(central: LocalCentral, user: Client) -> None:
     central.close()
     with pytest.raises(CentralLost, match="central at local central 'local' does not answer"):
         connect("late", central, patience=0.05)
 
 
-def test_a_closed_central_leaves_no_thread_behind() -> None:
+def test_closed_local_central_leaves_no_thread() -> None:
     before = set(threading.enumerate())
     with LocalCentral() as central, connect("user", central) as user:
         user.goal(REST)
         assert set(threading.enumerate()) != before
     central.close()
     assert set(threading.enumerate()) <= before
-
-
-# --- A module that ends or was stopped ------------------------------------------------------------
-
-
-class Wrong(Exception):
-    """Something in the program beside the handlers."""
-
-
-def test_a_handler_that_looks_has_failed_and_one_that_does_not_just_finishes(
-    legs: Module, user: Client
-) -> None:
-    begun, gate = threading.Event(), Gate()
-    legs.handles(REST, resource="head")(gate)
-
-    @legs.handles(STOP)
-    def stop(task: Task) -> None:
-        begun.set()
-        while not task.cancelled:
-            pass
-
-    with legs.running():
-        stopping, resting = user.command(STOP), user.goal(REST, sequential=False)
-        assert begun.wait(SOON)
-        assert gate.begun.wait(SOON)
-        gate.go_on.set()
-    with pytest.raises(TaskFailed, match=r"module lost: its module ended while .*stop ran"):
-        stopping.result(SOON)
-    assert resting.wait(SOON) is Outcome.DONE
-
-
-def test_a_coroutine_is_cancelled_once(legs: Module, user: Client) -> None:
-    begun, cleaned = threading.Event(), threading.Event()
-
-    @legs.handles(STOP)
-    async def stop(task: Task) -> None:
-        begun.set()
-        try:
-            await asyncio.Event().wait()
-        finally:
-            await asyncio.sleep(0)
-            cleaned.set()
-            assert task.cancelled
-
-    with legs.running():
-        stopping = user.command(STOP)
-        assert begun.wait(SOON)
-    assert cleaned.is_set()
-    with pytest.raises(TaskFailed, match="module lost: its module ended while"):
-        stopping.result(SOON)
-
-
-def test_an_error_in_the_block_is_not_hidden_behind_a_handler(
-    legs: Module, user: Client, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One that does not look: what went wrong is said while it is waited for."""
-    monkeypatch.setattr("tca_module.serving.slot._PATIENCE", 0.1)
-    gate = Gate([])
-    legs.handles(STANCE)(gate)
-
-    class Told(logging.Handler):
-        def emit(self, _: logging.LogRecord) -> None:
-            gate.go_on.set()
-
-    logging.getLogger("tca.legs").addHandler(told := Told())
-    pending = user.query_send(STANCE, 1.0)
-
-    def work() -> None:
-        with legs.running():
-            assert gate.begun.wait(SOON)
-            raise Wrong("no map")
-
-    with pytest.raises(Wrong):
-        work()
-    logging.getLogger("tca.legs").removeHandler(told)
-    assert pending.receive(SOON) == []
-    (said,) = caplog.messages
-    assert said.startswith(
-        "module 'legs' ends (Wrong: no map), and waits for its handler of 'stance' to return"
-    )
-
-
-# --- A module that has stopped, or was ended by one of its threads, while its block goes on -------
-
-
-ENDED = "module 'legs' ends and handles no more messages: "
-
-
-class Own(BaseException):
-    """What no handler should raise."""
-
-
-@pytest.fixture
-def older(central: LocalCentral) -> Module:
-    """Who handled all before the legs came."""
-    older = Module("older", central)
-    older.handles(STANCE)(lambda _, _radius: [0])
-    older.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
-    return older
-
-
-def handled_by(user: Client) -> list[str]:
-    return [handler.module for handler in user.handlers(STANCE)]
-
-
-def until_withdrawn(user: Client) -> None:
-    until(lambda: "legs" not in handled_by(user), "the legs' handlers are gone")
-
-
-@contextmanager
-def ended_by(kind: type[BaseException], module: Module) -> Iterator[None]:
-    """A module's block, which is left by such an error."""
-    with pytest.raises(kind), module.running():
-        yield
-
-
-def raises(error: BaseException) -> Callable[[], Any]:
-    def function() -> None:
-        raise error
-
-    return function
-
-
-def test_who_handled_a_message_before_takes_over_from_a_module_that_was_stopped(
-    legs: Module, older: Module, user: Client
-) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with older.running(), legs.running():
-        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-        legs.stop()
-        assert legs.stopping
-        until_withdrawn(user)
-        assert handled_by(user) == ["older"]
-        assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-
-
-def test_so_it_is_over_sockets(tmp_path: Path) -> None:
-    with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
-        older, legs = Module("older", central.address), Module("legs", central.address)
-        older.handles(STANCE, direct=True)(lambda _, _radius: [0])
-        legs.handles(STANCE, direct=True)(lambda _, _radius: [1])
-        with older.running(), legs.running(), connect("user", central.address) as user:
-            assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-            legs.stop()
-            until_withdrawn(user)
-            assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-
-
-def test_what_is_at_work_ends_first_and_what_waits_goes_to_the_older_one(
-    legs: Module, older: Module, user: Client
-) -> None:
-    gate = Gate(Footfall(1, 1.0))
-    legs.handles(MOVE_LEG)(gate)
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with older.running(), legs.running():
-        first = user.command(MOVE_LEG, 1, sequential=False)
-        assert gate.begun.wait(SOON)
-        second = user.command(MOVE_LEG, 2, sequential=False)
-        legs.stop()
-        assert second.result(SOON) == Footfall(2, 0.0)
-        with pytest.raises(Timeout, match="its handler in legs returns"):
-            first.wait(0.01)
-        gate.go_on.set()
-        assert first.result(SOON) == Footfall(1, 1.0)
-
-
-def test_a_wait_in_the_block_does_not_hold_that_up(
-    legs: Module, older: Module, central: LocalCentral
-) -> None:
-    """It has the connection to itself, over which central is to be told; and it is not ended."""
-
-    @older.handles(TEMPERATURE)
-    def temperature(_: Task) -> float:
-        legs.stop()
-        with connect("other", central) as other:
-            until_withdrawn(other)
-        return 36.6
-
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with older.running(), legs.running():
-        assert legs.query(TEMPERATURE, timeout=SOON) == 36.6
-
-
-def test_the_block_of_a_stopped_module_goes_on_as_a_client(
-    legs: Module, older: Module, user: Client, central: LocalCentral
-) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with older.running():
-        with legs.running():
-            legs.stop()
-            until_withdrawn(user)
-            assert legs.command(MOVE_LEG, 1).result(SOON) == Footfall(1, 0.0)
-            central.restart("afresh")
-            assert legs.query(STANCE, 1.0, timeout=SOON) == [0]
-            assert handled_by(user) == ["older"]
-            with pytest.raises(
-                MisuseError,
-                match=r"module 'legs' is ending: leave its .* before you start it again",
-            ):
-                legs.run()
-            with pytest.raises(MisuseError, match="comes too late"):
-                legs.handles(STOP)
-        with legs.running():
-            assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-
-
-def test_the_log_says_that_a_module_was_stopped(
-    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with caplog.at_level(logging.INFO, "tca.legs"), legs.running():
-        legs.stop()
-        until_withdrawn(user)
-    assert caplog.messages == ["module 'legs' has stopped and handles no more messages"]
-
-
-@pytest.mark.parametrize(
-    "error", [Own("tired"), KeyboardInterrupt(), GeneratorExit(), pytest.fail.Exception("x")]
-)
-def test_a_handler_that_lets_more_than_an_error_pass_ends_its_module_and_the_older_one_takes_over(
-    legs: Module,
-    older: Module,
-    user: Client,
-    caplog: pytest.LogCaptureFixture,
-    error: BaseException,
-) -> None:
-    legs.handles(STANCE)(lambda _, _radius: raises(error)())
-    said: list[str] = []
-
-    def work() -> None:
-        with legs.running():
-            with pytest.raises(
-                QueryFailed, match="module lost: its module was ended by "
-            ) as failed:
-                user.query(STANCE, 1.0, timeout=SOON)
-            said.append(failed.value.text)
-            assert handled_by(user) == ["older"]  # at once
-            assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-            (logged,) = [record for record in caplog.records if record.name == "tca.legs"]
-            assert logged.getMessage() == ENDED + type(error).__name__
-            assert logged.exc_info is not None
-            assert logged.exc_info[1] is error
-
-    with older.running(), pytest.raises(type(error)) as raised:
-        work()
-    assert raised.value is error
-    assert type(error).__name__ in said[0]
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), Own("tired")])
-def test_a_coroutine_ends_its_module_like_a_function(
-    legs: Module, older: Module, user: Client, error: BaseException
-) -> None:
-    """Those beside it are told, and have failed with the module, not with what cancelled them."""
-    begun, cleaned = threading.Event(), threading.Event()
-
-    @legs.handles(STANCE)
-    async def stance(task: Task, radius: float) -> list[int]:
-        if radius > 0:
-            raise error
-        begun.set()
-        try:
-            await task.query_send(STANCE, 1.0)
-        finally:
-            cleaned.set()
-        return []
-
-    with older.running(), ended_by(type(error), legs):
-        pending = user.query_send(STANCE, 0.0)
-        with pytest.raises(QueryFailed, match="module lost: its module"):
-            pending.receive(SOON)
-        assert begun.is_set()
-        assert cleaned.wait(SOON)
-        assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-
-
-def test_a_callback_ends_its_module_too(
-    legs: Module, older: Module, user: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    legs.handles(STANCE)(lambda _, _radius: [1])
-    with older.running(), ended_by(KeyboardInterrupt, legs):
-        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-        legs.after(0.0, raises(KeyboardInterrupt()))
-        until_withdrawn(user)
-        assert user.query(STANCE, 1.0, timeout=SOON) == [0]
-    assert ENDED + "KeyboardInterrupt" in caplog.messages
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), pytest.fail.Exception("x")])
-def test_it_does_not_go_unnoticed_behind_the_error_that_came_of_it(
-    legs: Module, user: Client, error: BaseException
-) -> None:
-    legs.handles(STOP)(lambda _: raises(error)())
-    with pytest.raises(type(error)) as raised, legs.running():
-        user.command(STOP).result(SOON)
-    assert raised.value is error
-    assert isinstance(error.__cause__, TaskFailed)
-
-
-def test_who_interrupts_the_block_itself_comes_first(legs: Module, user: Client) -> None:
-    legs.handles(STOP)(lambda _: raises(Own("tired"))())
-
-    def work() -> None:
-        with legs.running():
-            assert user.command(STOP).wait(SOON) is Outcome.FAILED
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt) as raised:
-        work()
-    assert raised.value.__notes__ == ["module 'legs' had ended before: Own: tired"]
-
-
-def runs_something_that_is_cancelled() -> None:
-    async def main() -> None:
-        sleeping = asyncio.ensure_future(asyncio.sleep(60))
-        sleeping.cancel()
-        await sleeping
-
-    asyncio.run(main())
-
-
-def test_a_plain_handler_whose_own_loop_was_cancelled_has_an_error(
-    legs: Module, user: Client, caplog: pytest.LogCaptureFixture
-) -> None:
-    @legs.handles(MOVE_LEG)
-    def move_leg(_: Task, leg: int) -> Footfall:
-        if not leg:
-            runs_something_that_is_cancelled()
-        return Footfall(leg, 0.0)
-
-    with legs.running():
-        with pytest.raises(
-            TaskFailed, match=r"handler error: asyncio\.exceptions\.CancelledError"
-        ) as failed:
-            user.command(MOVE_LEG, 0).result(SOON)
-        assert "in runs_something_that_is_cancelled" in failed.value.text
-        assert "handler test_a_plain_handler" in caplog.text
-        assert user.command(MOVE_LEG, 1, sequential=False).result(SOON) == Footfall(1, 0.0)

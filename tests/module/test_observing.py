@@ -1,6 +1,4 @@
-"""Any program observes the states of tasks, though neither their senders nor their handlers know of
-it.
-"""
+"""Any program observes the states of tasks. Neither their senders nor their handlers know of it."""
 
 import asyncio
 import threading
@@ -47,7 +45,7 @@ def visitor(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[Module]:
-    """It grasps what it is told to for ten seconds, waves for one, and walks by grasping."""
+    """An arm that grasps a thing for ten seconds, waves for one, and walks by grasping."""
     module = Module("arm", central)
 
     @module.handles(GRASP, takes=["update"])
@@ -66,11 +64,11 @@ def arm(central: LocalCentral) -> Iterator[Module]:
         yield module
 
 
-def told(changes: list[Change]) -> list[str]:
+def described(changes: list[Change]) -> list[str]:
     return [f"{one.task}: {one.state}" + " (late)" * one.is_late for one in changes]
 
 
-def test_all_tasks_of_a_message_are_observed(
+def test_observer_sees_all_tasks_of_message(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     early = user.command(GRASP, "pen")
@@ -90,7 +88,7 @@ def test_all_tasks_of_a_message_are_observed(
         early.update("tea")
         central.advance(25)
         seen = changes.arrived()
-    assert told(seen) == [
+    assert described(seen) == [
         "grasp {3}: initiated",
         "grasp {1}: update requested",
         "grasp {1}: running",
@@ -104,7 +102,7 @@ def test_all_tasks_of_a_message_are_observed(
     assert later.wait() is Outcome.DONE
 
 
-def test_all_tasks_and_those_below_one_are_observed(
+def test_observer_sees_all_tasks_or_one_subtree(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     everything = visitor.observe()
@@ -114,7 +112,7 @@ def test_all_tasks_and_those_below_one_are_observed(
     below = visitor.observe(below=seen_by_visitor, states=["running", "done"])
     central.advance(2)
     assert walk.wait() is Outcome.DONE
-    assert told(below.arrived()) == [
+    assert described(below.arrived()) == [
         "wave {2}: running (late)",
         "wave {2}: done",
         "wave {3}: running",
@@ -128,15 +126,17 @@ def test_all_tasks_and_those_below_one_are_observed(
     assert next(everything, None) is None
 
 
-def test_a_function_of_a_module_is_called(user: Client, arm: Module, central: LocalCentral) -> None:
+def test_observing_function_of_module_is_called(
+    user: Client, arm: Module, central: LocalCentral
+) -> None:
     head, seen = Module("head", central), list[str]()
 
     @head.observes(GRASP, states=["running"])
-    def look(sender: Sender, change: Change) -> None:
+    def inform_gaze(sender: Sender, change: Change) -> None:
         sender.inform(GAZE, change.goal)
 
     @head.observes(WAVE)
-    def note(change: Change) -> None:
+    def record(change: Change) -> None:
         seen.append(str(change))
 
     head.handles(GAZE)(lambda _, thing: seen.append(f"looks at {thing}"))
@@ -156,7 +156,7 @@ def test_a_function_of_a_module_is_called(user: Client, arm: Module, central: Lo
     ]
 
 
-def test_what_ends_while_an_observer_is_away_is_told_afterwards(
+def test_observer_learns_missed_end_after_reconnect(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     changes = visitor.observe(WAVE)
@@ -176,8 +176,8 @@ def test_what_ends_while_an_observer_is_away_is_told_afterwards(
     )
 
 
-def test_observing_goes_on_after_a_restart_of_central(
-    visitor: Client, arm: Module, central: LocalCentral, attentive: None
+def test_observing_continues_after_central_restart(
+    visitor: Client, arm: Module, central: LocalCentral, short_timeouts: None
 ) -> None:
     changes = visitor.observe(GRASP)
     user = connect("user", central)
@@ -196,7 +196,9 @@ def test_observing_goes_on_after_a_restart_of_central(
         user.close()
 
 
-def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> None:
+def test_impossible_observation_is_misuse_or_times_out(
+    visitor: Client, central: LocalCentral
+) -> None:
     with pytest.raises(
         MisuseError, match=r"observe\(\): command 'wave' is never 'paused': life cycle 'basic' has"
     ):
@@ -210,7 +212,7 @@ def test_observing_what_can_not_be(visitor: Client, central: LocalCentral) -> No
         next(nothing)
 
 
-def test_a_closed_stream_is_over(
+def test_closed_change_stream_yields_nothing(
     visitor: Client, user: Client, arm: Module, central: LocalCentral
 ) -> None:
     wave = user.command(WAVE, delay=1)
@@ -223,7 +225,7 @@ def test_a_closed_stream_is_over(
     assert wave.state == "done"
 
 
-def test_whoever_can_not_observe_is_told(
+def test_refused_observation_raises_and_is_logged(
     user: Client,
     arm: Module,
     central: LocalCentral,
@@ -282,7 +284,7 @@ def test_coroutines_follow_and_observe(user: Client, arm: Module, central: Local
     assert seen[-1] == "wave: done"
 
 
-def test_a_coroutine_that_loses_patience_misses_nothing(
+def test_timed_out_coroutine_misses_no_change(
     user: Client, arm: Module, central: LocalCentral
 ) -> None:
     brain, seen, plan = Module("brain", central), list[tuple[str, int]](), Goal("plan")
@@ -312,7 +314,7 @@ def test_a_coroutine_that_loses_patience_misses_nothing(
 # --- Cancelling all -------------------------------------------------------------------------------
 
 
-def test_all_that_a_sender_has_sent_is_cancelled(
+def test_cancel_all_cancels_only_own_tasks(
     user: Client, visitor: Client, arm: Module, central: LocalCentral
 ) -> None:
     others = visitor.command(GRASP, "tea", delay=60)
@@ -327,7 +329,7 @@ def test_all_that_a_sender_has_sent_is_cancelled(
     assert old.wait() is Outcome.KILLED
     assert user.cancel_all(GRASP) == 2
     assert [one.wait() for one in new] == [Outcome.KILLED] * 2
-    assert user.cancel_all() == 1, "waves can't be cancelled, and are left alone"
+    assert user.cancel_all() == 1, "waves can't be cancelled"
     assert walk.wait() is Outcome.KILLED
     assert user.cancel_all() == 0
     assert (others.state, wave.state) == ("initiated", "initiated")

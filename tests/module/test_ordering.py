@@ -1,4 +1,4 @@
-"""The order of children: which constraints the next one gets, by itself and in blocks."""
+"""The order of children: the constraints of the next child, alone and in blocks."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tca_wire.points import ROOT, THIS, TaskId
 
 
 class Plan:
-    """Sends numbered children and writes down what each was sent with."""
+    """Sends numbered children and returns the flags and constraints of each."""
 
     def __init__(self, *, is_shared: bool = False) -> None:
         self.ordering = SiblingOrder(is_shared=is_shared)
@@ -41,13 +41,13 @@ def planned_after(task: int) -> str:
     return f"start achieving task {task} <= start planning it"
 
 
-def test_children_are_achieved_in_order_unless_told_otherwise(plan: Plan) -> None:
+def test_children_are_sequential_by_default(plan: Plan) -> None:
     assert plan.child() == "seq ach"
     assert plan.child(sequential=False) == ""
     assert plan.child() == "seq ach"
 
 
-def test_in_parallel_there_is_no_order_and_around_it_there_is(plan: Plan) -> None:
+def test_parallel_block_is_unordered_inside_and_ordered_outside(plan: Plan) -> None:
     plan.child()
     with plan.ordering.parallel():
         assert plan.child() == "seq ach"
@@ -57,13 +57,13 @@ def test_in_parallel_there_is_no_order_and_around_it_there_is(plan: Plan) -> Non
     assert plan.child() == "seq ach"
 
 
-def test_a_parallel_block_at_the_beginning_orders_nothing(plan: Plan) -> None:
+def test_first_parallel_block_waits_for_nothing(plan: Plan) -> None:
     with plan.ordering.parallel():
         assert [plan.child(), plan.child()] == ["", ""]
     assert plan.child() == after(1, 2)
 
 
-def test_blocks_nest(plan: Plan) -> None:
+def test_nested_blocks_combine_their_orders(plan: Plan) -> None:
     with plan.ordering.parallel():
         with plan.ordering.sequence():
             assert [plan.child(), plan.child()] == ["", "seq ach"]
@@ -75,14 +75,14 @@ def test_blocks_nest(plan: Plan) -> None:
     assert plan.child() == after(2, 5, 6, 7)
 
 
-def test_an_empty_block_changes_nothing(plan: Plan) -> None:
+def test_empty_block_changes_no_order(plan: Plan) -> None:
     plan.child()
     with plan.ordering.sequence(), plan.ordering.parallel():
         pass
     assert plan.child() == "seq ach"
 
 
-def test_a_child_out_of_sequence_still_belongs_to_its_block(plan: Plan) -> None:
+def test_unordered_child_still_belongs_to_its_block(plan: Plan) -> None:
     with plan.ordering.sequence():
         plan.child()
         assert plan.child(sequential=False) == ""
@@ -105,7 +105,7 @@ def test_planning_runs_at_most_n_siblings_ahead(plan: Plan) -> None:
         assert plan.child() == f"seq ach, {planned_after(2)}"
 
 
-def test_nothing_is_planned_ahead(plan: Plan) -> None:
+def test_sequence_of_zero_delays_all_planning(plan: Plan) -> None:
     with plan.ordering.sequence(0):
         plan.child()
         assert plan.child() == "seq ach, delay planning"
@@ -114,14 +114,14 @@ def test_nothing_is_planned_ahead(plan: Plan) -> None:
     assert plan.child() == "seq ach"
 
 
-def test_commands_are_not_planned_and_count_as_siblings(plan: Plan) -> None:
+def test_unplanned_command_counts_as_sibling_ahead(plan: Plan) -> None:
     with plan.ordering.sequence(1):
         plan.child()
         assert plan.child(is_goal=False) == "seq ach"
         assert plan.child() == f"seq ach, {planned_after(2)}"
 
 
-def test_a_block_is_one_sibling_of_those_planned_ahead(plan: Plan) -> None:
+def test_block_counts_as_one_sibling_ahead(plan: Plan) -> None:
     with plan.ordering.sequence(1):
         with plan.ordering.parallel():
             plan.child(), plan.child()
@@ -132,14 +132,14 @@ def test_a_block_is_one_sibling_of_those_planned_ahead(plan: Plan) -> None:
         assert plan.child() == f"seq ach, {planned_after(4)}"
 
 
-def test_under_the_root_blocks_do_not_rely_on_the_last_sibling() -> None:
+def test_root_block_names_its_siblings_explicitly() -> None:
     plan = Plan(is_shared=True)  # it may be another thread's
     assert [plan.child(), plan.child()] == ["seq ach", "seq ach"]
     with plan.ordering.sequence():
         assert [plan.child(), plan.child()] == [after(2), after(3)]
 
 
-def test_a_block_ends_with_an_exception_too(plan: Plan) -> None:
+def test_exception_ends_block(plan: Plan) -> None:
     def fail() -> None:
         with plan.ordering.parallel():
             plan.child()
@@ -151,7 +151,7 @@ def test_a_block_ends_with_an_exception_too(plan: Plan) -> None:
     assert plan.child() == after(1, 2)
 
 
-def test_what_central_forgot_orders_nothing(plan: Plan) -> None:
+def test_children_of_former_epoch_order_nothing(plan: Plan) -> None:
     plan.child()
     with plan.ordering.parallel():
         plan.child()

@@ -1,6 +1,4 @@
-"""A handler steers its own task by the calls that a sender has; in a wrong thread it is told what
-to do there.
-"""
+"""A handler steers its own task with a sender's calls. In a wrong thread the error gives advice."""
 
 import threading
 from collections.abc import Callable
@@ -36,7 +34,7 @@ def public(kind: type) -> set[str]:
     return {name for name in dir(kind) if not name.startswith("_")}
 
 
-def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end() -> None:
+def test_own_task_has_every_call_but_waits_and_client_calls() -> None:
     of_clients = {
         "wait_for_state",
         "follow",
@@ -52,7 +50,7 @@ def test_a_handlers_task_has_all_calls_of_a_task_but_the_waits_for_its_own_end()
     assert public(TaskRef) - public(Task) == {"wait", "wait_for"} | of_clients
 
 
-def test_a_handler_kills_its_own_task(user: Client, legs: Module) -> None:
+def test_handler_kills_its_own_task(user: Client, legs: Module) -> None:
     done: list[str] = []
 
     @legs.handles(STOP)
@@ -78,7 +76,7 @@ def test_a_handler_kills_its_own_task(user: Client, legs: Module) -> None:
     assert done == ["stopped"]
 
 
-def test_a_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> None:
+def test_handler_fails_and_retries_its_own_task(user: Client, legs: Module) -> None:
     attempts: list[float] = []
 
     @legs.handles(WALK)
@@ -95,20 +93,20 @@ def test_a_handler_fails_and_retries_its_own_task(user: Client, legs: Module) ->
     assert len(attempts) == 2
 
 
-def test_a_question_is_no_task_that_can_be_killed(user: Client, legs: Module) -> None:
-    said: list[str] = []
+def test_steering_query_as_task_is_misuse(user: Client, legs: Module) -> None:
+    refused: list[str] = []
 
     @legs.handles(WHERE)
     def where(task: Task) -> float:
         for steer in (task.kill, task.suspend, task.keep, task.info, task.children):
             with pytest.raises(MisuseError, match="'where' is no task of the tree"):
                 steer()
-            said.append(steer.__name__)
+            refused.append(steer.__name__)
         return 1.0
 
     with legs.running():
         assert user.query(WHERE) == 1.0
-    assert said == ["kill", "suspend", "keep", "info", "children"]
+    assert refused == ["kill", "suspend", "keep", "info", "children"]
 
 
 def refusal(call: Callable[[], object]) -> str:
@@ -126,26 +124,24 @@ def refusal(call: Callable[[], object]) -> str:
     return texts[0]
 
 
-def test_in_a_wrong_thread_it_is_said_what_was_used_and_what_to_do(
-    user: Client, legs: Module
-) -> None:
-    said: list[str] = []
+def test_use_in_wrong_thread_names_object_and_advice(user: Client, legs: Module) -> None:
+    refusals: list[str] = []
 
     @legs.handles(WALK)
     def walk(task: Task) -> None:
-        said.append(refusal(task.kill))
+        refusals.append(refusal(task.kill))
 
     with legs.running():
         sent = user.goal(WALK)
         sent.result(SOON)
-        said += [
+        refusals += [
             refusal(sent.kill),
             refusal(lambda: user.goal(WALK)),
             refusal(lambda: legs.goal(WALK)),
         ]
         pending = user.query_send(WHERE)
-        said.append(refusal(pending.receive))
-    assert said == [
+        refusals.append(refusal(pending.receive))
+    assert refusals == [
         "walk {1} is used in thread 'driver', but belongs to thread 'legs 1', which handles it: other threads connect() \
 themselves, and find it with task(number)",
         "walk {1} is used in thread 'driver', but belongs to thread 'MainThread', which sent or found it: other threads \
@@ -159,7 +155,9 @@ handler sends with its task, other threads with a client of their own: connect()
     ]
 
 
-def test_what_is_said_helps(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_other_thread_kills_task_with_own_client(
+    central: LocalCentral, user: Client, legs: Module
+) -> None:
     legs.handles(WALK)(lambda _: None)
     outcomes: list[bool] = []
 

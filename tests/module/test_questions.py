@@ -37,8 +37,8 @@ from tca_module.testing import LocalCentral
 from tca_wire.journal.facts import Dropped, Received
 
 
-def test_split_queries_are_answered_in_any_order(legs: Module, user: Client) -> None:
-    """Also by a module that comes later."""
+def test_sent_queries_are_received_in_any_order(legs: Module, user: Client) -> None:
+    """The handler may join after the queries were sent."""
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     pending = [user.query_send(STANCE, float(number)) for number in range(3)]
     with legs.running():
@@ -46,7 +46,7 @@ def test_split_queries_are_answered_in_any_order(legs: Module, user: Client) -> 
         assert pending[0].receive(0) == [0]
 
 
-def test_nobody_answers_in_time(user: Client, central: LocalCentral) -> None:
+def test_unanswered_query_times_out_with_reason(user: Client, central: LocalCentral) -> None:
     with pytest.raises(Timeout) as caught:
         user.query(TEMPERATURE, timeout=0.01)
     assert str(caught.value) == (
@@ -58,9 +58,7 @@ def test_nobody_answers_in_time(user: Client, central: LocalCentral) -> None:
     ]
 
 
-def test_a_query_that_was_given_up_is_not_handled(
-    legs: Module, user: Client, central: LocalCentral
-) -> None:
+def test_abandoned_query_is_not_handled(legs: Module, user: Client, central: LocalCentral) -> None:
     handled = []
 
     @legs.handles(TEMPERATURE)
@@ -81,7 +79,7 @@ def test_a_query_that_was_given_up_is_not_handled(
     ]
 
 
-def test_a_handler_may_ask_its_own_resource(
+def test_handler_queries_its_own_resource(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     @legs.handles(STANCE)
@@ -99,22 +97,20 @@ def test_a_handler_may_ask_its_own_resource(
     ]
 
 
-def test_a_handler_may_ask_its_own_resource_and_fetch_the_reply_later(
-    legs: Module, user: Client
-) -> None:
+def test_handler_fetches_reply_of_own_resource_later(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         if radius <= 1:
             return [1]
         pending = [task.query_send(STANCE, radius - 1) for _ in range(2)]
-        assert not task.cancelled  # which reads what has arrived
+        assert not task.cancelled  # reading it handles the packets that have arrived
         return [int(radius), *pending[1].receive(SOON), *pending[0].receive(SOON)]
 
     with legs.running():
         assert user.query(STANCE, 3.0, timeout=SOON) == [3, 2, 1, 1, 2, 1, 1]
 
 
-def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
+def test_failed_query_carries_failure_and_data(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         if radius < 0:
@@ -139,7 +135,7 @@ def test_a_failed_query_says_what_failed(legs: Module, user: Client) -> None:
             error.value.data_as(COLLISION)
 
 
-def test_wrong_data_does_not_leave(user: Client, central: LocalCentral) -> None:
+def test_wrong_data_is_rejected_before_sending(user: Client, central: LocalCentral) -> None:
     with pytest.raises(
         BadData, match="query 'stance' wants data of type float: Expected `float`, got `str`"
     ):
@@ -149,7 +145,7 @@ def test_wrong_data_does_not_leave(user: Client, central: LocalCentral) -> None:
     assert not [fact for fact in central.facts if isinstance(fact, Received)]
 
 
-def test_a_wrong_reply_fails_in_the_handler(legs: Module, user: Client) -> None:
+def test_wrong_reply_fails_in_handler(legs: Module, user: Client) -> None:
     @legs.handles(STANCE)
     def narrow_stance(task: Task, radius: float) -> list[int]:
         return ["left"]  # type: ignore[list-item]
@@ -162,8 +158,8 @@ def test_a_wrong_reply_fails_in_the_handler(legs: Module, user: Client) -> None:
     assert "narrow_stance" in failed.value.text
 
 
-def test_data_that_does_not_decode_fails_in_the_receiver(legs: Module, user: Client) -> None:
-    """Two declarations whose formats agree for central, but not to the letter."""
+def test_undecodable_data_fails_in_receiver(legs: Module, user: Client) -> None:
+    """The formats of both declarations agree for central, but differ in detail."""
 
     @legs.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
@@ -180,7 +176,7 @@ def test_data_that_does_not_decode_fails_in_the_receiver(legs: Module, user: Cli
         user.query(liar, 1.0)
 
 
-def test_another_format_of_the_same_name_is_refused(legs: Module, user: Client) -> None:
+def test_conflicting_format_is_refused(legs: Module, user: Client) -> None:
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     with legs.running():
         with pytest.raises(
@@ -190,7 +186,7 @@ def test_another_format_of_the_same_name_is_refused(legs: Module, user: Client) 
         assert user.query(STANCE, 2.0) == [2]
 
 
-def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
+def test_multi_query_reaches_every_handler(central: LocalCentral, user: Client) -> None:
     assert user.multi_query(HEALTH) == []
     modules = [Module(name, central) for name in ("legs", "eyes", "battery")]
     for module in modules:
@@ -204,8 +200,10 @@ def test_everybody_is_asked(central: LocalCentral, user: Client) -> None:
         assert len(user.multi_query(HEALTH, maximum=2, timeout=SOON)) == 2
 
 
-def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) -> None:
-    """By the first failure, and of all; as long as one replies, those who fail are left out."""
+def test_multi_query_fails_only_if_all_handlers_fail(central: LocalCentral, user: Client) -> None:
+    """The error carries the first failure and names all. With one reply the failures are left
+    out.
+    """
     eyes, legs, battery = (Module(name, central) for name in ("eyes", "legs", "battery"))
     blind = Failure("blind", int)
 
@@ -230,10 +228,10 @@ def test_who_asks_many_is_told_if_all_fail(central: LocalCentral, user: Client) 
             assert user.multi_query(HEALTH, timeout=SOON) == ["well"]
 
 
-def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(
+def test_multi_query_timeout_names_failed_and_late_modules(
     central: LocalCentral, user: Client
 ) -> None:
-    """An empty list would look as if nobody had said anything."""
+    """An empty list would look as if no module were there."""
     legs, eyes, battery = (Module(name, central) for name in ("legs", "eyes", "battery"))
     release = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if release.wait(SOON) else "")
@@ -243,12 +241,12 @@ def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(
         with pytest.raises(QueryFailed) as found:
             user.multi_query(HEALTH, timeout=0.3)
         assert found.value.failure == "handler error"
-        said = str(found.value)
-        assert said.startswith("multi-query 'health' failed: handler error: no module replied: ")
-        assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in said
-        assert "battery failed (handler error: KeyError: 7)" in said
-        assert said.endswith("; legs has not answered")
-        assert "Traceback" in found.value.text  # of the first
+        text = str(found.value)
+        assert text.startswith("multi-query 'health' failed: handler error: nobody replied: ")
+        assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in text
+        assert "battery failed (handler error: KeyError: 7)" in text
+        assert text.endswith("; legs has not answered")
+        assert "Traceback" in found.value.text  # of the first failure
         one_by_one = user.multi_query_send(HEALTH, timeout=0.3)
         with pytest.raises(QueryFailed, match=r"legs \(queued, busy with health \{"):
             next(one_by_one)
@@ -256,24 +254,24 @@ def test_who_gets_no_reply_in_time_is_told_who_failed_and_who_was_late(
         release.set()
 
 
-# --- Sending whatever the class of a message is, and only if somebody handles it ------------------
+# --- Sending a message of any class, and only if it is handled ------------------------------------
 
 
 @pytest.fixture
 def all_legs(central: LocalCentral) -> Module:
     """Handles a message of each class."""
-    legs, told = Module("legs", central), list[Any]()
+    legs, received = Module("legs", central), list[Any]()
     legs.handles(REST)(lambda _: None)
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.5))
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     legs.handles(HEALTH)(lambda _: "well")
-    legs.handles(POSITION)(lambda _, arc: told.append(arc))
-    legs.handles(ALARM)(lambda _, text: told.append(text))
+    legs.handles(POSITION)(lambda _, arc: received.append(arc))
+    legs.handles(ALARM)(lambda _, text: received.append(text))
     return legs
 
 
 @pytest.mark.parametrize("call", ["execute", "execute_if_handled"])
-def test_each_class_is_sent_in_its_way(all_legs: Module, user: Client, call: str) -> None:
+def test_execute_sends_each_message_class(all_legs: Module, user: Client, call: str) -> None:
     with all_legs.running():
         execute: Any = getattr(user, call)
         goal, command = execute(REST), execute(MOVE_LEG, 3)
@@ -287,7 +285,7 @@ def test_each_class_is_sent_in_its_way(all_legs: Module, user: Client, call: str
         assert execute(ALARM, "stop") is was_sent
 
 
-def test_what_nobody_handles_is_not_sent(user: Client, central: LocalCentral) -> None:
+def test_execute_if_handled_sends_no_unhandled_message(user: Client, central: LocalCentral) -> None:
     assert user.execute_if_handled(WALK, Arc(1.0, 2)) is None
     assert user.execute_if_handled(MOVE_LEG, 1) is None
     assert user.execute_if_handled(TEMPERATURE) is None
@@ -295,4 +293,4 @@ def test_what_nobody_handles_is_not_sent(user: Client, central: LocalCentral) ->
     assert user.execute_if_handled(POSITION, Arc(1.0, 2)) is False
     assert user.execute_if_handled(ALARM, "stop") is False
     assert [fact for fact in central.facts if isinstance(fact, Received)] == []
-    assert user.goal(REST).id == 1  # the order of siblings knows nothing of them
+    assert user.goal(REST).id == 1  # unsent messages leave the sibling order unchanged

@@ -1,6 +1,4 @@
-"""Goals, commands and monitors are sent without waiting for central's word; what it refuses is
-raised all the same.
-"""
+"""Goals, commands and monitors are sent without waiting for central. Its refusals are raised later."""
 
 import pickle
 import queue
@@ -12,7 +10,7 @@ from typing import Any
 import pytest
 from module.real_central import SOON, RealCentral, until
 from module.robot import MOVE_LEG, REST, STEP, STOP, WALK, Arc, Robot
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
     CentralLost,
@@ -57,101 +55,105 @@ CIRCLE = [this.achieving.end <= this.achieving.start]
 REFUSED = r"command 'stop' was refused: .* would be a cycle"
 
 
-def circle(user: Any, **options: Any) -> Any:
+def send_circular(user: Any, **options: Any) -> Any:
     return user.command(STOP, constraints=CIRCLE, **options)
 
 
-# --- what travels ---------------------------------------------------------------------------------
+# --- Headers that are sent ------------------------------------------------------------------------
 
 
-def silent(header: headers.ToCentral) -> list[headers.ToModule]:
-    """A central that says nothing of what is sent."""
+def acknowledge_nothing(header: headers.ToCentral) -> list[headers.ToModule]:
+    """A central that acknowledges no task."""
     if isinstance(header, headers.Hello):
         return [headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one")]
     return [Accepted(header.number)] if isinstance(header, Register) and header.messages else []
 
 
-def test_nobody_waits_and_what_follows_names_the_request() -> None:
-    connection, central = connected(silent)
+def test_constraint_names_quiet_sends_by_request_number() -> None:
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     first, second = user.command(STOP), user.command(STOP, sequential=False)
     user._connection().post(Constrain(0, [first.achieving.end <= second.achieving.start]), b"")
-    sends = [header for header in central.heard if isinstance(header, Send)]
+    sends = [header for header in central.received if isinstance(header, Send)]
     assert [(header.number, header.quiet) for header in sends] == [(3, True), (4, True)]
-    (constrain,) = [header for header in central.heard if isinstance(header, Constrain)]
+    (constrain,) = [header for header in central.received if isinstance(header, Constrain)]
     assert [(one.before.task, one.after.task) for one in constrain.constraints] == [(-3, -4)]
 
 
-def test_the_wait_for_a_result_travels_with_the_command() -> None:
-    """Two packets there, none in between: central's word of the command comes with the answer."""
-    connection, central = connected(
+def test_result_wait_travels_with_command() -> None:
+    """Central's acknowledgement of the command comes with the answer, so each side sends only
+    two packets.
+    """
+    connection, central = scripted_connection(
         lambda header: (
             [TasksMade([(3, TaskId(17))]), headers.Answer(header.number)]
             if isinstance(header, AwaitPoint)
-            else silent(header)
+            else acknowledge_nothing(header)
         )
     )
     PlainClient(connection).command(STOP).result(SOON)
-    assert [type(header) for header in central.heard] == [Register, Send, AwaitPoint]
-    assert central.heard[-1].point.task == -3  # type: ignore[union-attr]
+    assert [type(header) for header in central.received] == [Register, Send, AwaitPoint]
+    assert central.received[-1].point.task == -3  # type: ignore[union-attr]
 
 
-def test_who_looks_at_the_id_waits_for_it() -> None:
-    connection, central = connected(
+def test_reading_task_id_waits_for_central() -> None:
+    connection, central = scripted_connection(
         lambda header: (
-            [TasksMade([(3, TaskId(17))])] if isinstance(header, Await) else silent(header)
+            [TasksMade([(3, TaskId(17))])]
+            if isinstance(header, Await)
+            else acknowledge_nothing(header)
         )
     )
     stop = PlainClient(connection).command(STOP)
-    assert Await not in map(type, central.heard)
+    assert Await not in map(type, central.received)
     assert stop.id == 17
     assert repr(stop) == "stop {17}"
-    assert [header for header in central.heard if isinstance(header, Await)] == [Await(3)]
+    assert [header for header in central.received if isinstance(header, Await)] == [Await(3)]
 
 
-def test_after_a_break_it_is_said_again_and_answered_by_itself() -> None:
-    connection, central = connected(silent)
+def test_quiet_send_is_repeated_as_plain_send_after_break() -> None:
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     stop = user.command(STOP)
     wait = connection.request(AwaitPoint(0, stop.achieving.end), wants_answer=True)
-    central.heard.clear()
-    central.say(headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one"))
+    central.received.clear()
+    central.deliver(headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "one"))
     connection.line.catch_up()
-    again = [header for header in central.heard if isinstance(header, Send | AwaitPoint)]
+    again = [header for header in central.received if isinstance(header, Send | AwaitPoint)]
     assert [(header.number, type(header)) for header in again] == [(3, Send), (4, AwaitPoint)]
     assert again[0].quiet is False  # type: ignore[union-attr]
-    central.say(Accepted(3, TaskId(9)), headers.Answer(4))
+    central.deliver(Accepted(3, TaskId(9)), headers.Answer(4))
     connection.line.catch_up()
     assert (stop.id, wait.is_over) == (9, True)
 
 
-def test_a_hundred_tasks_are_on_their_way_at_most() -> None:
-    connection, central = connected(silent)
+def test_unacknowledged_sends_are_limited() -> None:
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     for _ in range(MAX_UNACKNOWLEDGED):
         user.command(STOP)
-    sent = len(central.heard)
+    sent = len(central.received)
     with pytest.raises(CentralLost, match="does not answer"):
         user.command(STOP)
-    assert len([header for header in central.heard[sent:] if isinstance(header, Send)]) == 0
-    assert connection.session.sends.unacknowledged == MAX_UNACKNOWLEDGED
+    assert len([header for header in central.received[sent:] if isinstance(header, Send)]) == 0
+    assert connection.session.sends.untold == MOST_UNTOLD
 
 
-def test_what_was_to_follow_those_of_the_central_before_is_not_sent_to_the_next() -> None:
-    connection, central = connected(silent)
+def test_task_after_lost_siblings_is_not_sent_to_new_central() -> None:
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     with user.parallel():
         for _ in range(MAX_UNACKNOWLEDGED):
             user.command(STOP)
-    central.heard.clear()
+    central.received.clear()
     news = headers.Unknown(), headers.Welcome(1, headers.PROTOCOL_VERSION, "user", "two")
-    central.say(*news, at=central.now + 0.1)  # while it waits, for so many are on their way
+    central.deliver(*news, at=central.now + 0.1)  # during the wait for earlier acknowledgements
     with pytest.raises(CentralLost, match="command 'stop' is lost: central was restarted"):
         user.command(STOP)
-    assert Send not in map(type, central.heard)
+    assert Send not in map(type, central.received)
 
 
-# --- refusals -------------------------------------------------------------------------------------
+# --- Refusals -------------------------------------------------------------------------------------
 
 
 USES: dict[str, Callable[[Any, Client], object]] = {
@@ -165,37 +167,37 @@ USES: dict[str, Callable[[Any, Client], object]] = {
     "next inform": lambda _, user: user.inform(NOTE, "on"),
     "next question": lambda _, user: user.query(ASK),
     "constrain": lambda stop, user: user.constrain(stop.achieving.end <= stop.handling.start),
-    "what comes after": lambda stop, user: user.goal(
+    "successor": lambda stop, user: user.goal(
         REST, constraints=[stop.achieving.end <= this.achieving.start]
     ),
-    "what is under it": lambda stop, user: user.under(stop).command(STOP),
+    "subtask": lambda stop, user: user.under(stop).command(STOP),
     "variable": lambda _, user: user.set_variable(LEVEL, 1),
-    "a number": lambda stop, _: int(stop.achieving.end.task),
-    "a set": lambda stop, _: {stop.achieving.end},
+    "number": lambda stop, _: int(stop.achieving.end.task),
+    "set": lambda stop, _: {stop.achieving.end},
 }
 
 
 @pytest.mark.parametrize("use", USES)
-def test_a_refusal_is_raised_by_the_next_use_and_once(central: LocalCentral, use: str) -> None:
+def test_refusal_is_raised_once_by_next_use(central: LocalCentral, use: str) -> None:
     with connect("user", central) as user:
-        stop = circle(user)
+        stop = send_circular(user)
         with pytest.raises(Refused, match=REFUSED) as refused:
             USES[use](stop, user)
         assert refused.value.refusal is Refusal.CYCLE
         assert user.command(STOP).id == 2  # a number is used once
 
 
-def test_a_refusal_of_which_nobody_asks_is_raised_at_the_end(central: LocalCentral) -> None:
+def test_unread_refusal_is_raised_when_client_closes(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), connect("user", central) as user:
-        circle(user)
+        send_circular(user)
 
 
-def test_at_the_end_the_error_of_the_block_comes_first(
+def test_block_error_precedes_refusal_at_close(
     central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     def use() -> None:
         with connect("user", central) as user:
-            circle(user)
+            send_circular(user)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -203,29 +205,31 @@ def test_at_the_end_the_error_of_the_block_comes_first(
     assert "command 'stop' was refused" in caplog.text
 
 
-def test_the_end_of_a_running_module_raises_it(central: LocalCentral) -> None:
+def test_refusal_is_raised_when_module_ends(central: LocalCentral) -> None:
     with pytest.raises(Refused, match=REFUSED), Module("legs", central).running() as legs:
-        circle(legs)
+        send_circular(legs)
 
 
-def test_what_else_was_refused_is_noted() -> None:
-    connection, central = connected(silent)
+def test_further_refusals_are_added_as_notes() -> None:
+    connection, central = scripted_connection(acknowledge_nothing)
     user = PlainClient(connection)
     for _ in range(2):
         user.command(STOP)
-    central.say(*(headers.Refused(number, Refusal.CYCLE, f"circle {number}") for number in (3, 4)))
+    central.deliver(
+        *(headers.Refused(number, Refusal.CYCLE, f"circle {number}") for number in (3, 4))
+    )
     with pytest.raises(Refused, match="command 'stop' was refused: circle 3") as refused:
         user.command(STOP)
     assert refused.value.__notes__ == ["command 'stop' was refused: circle 4"]
 
 
 @pytest.mark.parametrize("is_async", [False, True], ids=["plain", "async"])
-def test_a_handler_fails_with_it(robot: Robot, user: Client, *, is_async: bool) -> None:
+def test_refusal_fails_handler(robot: Robot, user: Client, *, is_async: bool) -> None:
     def rest(task: Task) -> None:
-        circle(task)
+        send_circular(task)
 
     async def rest_in_time(task: Task) -> None:
-        circle(task)
+        send_circular(task)
 
     robot.planner.handles(REST)(rest_in_time if is_async else rest)
     with (
@@ -236,11 +240,11 @@ def test_a_handler_fails_with_it(robot: Robot, user: Client, *, is_async: bool) 
     assert failed.value.failure == "handler error"
 
 
-def test_a_handler_may_catch_it_and_go_on(robot: Robot, user: Client) -> None:
+def test_handler_may_catch_refusal_and_continue(robot: Robot, user: Client) -> None:
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         with pytest.raises(Refused, match=REFUSED):
-            circle(task).result()
+            send_circular(task).result()
         task.command(MOVE_LEG, 1)
 
     with robot.running():
@@ -248,11 +252,11 @@ def test_a_handler_may_catch_it_and_go_on(robot: Robot, user: Client) -> None:
     assert robot.done == ["leg 1"]
 
 
-def test_a_handler_that_has_not_heard_of_it_has_failed_all_the_same() -> None:
+def test_late_refusal_still_fails_handler() -> None:
     """In real processes the refusal may come after the handler has returned."""
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address, capacity=3)
-        legs.handles(REST)(lambda task: circle(task) and None)
+        legs.handles(REST)(lambda task: send_circular(task) and None)
         with legs.running(), connect("user", central.address) as user:
             for _ in range(20):
                 with pytest.raises(TaskFailed, match="'stop' was refused") as failed:
@@ -261,16 +265,16 @@ def test_a_handler_that_has_not_heard_of_it_has_failed_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("is_heard", [False, True], ids=["after its end", "at its end"])
-def test_the_log_names_the_handler_that_has_not_heard_of_it(
+def test_late_refusal_is_logged_with_handler(
     caplog: pytest.LogCaptureFixture, *, is_heard: bool
 ) -> None:
-    connection, central = connected(silent)
+    connection, central = scripted_connection(acknowledge_nothing)
     session = connection.session
     session.open_deliveries.begin(9, "rest {1}")
     request = session.send(headers.Send(0, "stop", origin=9), b"", "command 'stop'")
     if not is_heard:
         session.reply(headers.Reply(9), b"")
-    central.say(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))
+    central.deliver(headers.Refused(request.header.number, Refusal.CYCLE, "a circle"))
     connection.line.catch_up()
     if is_heard:
         session.reply(headers.Reply(9), b"")
@@ -282,7 +286,7 @@ def test_the_log_names_the_handler_that_has_not_heard_of_it(
 
 
 @pytest.mark.parametrize("block", ["sequence", "parallel", "none"])
-def test_what_was_refused_is_as_if_it_had_never_been_sent(
+def test_refused_task_leaves_sibling_order_unchanged(
     central: LocalCentral, user: Client, block: str
 ) -> None:
     def order(*, refused: bool) -> list[list[str]]:
@@ -291,7 +295,7 @@ def test_what_was_refused_is_as_if_it_had_never_been_sent(
             for number in range(4):
                 if refused and number == 2:
                     with pytest.raises(Refused):
-                        circle(user).id  # noqa: B018
+                        send_circular(user).id  # noqa: B018
                 user.command(MOVE_LEG, number)
         user.command(MOVE_LEG, 9)
         sent = [fact for fact in central.facts[before:] if isinstance(fact, Received)]
@@ -309,11 +313,11 @@ def test_what_was_refused_is_as_if_it_had_never_been_sent(
     assert order(refused=True) == order(refused=False)
 
 
-def test_what_follows_one_that_is_refused_is_not_sent(central: LocalCentral) -> None:
+def test_successor_of_refused_task_is_not_sent(central: LocalCentral) -> None:
     def use() -> None:
         with connect("user", central) as user, user.sequence():
             user.command(MOVE_LEG, 0)
-            circle(user)
+            send_circular(user)
             user.command(MOVE_LEG, 1)
 
     with pytest.raises(Refused, match=REFUSED):
@@ -321,43 +325,41 @@ def test_what_follows_one_that_is_refused_is_not_sent(central: LocalCentral) -> 
     assert len([fact for fact in central.facts if isinstance(fact, Received)]) == 1
 
 
-def test_a_callback_fails_with_it(central: LocalCentral, caplog: pytest.LogCaptureFixture) -> None:
+def test_refusal_fails_callback(central: LocalCentral, caplog: pytest.LogCaptureFixture) -> None:
     legs, called = Module("legs", central), threading.Event()
 
     def stop(callback: Any) -> None:
-        circle(callback)
+        send_circular(callback)
         legs.after(0, called.set)
 
     legs.after(0, stop)
     with legs.running():
         assert called.wait(SOON)
-    assert "callback test_a_callback_fails_with_it.<locals>.stop failed" in caplog.text
+    assert "callback test_refusal_fails_callback.<locals>.stop failed" in caplog.text
     assert "command 'stop' was refused" in caplog.text
 
 
-def test_the_handler_of_a_direct_message_fails_with_it() -> None:
+def test_refusal_fails_direct_handler() -> None:
     with RealCentral("tcp://127.0.0.1:*") as central:
         legs = Module("legs", central.address)
-        legs.handles(ASK, direct=True)(lambda task: circle(task) and 1)
+        legs.handles(ASK, direct=True)(lambda task: send_circular(task) and 1)
         with legs.running(), connect("user", central.address) as user:
             for _ in range(5):
                 with pytest.raises(QueryFailed, match="'stop' was refused"):
                     user.query(ASK)
 
 
-# --- ids ------------------------------------------------------------------------------------------
+# --- Task ids -------------------------------------------------------------------------------------
 
 
-def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(
-    central: LocalCentral, user: Client
-) -> None:
+def test_point_of_just_sent_task_equals_known_point(central: LocalCentral, user: Client) -> None:
     stop, other = user.command(STOP), user.command(STOP)
     points = stop.achieving.end, other.achieving.end
     assert points[0] == stop.achieving.end != points[1]
     assert isinstance(points[0].task, SentId)
-    known = TaskPoint(TaskId(1), points[0].moment)
-    assert points[0] == known != points[1]
-    assert len({points[0], known, points[1]}) == 2
+    known_point = TaskPoint(TaskId(1), points[0].moment)
+    assert points[0] == known_point != points[1]
+    assert len({points[0], known_point, points[1]}) == 2
     assert str(points[1]) == "end achieving task 2"
     assert (f"{points[0].task:03d}", 0 < points[0].task <= 1, points[0].task != 1) == (
         "001",
@@ -368,7 +370,7 @@ def test_a_point_of_a_task_that_was_just_sent_is_like_any_other(
     assert (copy, type(copy.task)) == (points[0], EpochNumber)
 
 
-def test_as_data_a_point_has_its_id(central: LocalCentral, user: Client, legs: Module) -> None:
+def test_point_as_data_carries_task_id(central: LocalCentral, user: Client, legs: Module) -> None:
     asked = Command("asked", Point, result=int)
     legs.handles(asked)(lambda _, point: point.task)
     with legs.running():
@@ -376,7 +378,7 @@ def test_as_data_a_point_has_its_id(central: LocalCentral, user: Client, legs: M
         assert user.command(asked, stop.achieving.end, sequential=False).result(SOON) == 1
 
 
-def test_another_connection_names_it_by_its_id(central: LocalCentral, user: Client) -> None:
+def test_other_connection_constrains_just_sent_task(central: LocalCentral, user: Client) -> None:
     with connect("other", central) as other:
         point = user.command(STOP).achieving.end
         assert other.goal(REST, constraints=[point <= this.achieving.start]).id == 2
@@ -387,7 +389,7 @@ def test_another_connection_names_it_by_its_id(central: LocalCentral, user: Clie
 
 
 @pytest.mark.parametrize("is_waiting", [True, False], ids=["waits", "is busy"])
-def test_another_thread_names_it_by_its_id(
+def test_other_thread_constrains_just_sent_task(
     central: LocalCentral, user: Client, *, is_waiting: bool
 ) -> None:
     point, sent, done = (
@@ -410,7 +412,7 @@ def test_another_thread_names_it_by_its_id(
     thread.join()
 
 
-def test_a_task_sent_just_now_is_steered_and_watched(robot: Robot, user: Client) -> None:
+def test_just_sent_task_is_steered_and_waited_for(robot: Robot, user: Client) -> None:
     robot.planner.handles(REST)(lambda _: None)
     with robot.running():
         held = user.goal(REST, suspended=True)
@@ -419,7 +421,7 @@ def test_a_task_sent_just_now_is_steered_and_watched(robot: Robot, user: Client)
         assert user.goal(REST, delay=3600).kill()
 
 
-def test_in_a_handler_it_hangs_under_the_handlers_task(robot: Robot, user: Client) -> None:
+def test_task_sent_in_handler_is_its_child(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         steps = [task.goal(STEP, number) for number in range(arc.steps)]
@@ -439,7 +441,7 @@ def test_in_a_handler_it_hangs_under_the_handlers_task(robot: Robot, user: Clien
     )
 
 
-def test_whether_it_is_handled_is_known_when_it_is_sent(
+def test_execute_if_handled_knows_handlers_when_sending(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     assert user.execute_if_handled(STOP) is None
@@ -450,10 +452,10 @@ def test_whether_it_is_handled_is_known_when_it_is_sent(
         assert sent.result(SOON) is None
 
 
-# --- breaks ---------------------------------------------------------------------------------------
+# --- Breaks ---------------------------------------------------------------------------------------
 
 
-def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client) -> None:
+def test_connection_break_loses_and_doubles_no_command(robot: Robot, user: Client) -> None:
     with robot.running():
         moves = []
         for number in range(30):
@@ -464,7 +466,7 @@ def test_a_break_in_between_loses_and_doubles_nothing(robot: Robot, user: Client
     assert sorted(robot.done) == sorted(f"leg {number}" for number in range(30))
 
 
-def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(
+def test_unacknowledged_sends_are_counted_in_not_sent(
     central: LocalCentral,
 ) -> None:
     user = connect("user", central)
@@ -476,7 +478,7 @@ def test_what_central_may_not_have_got_is_counted_unless_its_sender_knows(
         user.close()
 
 
-def test_a_task_that_is_given_up_unheard_is_called_back(
+def test_task_given_up_unacknowledged_is_killed(
     central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with connect("user", central) as user:
@@ -497,27 +499,27 @@ def test_a_task_that_is_given_up_unheard_is_called_back(
     assert [fact.task for fact in central.facts if isinstance(fact, Killed)] == [1]
 
 
-def test_a_killed_handler_is_told_as_ever(robot: Robot, user: Client) -> None:
-    told = queue.SimpleQueue[str]()
+def test_killed_handler_gets_task_killed_in_wait(robot: Robot, user: Client) -> None:
+    reasons = queue.SimpleQueue[str]()
 
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         try:
             task.command(Command("never")).result()
         except TaskKilled as error:
-            told.put(str(error))
+            reasons.put(str(error))
             raise
 
     with robot.running():
         resting = user.goal(REST)
         assert resting.wait_for(resting.handling.start, SOON)
         resting.kill()
-        assert told.get(timeout=SOON).startswith("rest {1} was killed")
+        assert reasons.get(timeout=SOON).startswith("rest {1} was killed")
         assert resting.wait(SOON) is Outcome.KILLED
 
 
-def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
-    """Else a restart would leave them in doubt, however long ago they were sent."""
+def test_central_acknowledges_last_sends_soon(tmp_path: Path) -> None:
+    """Otherwise a restart would leave old sends in doubt."""
     with (
         RealCentral(f"ipc://{tmp_path}/central.sock") as central,
         connect("user", central.address) as user,
@@ -529,14 +531,14 @@ def test_central_tells_of_the_last_ones_soon(tmp_path: Path) -> None:
             link.line.catch_up()
             return not link.session.sends.unacknowledged
 
-        until(is_told, "central has told the id")
+        until(is_told, "central has acknowledged the task")
 
 
-# --- packets --------------------------------------------------------------------------------------
+# --- Packet counts --------------------------------------------------------------------------------
 
 
-class Counted(LocalCentral):
-    """Counts the packets that go to central and come from it."""
+class CountingCentral(LocalCentral):
+    """Counts the packets to and from central."""
 
     there = back = 0
 
@@ -572,11 +574,9 @@ def use_goal(user: Client) -> None:
     ("use", "there", "back"),
     [(use_query, 2, 2), (use_command, 3, 2), (use_goal, 3 + 2 * 10, 2 + 10)],
 )
-def test_nothing_travels_that_nobody_needs(
-    use: Callable[[Client], None], there: int, back: int
-) -> None:
-    """As docs/protocol.md has it."""
-    with Counted() as central:
+def test_packet_counts_match_protocol(use: Callable[[Client], None], there: int, back: int) -> None:
+    """The numbers stand in docs/protocol.md."""
+    with CountingCentral() as central:
         legs, planner = Module("legs", central), Module("planner", central)
         legs.handles(ASK)(lambda _: 1)
         legs.handles(STOP)(lambda _: None)
@@ -587,8 +587,8 @@ def test_nothing_travels_that_nobody_needs(
                 task.command(STOP)
 
         with legs.running(), planner.running(), connect("user", central) as user:
-            use(user)  # all is declared, then
+            use(user)  # declares all messages
             before = central.there, central.back
             use(user)
-            user.status()  # all has been said
+            user.status()  # all packets have been sent
             assert (central.there - before[0] - 1, central.back - before[1] - 1) == (there, back)

@@ -1,4 +1,6 @@
-"""Replies that call a function, come one by one, are waited for, or are given later."""
+"""Replies to queries: functions that get them, replies of many handlers, and the waits in the
+journal.
+"""
 
 import queue
 import threading
@@ -8,30 +10,25 @@ from contextlib import contextmanager
 import pytest
 from module.real_central import SOON, Gate, until
 from module.robot import COLLISION, HEALTH, MOVE_LEG, REST, STANCE, TEMPERATURE, Footfall
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
-    BadData,
     CentralLost,
     Client,
     Command,
-    LaterReply,
     MisuseError,
     Module,
-    Outcome,
     QueryFailed,
     Sender,
-    Stopped,
     Task,
-    TaskFailed,
     Timeout,
 )
 from tca_module.testing import LocalCentral
 from tca_tools.journal.fold import History
-from tca_wire.journal.facts import Awaited, Delivered, Dropped, Failed, Received, Returned
+from tca_wire.journal.facts import Awaited, Dropped, Received
 
 
-def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
+def test_reply_function_gets_sender_that_sends(legs: Module, user: Client) -> None:
     moved: list[Footfall] = []
     legs.handles(STANCE)(lambda _, radius: [int(radius)])
     legs.handles(MOVE_LEG)(lambda _, leg: Footfall(leg, 0.0))
@@ -45,7 +42,7 @@ def test_what_it_is_called_with_sends(legs: Module, user: Client) -> None:
     assert [foot.leg for foot in moved] == [3, 4]
 
 
-def test_a_handler_need_not_stay_for_it(
+def test_reply_function_runs_after_handler_returned(
     legs: Module, eyes: Module, user: Client, central: LocalCentral
 ) -> None:
     """The function is called in the handler's thread, and sends under the root."""
@@ -73,7 +70,7 @@ def test_a_handler_need_not_stay_for_it(
     assert [(fact.parent, fact.sender) for fact in sent] == [(0, "legs")]
 
 
-def test_failures_are_told_or_logged(
+def test_query_failure_reaches_failure_function_or_log(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     failures: list[Exception] = []
@@ -84,10 +81,10 @@ def test_failures_are_told_or_logged(
 
     with legs.running():
         never: list[object] = []
-        told = user.query_notify(
+        notification = user.query_notify(
             STANCE, 3.0, lambda *_: never.append(1), lambda _, error: failures.append(error)
         )
-        assert told.wait(SOON)
+        assert notification.wait(SOON)
         assert not caplog.records
         assert user.query_notify(STANCE, 3.0, lambda *_: never.append(1)).wait(SOON)
     assert not never
@@ -96,7 +93,7 @@ def test_failures_are_told_or_logged(
     assert "QueryFailed: query 'stance' failed: collision: rock" in caplog.text
 
 
-def test_an_error_in_a_function_is_logged(
+def test_error_in_reply_function_is_logged(
     legs: Module, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(TEMPERATURE)(lambda _: 36.6)
@@ -109,12 +106,12 @@ def test_an_error_in_a_function_is_logged(
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
         assert note.wait(SOON)
         assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-    assert "callback test_an_error_in_a_function_is_logged.<locals>.fails failed" in caplog.text
+    assert "callback test_error_in_reply_function_is_logged.<locals>.fails failed" in caplog.text
     assert "SystemExit: 36" in caplog.text
 
 
-def test_functions_are_called_one_after_the_other_however_many(legs: Module, user: Client) -> None:
-    """They would nest if one that waits let others be called meanwhile."""
+def test_reply_functions_never_nest(legs: Module, user: Client) -> None:
+    """They would nest if a waiting function let others be called."""
     depth, deepest, count = 0, 0, 100
 
     def ask(sender: Sender, degrees: float) -> None:
@@ -131,10 +128,10 @@ def test_functions_are_called_one_after_the_other_however_many(legs: Module, use
     assert deepest == 1
 
 
-def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> None:
+def test_wait_for_other_callback_inside_callback_is_misuse(legs: Module, user: Client) -> None:
     caught: list[BaseException] = []
 
-    def waits(sender: Sender, degrees: float) -> None:
+    def wait_for_other(sender: Sender, degrees: float) -> None:
         note = sender.query_notify(TEMPERATURE, None, lambda *_: None)
         with pytest.raises(MisuseError, match="a callback waits for another callback") as error:
             note.wait(SOON)
@@ -142,11 +139,11 @@ def test_one_function_does_not_wait_for_another(legs: Module, user: Client) -> N
 
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
-        assert user.query_notify(TEMPERATURE, None, waits).wait(SOON)
+        assert user.query_notify(TEMPERATURE, None, wait_for_other).wait(SOON)
     assert len(caught) == 1
 
 
-def test_a_query_that_was_given_up_calls_nothing(
+def test_abandoned_query_calls_no_function(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     called: list[float] = []
@@ -163,9 +160,7 @@ def test_a_query_that_was_given_up_calls_nothing(
     ]
 
 
-def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(
-    legs: Module, user: Client
-) -> None:
+def test_cancelled_query_calls_no_function_for_arrived_reply(legs: Module, user: Client) -> None:
     called: list[int] = []
     legs.handles(TEMPERATURE)(lambda _: 36.6)
     with legs.running():
@@ -176,7 +171,7 @@ def test_a_reply_that_is_there_when_it_is_given_up_calls_nothing(
     assert not called
 
 
-def test_a_reply_that_is_lost_is_a_failure(
+def test_lost_reply_calls_failure_function(
     legs: Module, user: Client, central: LocalCentral
 ) -> None:
     failures: list[Exception] = []
@@ -188,7 +183,7 @@ def test_a_reply_that_is_lost_is_a_failure(
     assert isinstance(failures[0], CentralLost)
 
 
-def test_replies_of_many_come_one_by_one(central: LocalCentral, user: Client) -> None:
+def test_multi_query_send_yields_replies_as_they_come(central: LocalCentral, user: Client) -> None:
     names = ["legs", "eyes", "battery"]
     modules = [Module(name, central) for name in names]
     turns = {name: threading.Event() for name in names}
@@ -205,7 +200,9 @@ def test_replies_of_many_come_one_by_one(central: LocalCentral, user: Client) ->
         assert len(list(user.multi_query_send(HEALTH, maximum=9, timeout=None))) == 3
 
 
-def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: LocalCentral) -> None:
+def test_unfetched_multi_query_is_given_up(
+    legs: Module, user: Client, central: LocalCentral
+) -> None:
     go = threading.Event()
     legs.handles(HEALTH)(lambda _: "well" if go.wait(SOON) else "late")
     with legs.running():
@@ -224,8 +221,8 @@ def test_what_is_not_fetched_is_given_up(legs: Module, user: Client, central: Lo
     ]
 
 
-def test_central_that_beats_and_does_not_answer() -> None:
-    connection, central = connected()
+def test_status_times_out_when_central_only_beats() -> None:
+    connection, central = scripted_connection()
     central.beat()
     with pytest.raises(
         Timeout,
@@ -235,8 +232,8 @@ def test_central_that_beats_and_does_not_answer() -> None:
     assert 130 <= central.now <= 131
 
 
-def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
-    """The thread that serves holds the connection: others must not wait for it for ever."""
+def test_handler_task_used_in_other_thread_is_misuse(legs: Module, user: Client) -> None:
+    """The serving thread holds the connection: others must not wait for it for ever."""
     caught = queue.Queue[str]()
 
     def elsewhere(task: Task) -> None:
@@ -262,7 +259,10 @@ def test_a_handlers_task_is_for_its_thread(legs: Module, user: Client) -> None:
         assert "belongs to thread " in caught.get(timeout=SOON)
 
 
-# --- Whenever a handler's thread waits for a reply the journal says so, in whatever way it asks ---
+pytestmark = pytest.mark.usefixtures("short_timeouts")
+
+
+# --- The journal shows a handler's wait for a reply, however it asks ------------------------------
 
 
 ASK = Command("ask")
@@ -270,19 +270,19 @@ ASK_LATER = Command("ask later")
 Way = Callable[[Task], object]
 
 
-def waits(central: LocalCentral, delivery: int) -> list[int]:
-    """What the handler of a delivery waits for, as the journal tells it."""
+def open_waits(central: LocalCentral, delivery: int) -> list[int]:
+    """The open waits of a delivery's handler in the journal."""
     with central._lock:
         history = History.until(list(central.entries))
     runs = [run for run in history.handlings if run.delivery == delivery and run.end is None]
     return [wait.awaited for run in runs for wait in run.waits if wait.end is None]
 
 
-def once_seen(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
-    """A handler that answers when the journal says that the first of these waits."""
+def answer_once_waiting(central: LocalCentral, deliveries: list[int]) -> Callable[[Task], float]:
+    """A handler that answers once the journal shows the wait of the first delivery."""
 
     def answer(_: Task) -> float:
-        until(lambda: waits(central, deliveries[0]), "it is seen to wait")
+        until(lambda: open_waits(central, deliveries[0]), "the journal shows the wait")
         return 1.0
 
     return answer
@@ -293,9 +293,9 @@ def fetched(task: Task) -> object:
 
 
 def called_back(task: Task) -> object:
-    heard: list[float] = []
-    task.query_notify(TEMPERATURE, None, lambda _, degrees: heard.append(degrees)).wait(SOON)
-    return heard[0]
+    replies: list[float] = []
+    task.query_notify(TEMPERATURE, None, lambda _, degrees: replies.append(degrees)).wait(SOON)
+    return replies[0]
 
 
 WAYS: dict[str, Way] = {
@@ -311,11 +311,11 @@ WAYS: dict[str, Way] = {
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_handler_that_waits_for_a_reply_is_seen_to_wait(
+def test_handler_wait_for_reply_is_journaled(
     central: LocalCentral, legs: Module, eyes: Module, user: Client, way: str
 ) -> None:
     deliveries: list[int] = []
-    answer = once_seen(central, deliveries)
+    answer = answer_once_waiting(central, deliveries)
 
     @legs.handles(ASK)
     def ask(task: Task) -> None:
@@ -326,10 +326,10 @@ def test_a_handler_that_waits_for_a_reply_is_seen_to_wait(
     eyes.handles(HEALTH)(lambda task: str(answer(task)))
     with legs.running(), eyes.running():
         user.command(ASK).result(SOON)
-    assert not waits(central, deliveries[0])
+    assert not open_waits(central, deliveries[0])
 
 
-def test_a_coroutine_that_awaits_a_reply_is_seen_to_wait(
+def test_coroutine_await_of_reply_is_journaled(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     deliveries: list[int] = []
@@ -339,13 +339,13 @@ def test_a_coroutine_that_awaits_a_reply_is_seen_to_wait(
         deliveries.append(int(task.id))
         assert await task.query_send(TEMPERATURE) == 1.0
 
-    eyes.handles(TEMPERATURE)(once_seen(central, deliveries))
+    eyes.handles(TEMPERATURE)(answer_once_waiting(central, deliveries))
     with legs.running(), eyes.running():
         user.command(ASK).result(SOON)
     assert [fact.blocking for fact in central.facts if isinstance(fact, Received)] == [False, False]
 
 
-def test_who_asks_and_goes_on_does_not_wait(
+def test_query_send_alone_is_no_journaled_wait(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     is_asked = threading.Event()
@@ -354,8 +354,8 @@ def test_who_asks_and_goes_on_does_not_wait(
     def ask(task: Task) -> None:
         pending = task.query_send(TEMPERATURE)
         assert is_asked.wait(SOON)
-        assert not waits(central, int(task.id))
-        until(lambda: not task.cancelled and pending.request.is_over, "the reply is there")
+        assert not open_waits(central, int(task.id))
+        until(lambda: not task.cancelled and pending.request.is_over, "the reply has arrived")
         assert pending.receive() == 36.6
 
     @eyes.handles(TEMPERATURE)
@@ -367,12 +367,12 @@ def test_who_asks_and_goes_on_does_not_wait(
         user.command(ASK).result(SOON)
     assert not [
         fact for fact in central.facts if isinstance(fact, Awaited)
-    ]  # the reply was there when it was wanted
+    ]  # the reply had arrived before it was fetched
 
 
 @contextmanager
-def busy(eyes: Module, client: Client) -> Iterator[None]:
-    """The eyes have a question that they do not answer before the end of the block."""
+def busy_eyes(eyes: Module, client: Client) -> Iterator[None]:
+    """The eyes have a question that they answer only after the block."""
     gate = Gate(36.6)
     eyes.handles(TEMPERATURE)(gate)
     with eyes.running():
@@ -383,14 +383,14 @@ def busy(eyes: Module, client: Client) -> Iterator[None]:
         assert first.receive(SOON) == 36.6
 
 
-def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
+def test_short_timeout_is_journaled_and_says_where_query_stood(
     central: LocalCentral, legs: Module, eyes: Module, user: Client
 ) -> None:
     @legs.handles(ASK)
     def ask(task: Task) -> None:
         task.query(TEMPERATURE, timeout=0.02)
 
-    with legs.running(), busy(eyes, user):
+    with legs.running(), busy_eyes(eyes, user):
         asked = user.command(ASK)
         assert asked.wait(SOON) == "failed"
         with pytest.raises(
@@ -404,246 +404,3 @@ def test_who_gives_up_soon_has_waited_and_hears_where_the_question_stood(
     assert wait.end == history.messages[wait.awaited].written("dropped")
     (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
     assert why == "it is queued for eyes, busy with temperature {1}"
-
-
-# --- Handlers that leave the answer to somebody else ----------------------------------------------
-
-
-pytestmark = pytest.mark.usefixtures("attentive")
-
-
-@pytest.fixture
-def owed(legs: Module) -> "queue.Queue[LaterReply[Footfall]]":
-    """What the handler of "move leg" leaves to others."""
-    owed = queue.Queue[LaterReply[Footfall]]()
-
-    @legs.handles(MOVE_LEG)
-    def move_leg(task: Task, leg: int) -> LaterReply[Footfall]:
-        later = task.reply_later()
-        owed.put(later)
-        return later
-
-    return owed
-
-
-Owed = queue.Queue[LaterReply[Footfall]]
-
-
-def test_until_then_the_place_in_the_resource_is_taken(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    with legs.running():
-        moves = [user.command(MOVE_LEG, leg, sequential=False) for leg in range(3)]
-        for leg in range(3):
-            later = owed.get(timeout=SOON)
-            user.status()
-            assert owed.empty()
-            later.reply(Footfall(leg, 0.0))
-        assert [move.result(SOON).leg for move in moves] == [0, 1, 2]
-    order = [
-        type(fact).__name__ for fact in central.facts if isinstance(fact, Delivered | Returned)
-    ]
-    assert order == ["Delivered", "Returned"] * 3
-
-
-def test_an_answer_that_comes_before_the_handler_returns_waits_for_it(
-    legs: Module, user: Client, central: LocalCentral
-) -> None:
-    @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> LaterReply[list[int]]:
-        later = task.reply_later()
-        assert task.reply_later() is later
-        thread = threading.Thread(target=later.reply, args=([1],))
-        thread.start()
-        thread.join(SOON)
-        assert (
-            task.query(TEMPERATURE, timeout=SOON) == 36.6
-        )  # a wait in which the answer does not leave yet
-        assert not [
-            fact
-            for fact in central.facts
-            if isinstance(fact, Returned) and fact.id == task.delivery
-        ]
-        return later
-
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        assert user.query(STANCE, 1.0, timeout=SOON) == [1]
-
-
-@pytest.mark.parametrize("is_coroutine", [False, True])
-def test_a_timer_answers(legs: Module, user: Client, *, is_coroutine: bool) -> None:
-    """In the thread of the handler itself, which is free meanwhile."""
-
-    def temperature(task: Task) -> LaterReply[float]:
-        later = task.reply_later()
-        legs.after(0.01, lambda: later.reply(36.6), resource="legs")
-        return later
-
-    async def temperature_of_coroutine(task: Task) -> LaterReply[float]:
-        return temperature(task)
-
-    legs.handles(TEMPERATURE)(temperature_of_coroutine if is_coroutine else temperature)
-    with legs.running():
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6
-
-
-def test_what_answers_its_own_query_later_is_heard_within_the_wait(
-    legs: Module, user: Client
-) -> None:
-    """The handler of a nested query leaves the answer to another thread, while the outer handler
-    blocks the slot.
-    """
-
-    @legs.handles(STANCE)
-    def stance(task: Task, radius: float) -> list[int]:
-        return [int(task.query(TEMPERATURE, timeout=SOON))]
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> LaterReply[float]:
-        later = task.reply_later()
-        threading.Thread(target=later.reply, args=(36.6,)).start()
-        return later
-
-    with legs.running():
-        assert user.query(STANCE, 1.0, timeout=SOON) == [36]
-
-
-def collides() -> BaseException:
-    return COLLISION(Footfall(1, 0.5), "rock")
-
-
-@pytest.mark.parametrize(
-    ("error", "failure", "text"),
-    [
-        (collides, "collision", "rock"),
-        (lambda: OSError("motor 3 is hot"), "handler error", "OSError: motor 3 is hot"),
-    ],
-)
-def test_it_may_fail(
-    legs: Module,
-    owed: Owed,
-    user: Client,
-    error: Callable[[], BaseException],
-    failure: str,
-    text: str,
-) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        owed.get(timeout=SOON).fail(error())
-        with pytest.raises(TaskFailed) as failed:
-            move.result(SOON)
-        assert failed.value.failure == failure
-        assert failed.value.text.startswith(text)
-
-
-def test_wrong_data_do_not_answer(legs: Module, owed: Owed, user: Client) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        with pytest.raises(BadData, match="the handler of command 'move leg' must return"):
-            later.reply("left")  # type: ignore[arg-type]
-        assert later.is_open
-        later.reply(Footfall(1, 0.0))
-        assert move.result(SOON) == Footfall(1, 0.0)
-
-
-def test_who_calls_reply_later_returns_what_it_gives(legs: Module, user: Client) -> None:
-    kept: list[LaterReply[float]] = []
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        kept.append(task.reply_later())
-        return 36.6
-
-    legs.handles(STANCE)(lambda _, _radius: kept[0])  # type: ignore[arg-type,return-value]
-    with legs.running():
-        asks: list[Callable[[], object]] = [
-            lambda: user.query(TEMPERATURE, timeout=SOON),
-            lambda: user.query(STANCE, 1.0, timeout=SOON),
-        ]
-        for ask in asks:
-            with pytest.raises(
-                QueryFailed, match=r"called reply_later\(\) but returned .*: return the LaterReply"
-            ):
-                ask()
-    with pytest.raises(
-        Stopped, match="'temperature' can't be answered any more: its handler failed: MisuseError"
-    ):
-        kept[0].reply(36.6)
-
-
-def test_a_handler_that_raises_has_answered(legs: Module, user: Client) -> None:
-    kept: list[LaterReply[float]] = []
-
-    @legs.handles(TEMPERATURE)
-    def temperature(task: Task) -> float:
-        kept.append(task.reply_later())
-        kept[0].reply(36.6)
-        raise COLLISION(Footfall(1, 0.0))
-
-    with legs.running():
-        with pytest.raises(QueryFailed, match="collision"):
-            user.query(TEMPERATURE, timeout=SOON)
-        assert not kept[0].is_open
-
-
-def test_it_is_told_that_its_task_was_killed(legs: Module, owed: Owed, user: Client) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        assert not later.cancelled
-        move.kill("enough")
-        never = threading.Event()
-        assert any(
-            later.cancelled or never.wait(0.005) for _ in range(1000)
-        )  # the thread of its handler listens
-        pending = user.query_send(TEMPERATURE)  # for the same slot, which is taken until the answer
-        later.reply(Footfall(1, 0.0))
-        assert move.wait(SOON) is Outcome.KILLED
-        assert pending.receive(SOON) == 36.6
-        assert not later.cancelled
-
-
-def test_a_module_that_ends_fails_what_it_owes(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-    with pytest.raises(TaskFailed, match="module lost: its module ended before it was answered"):
-        move.result(SOON)
-    with pytest.raises(
-        Stopped, match=r"move leg \{1\} can't be answered any more: its module has ended"
-    ):
-        later.reply(Footfall(1, 0.0))
-    assert [fact.failure for fact in central.facts if isinstance(fact, Failed)] == ["module lost"]
-
-
-def test_an_answer_just_before_the_end_still_leaves(legs: Module, owed: Owed, user: Client) -> None:
-    busy = Gate()
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        legs.after(0.0, busy, resource="legs")
-        assert busy.begun.wait(SOON)
-        legs.stop()
-        later.reply(Footfall(1, 0.0))
-        busy.go_on.set()
-    assert move.result(SOON) == Footfall(1, 0.0)
-
-
-def test_a_connection_that_breaks_fails_what_is_owed(
-    legs: Module, owed: Owed, user: Client, central: LocalCentral
-) -> None:
-    legs.handles(TEMPERATURE)(lambda _: 36.6)
-    with legs.running():
-        move = user.command(MOVE_LEG, 1)
-        later = owed.get(timeout=SOON)
-        central.cut("legs")
-        with pytest.raises(TaskFailed, match="module lost"):
-            move.result(SOON)
-        later.reply(Footfall(1, 0.0))  # nobody wants it any more, which does no harm
-        central.restart("afresh")
-        assert user.query(TEMPERATURE, timeout=SOON) == 36.6

@@ -1,5 +1,5 @@
-"""A handler hears what clients ask of its task, accepts or rejects it, and reports what it has got
-so far.
+"""A handler receives requests of clients, accepts or rejects them, and reports intermediate
+results.
 """
 
 from collections.abc import Iterator
@@ -62,10 +62,10 @@ STEPPED = True  # the clock of central
 
 
 class Arm:
-    """An arm that grasps until it is told otherwise, and notes what it hears."""
+    """An arm that grasps until its task ends, and notes the requests it receives."""
 
     def __init__(self, central: LocalCentral) -> None:
-        self.heard: list[str] = []
+        self.requests_seen: list[str] = []
         self.module = Module("arm", central)
         self.module.handles(GRASP, accepts=True, takes=["update", "cancel"])(self.grasp)
         self.module.handles(HOLD, takes=["update", "cancel"], resource="hand")(self.hold)
@@ -76,7 +76,7 @@ class Arm:
         task.accept()
         task.report(0.5)
         while (request := task.wait_for_request(10)) is not None:
-            self.heard.append(f"{task.state}: {request.transition} {request.why}".strip())
+            self.requests_seen.append(f"{task.state}: {request.transition} {request.why}".strip())
             if request.transition == "cancel" and request.why:
                 raise task.aborted("the hand is open")
             if request.transition == "cancel" or request.goal.item == "wall":
@@ -88,7 +88,7 @@ class Arm:
 
     async def hold(self, task: Task, grip: Grip) -> str:
         async for request in task.requests():
-            self.heard.append(f"{task.state}: {request.transition} {request.why}".strip())
+            self.requests_seen.append(f"{task.state}: {request.transition} {request.why}".strip())
             request.accept()
             if request.transition == "cancel":
                 break
@@ -103,7 +103,9 @@ def arm(central: LocalCentral) -> Iterator[Arm]:
         yield arm
 
 
-def test_a_task_is_accepted_updated_and_done(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_accepts_updates_and_completes_task(
+    user: Client, arm: Arm, central: LocalCentral
+) -> None:
     grasp = user.command(GRASP, Grip("pen"), delay=1)
     changes = grasp.changes()
     central.advance(1)
@@ -118,10 +120,10 @@ def test_a_task_is_accepted_updated_and_done(user: Client, arm: Arm, central: Lo
         ("accept", "running", "cup"),
         ("completed", "done", "cup"),
     ]
-    assert arm.heard == ["update requested: update"]
+    assert arm.requests_seen == ["update requested: update"]
 
 
-def test_it_is_rejected_with_a_reason(user: Client, arm: Arm) -> None:
+def test_handler_rejects_task_with_reason(user: Client, arm: Arm) -> None:
     grasp = user.command(GRASP, Grip("nothing"))
     with pytest.raises(TaskFailed, match="rejected: there is nothing to grasp") as failed:
         grasp.result()
@@ -129,7 +131,7 @@ def test_it_is_rejected_with_a_reason(user: Client, arm: Arm) -> None:
     assert grasp.state == "cancelled"
 
 
-def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_rejects_update_with_reason(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
     with pytest.raises(
@@ -141,9 +143,7 @@ def test_an_update_is_rejected_with_a_reason(user: Client, arm: Arm, central: Lo
     assert grasp.result() == "holds pen"
 
 
-def test_a_server_makes_another_goal_of_the_one_asked_for(
-    user: Client, central: LocalCentral
-) -> None:
+def test_handler_accepts_update_with_changed_goal(user: Client, central: LocalCentral) -> None:
     arm = Module("arm", central)
 
     @arm.handles(HOLD, takes=["update", "cancel"])
@@ -165,7 +165,7 @@ def test_a_server_makes_another_goal_of_the_one_asked_for(
         held.cancel()
 
 
-def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_handler_refuses_or_grants_cancel(user: Client, arm: Arm, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     central.until_quiet()
     changes = grasp.changes()
@@ -185,18 +185,16 @@ def test_a_cancel_is_refused_or_granted(user: Client, arm: Arm, central: LocalCe
     ]
 
 
-def test_a_cancel_is_heard_also_if_it_comes_before_the_task_is_accepted(
+def test_cancel_before_acceptance_reaches_handler(
     user: Client, arm: Arm, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
-    grasp.cancel("at once")  # whether the handler has accepted it by then or not
+    grasp.cancel("at once")  # before or after the handler has accepted it
     assert grasp.wait() is Outcome.KILLED
-    assert arm.heard == ["cancel requested: cancel at once"]
+    assert arm.requests_seen == ["cancel requested: cancel at once"]
 
 
-def test_what_a_handler_does_before_it_looks_counts_first(
-    user: Client, central: LocalCentral
-) -> None:
+def test_handler_transition_precedes_unseen_request(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
 
     @feet.handles(WALK, accepts=True, takes=["cancel"])
@@ -221,13 +219,13 @@ def test_what_a_handler_does_before_it_looks_counts_first(
     ]
 
 
-def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentral) -> None:
+def test_coroutine_receives_requests(user: Client, arm: Arm, central: LocalCentral) -> None:
     hold = user.command(HOLD, Grip("pen"))
     hold.update(Grip("cup"))
     hold.update(Grip("tea"))
     hold.cancel("enough")
     assert hold.wait() is Outcome.KILLED
-    assert arm.heard == [
+    assert arm.requests_seen == [
         "update requested: update",
         "update requested: update",
         "cancel requested: cancel enough",
@@ -238,7 +236,7 @@ def test_a_coroutine_hears_them_too(user: Client, arm: Arm, central: LocalCentra
     assert killed.wait(SOON) is Outcome.KILLED
 
 
-def test_a_wait_for_a_request_ends_with_the_task_and_with_the_module(
+def test_request_wait_ends_with_task_or_module(
     user: Client, arm: Arm, central: LocalCentral
 ) -> None:
     feet, ends = Module("feet", central), list[str]()
@@ -254,14 +252,14 @@ def test_a_wait_for_a_request_ends_with_the_task_and_with_the_module(
     with feet.running():
         walking = user.goal(WALK, 1)
         central.until_quiet()
-        walking.cancel()  # which it does not take
+        walking.cancel()  # the handler does not take it
         assert walking.wait() is Outcome.KILLED
         user.goal(WALK, 2)
         central.until_quiet()
     assert ends == ["TaskKilled", "Stopped"]
 
 
-def test_a_request_is_looked_at_without_a_wait(user: Client, central: LocalCentral) -> None:
+def test_request_is_read_without_waiting(user: Client, central: LocalCentral) -> None:
     feet, seen = Module("feet", central), list[object]()
 
     @feet.handles(WALK, takes=["update", "cancel"])
@@ -294,7 +292,7 @@ def test_a_request_is_looked_at_without_a_wait(user: Client, central: LocalCentr
     assert seen == [None, "'update' of walk {1}", (False, False, False, cancel, True), None]
 
 
-def test_what_is_not_taken_is_refused_if_that_is_said(user: Client, central: LocalCentral) -> None:
+def test_refused_transitions_are_rejected_for_handler(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
     feet.handles(WALK, refuses=["update", "cancel"])(lambda task, _: task.sleep(10))
     with feet.running():
@@ -308,14 +306,14 @@ def test_what_is_not_taken_is_refused_if_that_is_said(user: Client, central: Loc
         assert walking.wait() is Outcome.DONE
 
 
-def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
-    choir, heard = Module("choir", central), list[str]()
+def test_handler_takes_custom_transitions(user: Client, central: LocalCentral) -> None:
+    choir, requests_seen = Module("choir", central), list[str]()
 
     @choir.handles(SING, takes=["louder", "pause"])
     def sing(task: Task) -> None:
         task.sleep(1)
         while (request := task.wait_for_request(5)) is not None:
-            heard.append(f"{request.transition} while {task.state}")
+            requests_seen.append(f"{request.transition} while {task.state}")
             with pytest.raises(
                 MisuseError, match=r"'\w+' of sing .* can't be rejected: life cycle 'louder' has no"
             ):
@@ -331,7 +329,7 @@ def test_transitions_of_ones_own(user: Client, central: LocalCentral) -> None:
             assert singing.take(name)
         central.advance(6)
         assert singing.wait() is Outcome.DONE
-        assert heard == ["louder while paused", "louder while paused", "pause while paused"]
+        assert requests_seen == ["louder while paused", "louder while paused", "pause while paused"]
         assert [one.transition for one in changes][-3:] == ["pause", "resumed", "completed"]
 
 
@@ -353,13 +351,13 @@ it, unless the handler is declared with accepts=True",
 ]
 
 
-def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentral) -> None:
-    feet, said = Module("feet", central), list[str]()
+def test_impossible_transition_in_handler_is_misuse(user: Client, central: LocalCentral) -> None:
+    feet, errors = Module("feet", central), list[str]()
 
     def misuse(call: object) -> None:
         with pytest.raises((MisuseError, BadData)) as error:
             call()  # type: ignore[operator]
-        said.append(str(error.value))
+        errors.append(str(error.value))
 
     @feet.handles(WALK)
     def walk(task: Task, _: int) -> None:
@@ -390,10 +388,10 @@ def test_a_handler_is_told_what_it_can_not_do(user: Client, central: LocalCentra
         user.command(GRASP, Grip("pen")).result()
         user.command(TALK).result()
         assert user.query(FREE)
-    assert said == NOT_POSSIBLE
+    assert errors == NOT_POSSIBLE
 
 
-def test_options_that_can_not_be(central: LocalCentral) -> None:
+def test_impossible_handles_options_are_misuse(central: LocalCentral) -> None:
     feet = Module("feet", central)
     with pytest.raises(
         MisuseError,
@@ -422,9 +420,7 @@ def test_options_that_can_not_be(central: LocalCentral) -> None:
         feet.handles(WALK, when_busy="wait")  # type: ignore[call-overload]
 
 
-def test_whoever_owes_the_reply_reports_and_hears_requests(
-    user: Client, central: LocalCentral
-) -> None:
+def test_later_reply_reports_and_receives_requests(user: Client, central: LocalCentral) -> None:
     arm, owed = Module("arm", central), list[LaterReply[str]]()
 
     @arm.handles(GRASP, accepts=True, takes=["update"])
@@ -460,7 +456,7 @@ def test_whoever_owes_the_reply_reports_and_hears_requests(
             later.report(0.8)
 
 
-def test_a_goal_that_is_none_is_rejected_by_the_library(
+def test_undecodable_update_is_rejected_by_library(
     user: Client, arm: Arm, central: LocalCentral, caplog: pytest.LogCaptureFixture
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
@@ -475,22 +471,22 @@ def test_a_goal_that_is_none_is_rejected_by_the_library(
         rejected
         == "command 'grasp' came with data that is not of type Grip: Expected `object`, got `int`"
     )
-    assert not arm.heard
+    assert not arm.requests_seen
     assert "'update' of grasp {1} is rejected" in caplog.text
 
 
 # --- Busy handlers --------------------------------------------------------------------------------
 
 
-def test_a_busy_handler_rejects_or_is_pre_empted(user: Client, central: LocalCentral) -> None:
-    feet, heard = Module("feet", central), list[str]()
+def test_busy_handler_rejects_or_is_preempted(user: Client, central: LocalCentral) -> None:
+    feet, requests_seen = Module("feet", central), list[str]()
     feet.resource("mouth", when_busy="reject")
     feet.handles(TALK, resource="mouth")(lambda task: task.sleep(10))
 
     @feet.handles(WALK, takes=["cancel"], when_busy="preempt")
     def walk(task: Task, steps: int) -> None:
         if (request := task.wait_for_request(10)) is not None:
-            heard.append(f"{steps}: {request.why}")
+            requests_seen.append(f"{steps}: {request.why}")
             request.accept()
 
     with feet.running():
@@ -501,4 +497,4 @@ def test_a_busy_handler_rejects_or_is_pre_empted(user: Client, central: LocalCen
         assert walks[0].wait() is Outcome.KILLED
         central.advance(10)
         assert (walks[1].wait(), talks[0].wait()) == (Outcome.DONE, Outcome.DONE)
-        assert heard == ["1: pre-empted by task 4 'walk'"]
+        assert requests_seen == ["1: pre-empted by task 4 'walk'"]

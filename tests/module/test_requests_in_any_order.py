@@ -1,5 +1,5 @@
-"""Clients and handlers that do what they like, all at once: each update gets a word, each task one
-end, and all agree.
+"""Clients and handlers act at random, all at once. Each update gets one answer, each task one end,
+and all agree.
 """
 
 import random
@@ -30,8 +30,8 @@ LATEST = 30.0  # seconds
 PLAY, SING = (Command(name, int, result=int, progress=int) for name in ("play", "sing"))
 
 
-class Fickle:
-    """Does what it likes with requests."""
+class RandomHandler:
+    """Answers requests at random."""
 
     def __init__(self) -> None:
         self.answered: Counter[str] = Counter()
@@ -62,8 +62,8 @@ class Fickle:
         return goal
 
 
-class FickleServer(Server[int, int]):
-    """The same, with methods."""
+class RandomServer(Server[int, int]):
+    """A random handler with a method for each request."""
 
     def initiated(self, task: Task, goal: int) -> int:
         for step in range(random.Random(goal).randrange(40)):
@@ -80,8 +80,8 @@ class FickleServer(Server[int, int]):
         return why == "please"
 
 
-class Customer(threading.Thread):
-    """Sends tasks, and wants this and that of them."""
+class RandomClient(threading.Thread):
+    """Sends tasks, and updates, cancels or awaits them at random."""
 
     def __init__(self, central: LocalCentral, seed: int, tasks: int) -> None:
         super().__init__()
@@ -89,7 +89,7 @@ class Customer(threading.Thread):
         self.errors: list[str] = []
 
     def run(self) -> None:
-        with connect(f"customer {self.name}", self._central) as user:
+        with connect(f"client {self.name}", self._central) as user:
             for _ in range(self._tasks):
                 try:
                     self._order(user)
@@ -99,8 +99,8 @@ class Customer(threading.Thread):
     def _order(self, user: Sender) -> None:
         dice = self._dice
         task = user.command(dice.choice([PLAY, SING]), dice.randrange(10**6), sequential=False)
-        heard: list[Change] = []
-        task.on_change(heard.append)
+        changes: list[Change] = []
+        task.on_change(changes.append)
         if dice.random() < 0.8:
             task.wait_for_state("running", timeout=LATEST)
         for _ in range(dice.randrange(5)):
@@ -113,33 +113,33 @@ class Customer(threading.Thread):
             task.result(LATEST)
         *_, last = task.changes(timeout=LATEST)
         assert (last.state == "done") == (task.wait() is Outcome.DONE), (last, task.wait())
-        assert [one.serial for one in heard] == sorted({one.serial for one in heard})
-        assert not any(one.missed for one in heard)
+        assert [one.serial for one in changes] == sorted({one.serial for one in changes})
+        assert not any(one.missed for one in changes)
 
 
-def play(seed: int, customers: int, tasks: int) -> None:
-    fickle = Fickle()
+def run_band(seed: int, clients: int, tasks: int) -> None:
+    handler = RandomHandler()
     with LocalCentral(check=check_invariants) as central:
         band = Module("band", central)
         band.resource("drums", capacity=3)
-        band.handles(PLAY, resource="drums", accepts=True, takes=["update", "cancel"])(fickle.play)
-        band.serve(SING, FickleServer(), resource="voice")
+        band.handles(PLAY, resource="drums", accepts=True, takes=["update", "cancel"])(handler.play)
+        band.serve(SING, RandomServer(), resource="voice")
         with band.running():
-            threads = [Customer(central, seed + number, tasks) for number in range(customers)]
+            threads = [RandomClient(central, seed + number, tasks) for number in range(clients)]
             for thread in threads:
                 thread.start()
             for thread in threads:
                 thread.join(LATEST)
             assert not any(thread.is_alive() for thread in threads)
     assert [error for thread in threads for error in thread.errors] == []
-    assert set(fickle.answered.values()) <= {0, 1}
+    assert set(handler.answered.values()) <= {0, 1}
 
 
-def test_a_few_do_what_they_like() -> None:
-    play(seed=0, customers=3, tasks=6)
+def test_few_random_customers_and_servers_agree() -> None:
+    run_band(seed=0, clients=3, tasks=6)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(0, 1000, 100))
-def test_many_do(seed: int) -> None:
-    play(seed, customers=5, tasks=40)
+def test_many_random_customers_and_servers_agree(seed: int) -> None:
+    run_band(seed, clients=5, tasks=40)

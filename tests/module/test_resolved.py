@@ -1,6 +1,4 @@
-"""What deals with a failure: a retry, a kill, or an exception handler that calls resolved() and
-ends well.
-"""
+"""Failures are dealt with by a retry, a kill, or an exception handler that calls resolved()."""
 
 import threading
 from collections.abc import Iterator
@@ -32,17 +30,17 @@ ON_SLIP = [Recovery(SLIP, LOOK)]
 
 
 class Robot:
-    """Its *looks* say what the exception handler does, one call after the other."""
+    """*reactions* holds the actions of the exception handler, one for each call."""
 
     def __init__(self, legs: Module, eyes: Module) -> None:
-        self.looks: list[Any] = []
+        self.reactions: list[Any] = []
         self.done: list[str] = []
         self.scales = Gate()
         legs.handles(WALK, resource="planner")(self.walk)
         for message in (STEP, WEIGH, SWING, MEND):
             legs.handles(message, resource=message.name)(self.move)
         legs.handles(SLOW, resource="scales")(self.scales)
-        eyes.handles(LOOK)(lambda task: self.looks.pop(0)(task))  # noqa: PLW0108 - one for each call
+        eyes.handles(LOOK)(lambda task: self.reactions.pop(0)(task))  # noqa: PLW0108 - one for each call
         eyes.handles(TREAT)(treat)
 
     def walk(self, task: Task) -> None:
@@ -57,11 +55,11 @@ class Robot:
 
 
 @pytest.fixture
-def them(legs: Module, eyes: Module) -> Iterator[Robot]:
+def robot(legs: Module, eyes: Module) -> Iterator[Robot]:
     robot = Robot(legs, eyes)
     with legs.running(), eyes.running():
         yield robot
-    assert not robot.looks
+    assert not robot.reactions
 
 
 async def treat(task: Task) -> None:
@@ -95,7 +93,7 @@ def answer_later(task: Task) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("looks", "outcome"),
+    ("reactions", "outcome"),
     [
         ([resolve], RESOLVED),
         ([answer_later], RESOLVED),
@@ -103,27 +101,27 @@ def answer_later(task: Task) -> Any:
         ([kill], FAILED),
     ],
 )
-def test_a_failure_ends_as_its_handlers_say(
-    them: Robot, user: Client, looks: list[Any], outcome: Any
+def test_failure_outcome_follows_exception_handler(
+    robot: Robot, user: Client, reactions: list[Any], outcome: Any
 ) -> None:
-    them.looks = looks[:]
+    robot.reactions = reactions[:]
     assert user.command(STEP, on_failure=ON_SLIP).wait(SOON) is outcome
 
 
-def test_an_async_handler_resolves(them: Robot, user: Client) -> None:
+def test_async_exception_handler_resolves_failure(robot: Robot, user: Client) -> None:
     assert user.command(STEP, on_failure=[Recovery(SLIP, TREAT)]).wait(SOON) is RESOLVED
 
 
-def test_failure_that_is_only_observed_ends_the_walk(them: Robot, user: Client) -> None:
-    them.looks = [observe]
+def test_unresolved_failure_ends_parent_goal(robot: Robot, user: Client) -> None:
+    robot.reactions = [observe]
     user.on_failure(None, LOOK)
     with pytest.raises(TaskFailed, match="'look' returned without dealing with it"):
         user.goal(WALK).result(SOON)
-    assert "swing" not in them.done
+    assert "swing" not in robot.done
 
 
-def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None:
-    them.looks = [resolve, resolve]
+def test_resolved_failure_lets_parent_goal_continue(robot: Robot, user: Client) -> None:
+    robot.reactions = [resolve, resolve]
     step = user.command(STEP, on_failure=ON_SLIP)
     ends = [
         (change.state, change.transition, change.outcome)
@@ -133,27 +131,27 @@ def test_resolved_failure_lets_the_walk_go_on(them: Robot, user: Client) -> None
     assert step.result(SOON) is None
     assert ends == [("done", RESOLVED, RESOLVED)]
     assert user.goal(WALK, on_failure=ON_SLIP).wait(SOON) is DONE
-    assert them.done == ["step", "step", "swing"]
+    assert robot.done == ["step", "step", "swing"]
 
 
-def test_result_of_a_resolved_task_is_an_error_when_declared(them: Robot, user: Client) -> None:
-    them.looks = [resolve]
+def test_declared_result_of_resolved_task_raises(robot: Robot, user: Client) -> None:
+    robot.reactions = [resolve]
     with pytest.raises(TaskFailed, match="resolved it") as caught:
         user.command(WEIGH, on_failure=ON_SLIP).result(SOON)
     assert caught.value.failure == "slip"
 
 
 @pytest.mark.parametrize(("look", "outcome"), [(resolve, RESOLVED), (observe, FAILED)])
-def test_failure_beside_a_handler_is_resolved_or_ends_it(
-    them: Robot, user: Client, look: Any, outcome: Any
+def test_external_failure_of_running_task_is_resolved_or_ends_it(
+    robot: Robot, user: Client, look: Any, outcome: Any
 ) -> None:
     looked = threading.Event()
-    them.looks = [lambda task: [look(task), looked.set()][0]]  # type: ignore[func-returns-value]
+    robot.reactions = [lambda task: [look(task), looked.set()][0]]  # type: ignore[func-returns-value]
     weighed = user.command(SLOW, on_failure=ON_SLIP)
-    assert them.scales.begun.wait(SOON)
+    assert robot.scales.begun.wait(SOON)
     weighed.fail(SLIP())
     assert looked.wait(SOON)
-    them.scales.go_on.set()
+    robot.scales.go_on.set()
     assert weighed.wait(SOON) is outcome
     if outcome is RESOLVED:
         assert weighed.result(SOON) is None  # its handler has returned that

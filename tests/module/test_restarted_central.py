@@ -1,4 +1,4 @@
-"""Central was restarted: what was attached is there again, and old numbers mean nobody's tasks."""
+"""After a restart of central attachments return, and old numbers name no task of others."""
 
 import asyncio
 import pickle
@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from module.real_central import SOON, until
-from module.test_connection import connected
+from module.scripted_central import scripted_connection
 
 from tca_module import (
     AttachmentRef,
@@ -45,7 +45,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.headers import Register, Send, Unknown, Welcome
 from tca_wire.points import Moment, Point, TaskId
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 WALK = Goal("walk")
 MOVE = Command("move", int)
@@ -56,7 +56,7 @@ RECOVER, REPLAN, STOP = (ExceptionHandler(name) for name in ("recover", "replan"
 
 
 class Robot:
-    """Legs, and a program that watches over them; what both did."""
+    """Legs, a program that watches over them, and the actions of both."""
 
     def __init__(self, central: LocalCentral) -> None:
         self.central = central
@@ -87,8 +87,8 @@ class Robot:
         with self.legs.running(), self.safety.running():
             yield
 
-    def moves(self, leg: int, user: Client) -> list[str]:
-        """What a move brings about now."""
+    def effects_of_move(self, leg: int, user: Client) -> list[str]:
+        """The actions that a move causes now."""
         self.done.clear()
         user.command(MOVE, leg).wait(SOON)
         return self.done[:]
@@ -100,19 +100,19 @@ def robot(central: LocalCentral) -> Robot:
 
 
 def restarted(central: LocalCentral, user: Client, epoch: str = "afresh") -> None:
-    """Central has been restarted, and all modules are back."""
+    """Restart central, and wait until all modules are back."""
     central.restart(epoch)
     user.wait_until_handled(MOVE, CHECK, STOP, timeout=SOON)
 
 
 def attached(user: Client) -> list[str]:
-    known = user.status("attached")
-    return [one["handler"] for one in known["exception_handlers"]] + [
-        one["listener"] for one in known["wiretaps"]
+    attachments = user.status("attached")
+    return [one["handler"] for one in attachments["exception_handlers"]] + [
+        one["listener"] for one in attachments["wiretaps"]
     ]
 
 
-def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely_on_it(
+def test_attachments_of_module_return_before_its_handlers(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     @robot.safety.at_start
@@ -121,15 +121,15 @@ def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely
         module.on_failure(SLIP, STOP, of=MOVE)
 
     with robot.running():
-        assert robot.moves(1, user) == ["check 1", "move 1"]
+        assert robot.effects_of_move(1, user) == ["check 1", "move 1"]
         before = len(central.facts)
         restarted(central, user)
-        assert robot.moves(2, user) == ["check 2", "move 2"]
-        assert robot.moves(-1, user) == ["check -1", "move -1", "stop"]
-        anew = central.facts[before:]
+        assert robot.effects_of_move(2, user) == ["check 2", "move 2"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "stop"]
+        renewed = central.facts[before:]
         order = [
             type(fact)
-            for fact in anew
+            for fact in renewed
             if getattr(fact, "module", "") != "legs" and type(fact) in ATTACHING
         ]
     assert order[: order.index(facts.HandlerAdded)] == [facts.TapAdded, facts.Attached]
@@ -138,10 +138,10 @@ def test_moves_are_checked_as_before_and_whoever_sees_the_check_handled_may_rely
 ATTACHING = (facts.TapAdded, facts.Attached, facts.HandlerAdded)
 
 
-def test_what_a_handler_has_attached_is_there_again_in_its_place(
+def test_attachments_of_handler_return_in_place_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """Every handler has a connection of its own; the module attaches for all of them."""
+    """Every handler has a connection of its own. The module attaches for all of them."""
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -153,21 +153,21 @@ def test_what_a_handler_has_attached_is_there_again_in_its_place(
         robot.taps.append(task.tap(Condition.BEFORE_HANDLING, MOVE, CHECK))
 
     @robot.safety.handles(NOTE)
-    def note(_: Task, __: int) -> None:
+    def remove_tap(_: Task, __: int) -> None:
         robot.taps[0].remove()
         robot.done.append("removed")
 
     with robot.running():
         assert user.goal(WALK).wait(SOON)
-        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "recover", "stop"]
         restarted(central, user)
-        assert robot.moves(-1, user) == ["check -1", "move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["check -1", "move -1", "recover", "stop"]
         user.inform(NOTE, 1)
         until(lambda: "removed" in robot.done, "the handler has removed its wiretap")
-        assert robot.moves(-1, user) == ["move -1", "recover", "stop"]
+        assert robot.effects_of_move(-1, user) == ["move -1", "recover", "stop"]
 
 
-def test_monitors_are_declared_with_their_parts_and_listen_as_before(
+def test_tapped_monitor_returns_with_its_parts_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     steady = Query("steady?", reply=bool)
@@ -185,7 +185,7 @@ def test_monitors_are_declared_with_their_parts_and_listen_as_before(
         assert user.status("attached") == before
 
 
-def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_new_number(
+def test_restart_keeps_removals_and_renumbers_attachments(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
     with robot.running():
@@ -204,16 +204,16 @@ def test_what_was_removed_is_not_attached_anew_and_a_handle_goes_on_under_the_ne
         assert attached(user) == []
 
 
-def test_what_was_attached_to_a_task_is_gone_with_it(central: LocalCentral, user: Client) -> None:
+def test_attachment_to_task_is_gone_after_restart(central: LocalCentral, user: Client) -> None:
     user.goal(WALK).on_failure(SLIP, RECOVER)
     central.restart("afresh")
     assert attached(user) == []
 
 
-def test_what_an_operator_took_away_is_there_again(
+def test_attachment_detached_by_operator_returns_after_restart(
     central: LocalCentral, robot: Robot, user: Client
 ) -> None:
-    """Whoever attached it wants it still: as after a restart of that module."""
+    """The module that attached it still needs it, as after a restart of that module."""
 
     @robot.safety.at_start
     def begin(module: Module) -> None:
@@ -221,25 +221,22 @@ def test_what_an_operator_took_away_is_there_again(
 
     with robot.running():
         assert user.detach(robot.taps[0].id)
-        assert robot.moves(1, user) == ["move 1"]
+        assert robot.effects_of_move(1, user) == ["move 1"]
         restarted(central, user)
-        assert robot.moves(1, user) == ["check 1", "move 1"]
+        assert robot.effects_of_move(1, user) == ["check 1", "move 1"]
 
 
-# --- before the handlers --------------------------------------------------------------------------
-
-
-# --- A restarted central gives its first messages the numbers of old ones -------------------------
+# --- A restarted central gives new messages the numbers of old ones -------------------------------
 
 
 WORK = Command("work", str, result=str)
-NOBODY, LAST = Query("nobody", reply=int), Query("last", reply=int)
+UNHANDLED, LAST = Query("nobody", reply=int), Query("last", reply=int)
 
 
-def the_new_one_has_the_number_and_its_own_answer(
+def check_that_new_task_gets_own_answer(
     central: LocalCentral, user: Client, begun: "queue.Queue[str]"
 ) -> None:
-    """The same work once in the old central, and in the new one under the same number."""
+    """Send the same work to the old central, and to the new one under the same number."""
     assert user.command(WORK, "old").id == 1
     old = begun.get(timeout=SOON)
     central.restart("afresh")
@@ -249,9 +246,7 @@ def the_new_one_has_the_number_and_its_own_answer(
     assert new.result(SOON) == "new"
 
 
-def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
-    central: LocalCentral, user: Client
-) -> None:
+def test_forgotten_coroutine_does_not_answer_new_task(central: LocalCentral, user: Client) -> None:
     module, begun, go_on = Module("worker", central), queue.Queue[str](), threading.Event()
 
     @module.handles(WORK)
@@ -259,7 +254,7 @@ def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
         begun.put(f"{data} {task.id}")
         if data == "old":
             with suppress(asyncio.CancelledError):
-                await task.query_send(NOBODY)
+                await task.query_send(UNHANDLED)
             await asyncio.to_thread(go_on.wait, SOON)
         else:
             go_on.set()
@@ -269,10 +264,10 @@ def test_a_coroutine_that_cleans_up_does_not_answer_for_a_new_one(
 
     module.handles(LAST)(lambda _: 1)
     with module.running():
-        the_new_one_has_the_number_and_its_own_answer(central, user, begun)
+        check_that_new_task_gets_own_answer(central, user, begun)
 
 
-def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
+def test_forgotten_later_reply_does_not_answer_new_task(
     central: LocalCentral, user: Client
 ) -> None:
     module, begun, owed = Module("worker", central), queue.Queue[str](), list[LaterReply[str]]()
@@ -284,17 +279,15 @@ def test_an_answer_that_was_owed_to_the_old_central_is_not_given_to_the_new_one(
             owed.append(task.reply_later())
             return owed[0]
         owed[0].reply("old")
-        task.query_send(LAST).receive(SOON)  # in this wait it leaves
+        task.query_send(LAST).receive(SOON)  # the reply leaves in this wait
         return data
 
     module.handles(LAST, resource="last")(lambda _: 1)
     with module.running():
-        the_new_one_has_the_number_and_its_own_answer(central, user, begun)
+        check_that_new_task_gets_own_answer(central, user, begun)
 
 
-def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(
-    central: LocalCentral, user: Client
-) -> None:
+def test_forgotten_later_reply_reads_as_cancelled(central: LocalCentral, user: Client) -> None:
     module, owed = Module("worker", central), queue.Queue[LaterReply[str]]()
 
     @module.handles(WORK)
@@ -314,7 +307,7 @@ def test_who_owes_an_answer_to_the_old_central_reads_that_it_is_void(
         assert task.result(SOON) == "new"
 
 
-def test_a_handler_that_holds_while_its_task_is_suspended_holds_no_forgotten_one(
+def test_forgotten_task_is_cancelled_and_no_longer_suspended(
     central: LocalCentral, user: Client
 ) -> None:
     module, read, go_on = Module("worker", central), queue.Queue[bool](), threading.Event()
@@ -324,7 +317,7 @@ def test_a_handler_that_holds_while_its_task_is_suspended_holds_no_forgotten_one
         until(lambda: task.suspended, "its task is suspended")
         read.put(True)
         go_on.wait(SOON)
-        until(lambda: not task.suspended, "it holds no longer")
+        until(lambda: not task.suspended, "the suspension is over")
         read.put(task.cancelled and not task.suspended)
         return data
 
@@ -336,7 +329,7 @@ def test_a_handler_that_holds_while_its_task_is_suspended_holds_no_forgotten_one
         assert read.get(timeout=SOON)
 
 
-# --- A restarted central gives strangers' tasks the numbers of forgotten ones ---------------------
+# --- A restarted central gives tasks of strangers the numbers of forgotten ones -------------------
 
 
 LABOUR, STRIDE, HALT, NOTICE = (
@@ -356,8 +349,8 @@ PROBE = PointMonitor("check", condition=IS_LOW, action=HALT)
 
 
 @dataclass
-class Had:
-    """What a program still has of tasks that were forgotten, and a task that it sent since."""
+class Forgotten:
+    """A program's handles of forgotten tasks, and a task that it has sent since."""
 
     user: Client
     goal: SentTask[None]
@@ -368,64 +361,70 @@ class Had:
     new: Callable[[], SentTask[int]]
 
 
-CALLS: dict[str, Callable[[Had], object]] = {
+CALLS: dict[str, Callable[[Forgotten], object]] = {
     # points
-    "constrain what comes after it": lambda had: had.user.constrain(
-        had.task.achieving.end <= had.new().handling.start
+    "constrain successor": lambda forgotten: forgotten.user.constrain(
+        forgotten.task.achieving.end <= forgotten.new().handling.start
     ),
-    "constrain it": lambda had: had.user.constrain(
-        had.new().achieving.end <= had.task.handling.start
+    "constrain predecessor": lambda forgotten: forgotten.user.constrain(
+        forgotten.new().achieving.end <= forgotten.task.handling.start
     ),
-    "constrain, later": lambda had: had.user.constrain(
-        had.task.achieving.end + 1 <= had.new().handling.start
+    "constrain with delay": lambda forgotten: forgotten.user.constrain(
+        forgotten.task.achieving.end + 1 <= forgotten.new().handling.start
     ),
-    "constrain without <=": lambda had: had.user.constrain(
-        Constraint(had.task.achieving.end, had.new().achieving.start)
+    "constrain without <=": lambda forgotten: forgotten.user.constrain(
+        Constraint(forgotten.task.achieving.end, forgotten.new().achieving.start)
     ),
-    "constrain two of them": lambda had: had.user.constrain(
-        had.goal.achieving.end <= had.task.achieving.start
+    "constrain both": lambda forgotten: forgotten.user.constrain(
+        forgotten.goal.achieving.end <= forgotten.task.achieving.start
     ),
-    "send after it": lambda had: had.user.command(
-        LABOUR, constraints=[had.task.achieving.end <= this.achieving.start]
+    "send successor": lambda forgotten: forgotten.user.command(
+        LABOUR, constraints=[forgotten.task.achieving.end <= this.achieving.start]
     ),
-    "kill after it": lambda had: had.new().kill(after=had.task.achieving.end),
-    "wait for its point": lambda had: had.new().wait_for(had.task.handling.start, SOON),
-    "a deadline for its point": lambda had: had.new().deadline(3, had.task.achieving.end),
-    "watch until it ends": lambda had: had.user.monitor(
-        BATTERY, period=1, until=had.task.achieving.end
+    "kill after": lambda forgotten: forgotten.new().kill(after=forgotten.task.achieving.end),
+    "wait for point": lambda forgotten: forgotten.new().wait_for(
+        forgotten.task.handling.start, SOON
     ),
-    "watch after it": lambda had: had.user.monitor(
-        PROBE, constraints=[had.task.achieving.end <= this.achieving.start], sequential=False
+    "deadline for point": lambda forgotten: forgotten.new().deadline(
+        3, forgotten.task.achieving.end
     ),
-    "listen until it ends": lambda had: had.user.tap(
-        Condition.WHILE_ACHIEVING, STRIDE, BATTERY, period=1, until=had.task.achieving.end
+    "monitor until": lambda forgotten: forgotten.user.monitor(
+        BATTERY, period=1, until=forgotten.task.achieving.end
+    ),
+    "monitor after": lambda forgotten: forgotten.user.monitor(
+        PROBE, constraints=[forgotten.task.achieving.end <= this.achieving.start], sequential=False
+    ),
+    "tap until": lambda forgotten: forgotten.user.tap(
+        Condition.WHILE_ACHIEVING, STRIDE, BATTERY, period=1, until=forgotten.task.achieving.end
     ),
     # handles
-    "kill": lambda had: had.task.kill(),
-    "wait": lambda had: had.task.wait(SOON),
-    "result": lambda had: had.task.result(SOON),
-    "deadline": lambda had: had.task.deadline(3),
-    "fail": lambda had: had.task.fail(STUCK()),
-    "retry": lambda had: had.task.retry(),
-    "suspend": lambda had: had.task.suspend(),
-    "resume": lambda had: had.task.resume(),
-    "keep": lambda had: had.task.keep(),
-    "release": lambda had: had.task.release(),
-    "info": lambda had: had.task.info(),
-    "children": lambda had: had.goal.children(),
-    "on failure": lambda had: had.task.on_failure(STUCK, FREE),
-    "on failure of": lambda had: had.user.on_failure(STUCK, FREE, of=had.task),
-    "on termination": lambda had: had.task.on_termination(HALT),
-    "tap": lambda had: had.user.tap(Condition.AFTER_ACHIEVED, had.task, NOTICE),
-    "fire": lambda had: had.monitor.fire(HALT),
-    "end": lambda had: had.monitor.end(),
-    # what is sent under it
-    "a command under it": lambda had: had.user.under(had.goal).command(LABOUR),
-    "a goal under it": lambda had: had.user.under(had.goal).goal(STRIDE),
-    "a monitor under it": lambda had: had.user.under(had.goal).monitor(BATTERY, period=1),
+    "kill": lambda forgotten: forgotten.task.kill(),
+    "wait": lambda forgotten: forgotten.task.wait(SOON),
+    "result": lambda forgotten: forgotten.task.result(SOON),
+    "deadline": lambda forgotten: forgotten.task.deadline(3),
+    "fail": lambda forgotten: forgotten.task.fail(STUCK()),
+    "retry": lambda forgotten: forgotten.task.retry(),
+    "suspend": lambda forgotten: forgotten.task.suspend(),
+    "resume": lambda forgotten: forgotten.task.resume(),
+    "keep": lambda forgotten: forgotten.task.keep(),
+    "release": lambda forgotten: forgotten.task.release(),
+    "info": lambda forgotten: forgotten.task.info(),
+    "children": lambda forgotten: forgotten.goal.children(),
+    "on failure": lambda forgotten: forgotten.task.on_failure(STUCK, FREE),
+    "on failure of": lambda forgotten: forgotten.user.on_failure(STUCK, FREE, of=forgotten.task),
+    "on termination": lambda forgotten: forgotten.task.on_termination(HALT),
+    "tap": lambda forgotten: forgotten.user.tap(Condition.AFTER_ACHIEVED, forgotten.task, NOTICE),
+    "fire": lambda forgotten: forgotten.monitor.fire(HALT),
+    "end": lambda forgotten: forgotten.monitor.end(),
+    # tasks sent under it
+    "subcommand": lambda forgotten: forgotten.user.under(forgotten.goal).command(LABOUR),
+    "subgoal": lambda forgotten: forgotten.user.under(forgotten.goal).goal(STRIDE),
+    "submonitor": lambda forgotten: forgotten.user.under(forgotten.goal).monitor(BATTERY, period=1),
     # its number
-    "by its number": lambda had: had.user.task(had.task.id),
-    "by a copy of its number": lambda had: had.user.task(pickle.loads(pickle.dumps(had.task.id))),
+    "number": lambda forgotten: forgotten.user.task(forgotten.task.id),
+    "copied number": lambda forgotten: forgotten.user.task(
+        pickle.loads(pickle.dumps(forgotten.task.id))
+    ),
 }
 
 
@@ -435,15 +434,17 @@ LOST = (
 )
 
 
-def had_by(user: Client) -> Had:
+def send_tasks(user: Client) -> Forgotten:
     goal, task = user.goal(STRIDE), user.command(LABOUR)
     monitor = user.monitor(CUPS, waited_for=True)
     removal = task.on_failure(STUCK, FREE)
-    return Had(user, goal, task, monitor, removal, lambda: user.command(LABOUR, sequential=False))
+    return Forgotten(
+        user, goal, task, monitor, removal, lambda: user.command(LABOUR, sequential=False)
+    )
 
 
-def strangers_in(central: LocalCentral, stranger: Client) -> None:
-    """Tasks of somebody else with the same numbers."""
+def add_tasks_of_stranger(central: LocalCentral, stranger: Client) -> None:
+    """Send tasks of another client that get the same numbers."""
     for _ in range(4):
         stranger.goal(STRIDE, sequential=False)
     stranger.tasks(STRIDE)[0].on_failure(STUCK, FREE)
@@ -457,34 +458,34 @@ def state_of(stranger: Client) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("has_heard", [True, False], ids=["known", "unheard"])
 @pytest.mark.parametrize("call", CALLS)
-def test_a_forgotten_task_is_nobody_elses(
+def test_call_on_forgotten_task_raises_and_harms_no_stranger(
     central: LocalCentral, user: Client, call: str, *, has_heard: bool
 ) -> None:
-    had = had_by(user)
+    forgotten = send_tasks(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
-        strangers_in(central, stranger)
+        add_tasks_of_stranger(central, stranger)
         before = state_of(stranger)
         if has_heard:
             user.modules()
-            new = had.new()
-            had.new = lambda: new
+            new = forgotten.new()
+            forgotten.new = lambda: new
         with pytest.raises(CentralLost, match=LOST):
-            CALLS[call](had)
+            CALLS[call](forgotten)
         assert state_of(stranger) == before
 
 
-def test_what_was_attached_to_it_is_not_removed_from_others(
+def test_removing_forgotten_attachment_harms_no_stranger(
     central: LocalCentral, user: Client
 ) -> None:
-    had = had_by(user)
+    forgotten = send_tasks(user)
     central.restart("two")
     with connect("stranger", central) as stranger:
-        strangers_in(central, stranger)
+        add_tasks_of_stranger(central, stranger)
         before = state_of(stranger)
-        had.removal.remove()
+        forgotten.removal.remove()
         user.modules()
-        had.removal.remove()
+        forgotten.removal.remove()
         assert state_of(stranger) == before
 
 
@@ -494,13 +495,13 @@ HANDLERS_CALLS: dict[str, Callable[[Task], object]] = {
     "query": lambda task: task.query(IS_LOW),
     "lock": lambda task: task.lock("legs"),
     "variable": lambda task: task.set_variable(LEVEL, 1),
-    "its own point": lambda task: task.constrain(task.achieving.end <= task.ref.achieving.end),
-    "its handle": lambda task: task.ref.kill(),
+    "own point": lambda task: task.constrain(task.achieving.end <= task.ref.achieving.end),
+    "own ref": lambda task: task.ref.kill(),
 }
 
 
 @pytest.mark.parametrize("call", HANDLERS_CALLS)
-def test_a_handler_of_a_forgotten_task_sends_nothing_as_anothers(
+def test_handler_of_forgotten_task_cannot_send(
     central: LocalCentral, user: Client, legs: Module, call: str
 ) -> None:
     begun, go_on, raised = threading.Event(), threading.Event(), queue.Queue[BaseException]()
@@ -526,7 +527,7 @@ def test_a_handler_of_a_forgotten_task_sends_nothing_as_anothers(
         assert [task.id for task in stranger.tasks()] == [task.id for task in strangers]
 
 
-def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(
+def test_client_unaware_of_restart_may_name_new_foreign_tasks(
     central: LocalCentral, user: Client
 ) -> None:
     first = user.command(LABOUR)
@@ -542,14 +543,16 @@ def test_what_others_made_is_known_to_who_has_not_heard_of_the_restart(
         first.kill()
 
 
-def test_monitors_follow_no_forgotten_sibling(central: LocalCentral, user: Client) -> None:
+def test_monitor_is_not_ordered_after_forgotten_sibling(
+    central: LocalCentral, user: Client
+) -> None:
     with user.parallel():
         user.command(LABOUR)
     with user.sequence():
         assert user.command(LABOUR).id == 2
         central.restart("two")
         with connect("stranger", central) as stranger:
-            strangers_in(central, stranger)
+            add_tasks_of_stranger(central, stranger)
             user.modules()
             check = user.monitor(PROBE)
             info = check.info()
@@ -557,7 +560,7 @@ def test_monitors_follow_no_forgotten_sibling(central: LocalCentral, user: Clien
             assert info.held == {}
 
 
-def test_numbers_and_points_travel_as_data_and_are_plain_then(
+def test_task_numbers_and_points_travel_as_plain_data(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     which, until = Command("which", int, result=int), Command("until", Point, result=str)
@@ -570,18 +573,20 @@ def test_numbers_and_points_travel_as_data_and_are_plain_then(
         assert f"{task.id} {task.id!r} {task.id:03d}" == "1 1 001"
 
 
-def test_a_number_of_the_old_central_is_known_as_one_whatever_says_it() -> None:
-    connection, central = connected()
+def test_request_naming_forgotten_number_is_lost() -> None:
+    connection, central = scripted_connection()
     task, delivery = with_epoch(TaskId(3), "one", "walk {3}"), with_epoch(8, "one", "walk {3}")
-    central.say(Unknown(), Welcome(1, 1, "legs", "two"))
+    central.deliver(Unknown(), Welcome(1, 1, "legs", "two"))
     with pytest.raises(
         CentralLost, match=r"walk \{3\} is lost: central was restarted and has forgotten its tree; "
     ):
-        connection.call(Send(0, "walk", parent=task), "goal 'walk'")  # by this call it is known
+        connection.call(
+            Send(0, "walk", parent=task), "goal 'walk'"
+        )  # this call learns of the restart
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
         connection.post(Send(0, "position", origin=delivery), b"")
     with pytest.raises(CentralLost, match=r"walk \{3\} is lost"):
         connection.request(
             headers.AwaitPoint(0, Point(task, Moment.END_ACHIEVING)), wants_answer=True
         )
-    assert {type(header) for header in central.heard} == {Register}
+    assert {type(header) for header in central.received} == {Register}

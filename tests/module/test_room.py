@@ -1,5 +1,5 @@
-"""Senders that send more than is handled: dropped without a word, refused who asks, or waiting for
-room.
+"""Senders exceed the handlers: messages are dropped silently, refused, or wait for room in the
+queue.
 """
 
 import threading
@@ -18,7 +18,7 @@ POSE, ALARM = Inform("pose", int), Broadcast("alarm", int)
 
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch) -> Gate:
-    """A handler that is busy with the first pose, while there is room for two more."""
+    """A handler that is busy with the first pose, in a queue with room for two more."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     return Gate()
 
@@ -30,7 +30,7 @@ def fill(user: Client, gate: Gate) -> None:
         user.inform(POSE, number, wait=0)
 
 
-def test_who_asks_is_refused_what_would_be_dropped(
+def test_overload_is_refused_when_sender_asks(
     central: LocalCentral, legs: Module, user: Client, gate: Gate
 ) -> None:
     legs.handles(POSE)(gate)
@@ -52,7 +52,7 @@ def test_who_asks_is_refused_what_would_be_dropped(
     assert user.status()["dropped"] == 1
 
 
-def test_a_sender_waits_until_there_is_room(
+def test_sender_waits_until_queue_has_room(
     central: LocalCentral, legs: Module, user: Client, gate: Gate
 ) -> None:
     handled: list[int] = []
@@ -67,7 +67,7 @@ def test_a_sender_waits_until_there_is_room(
         threading.Timer(0.1, gate.go_on.set).start()
         for number in range(3, 30):
             user.inform(POSE, number, wait=SOON)
-        user.broadcast(ALARM, 1, wait=0)  # to nobody
+        user.broadcast(ALARM, 1, wait=0)  # it has no handler
     assert handled == sorted(handled)
     assert not [
         fact for fact in central.facts if isinstance(fact, Dropped) and fact.message == "pose"

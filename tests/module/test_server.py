@@ -1,6 +1,4 @@
-"""A server is a handler with a method for each thing that clients may want; what it lacks gets a
-default.
-"""
+"""A server is a handler with a method for each request of clients. Missing methods have defaults."""
 
 import threading
 from collections.abc import Iterator
@@ -78,7 +76,7 @@ class Grasping(Server[Grip, str]):
 
 
 class Holding(Server[Grip, str]):
-    """Replies when somebody says so."""
+    """Replies when the test lets it."""
 
     def __init__(self) -> None:
         self.owed: list[LaterReply[str]] = []
@@ -98,7 +96,7 @@ class Holding(Server[Grip, str]):
 
 
 class Walking(Server[int, None]):
-    """Knows only how to walk."""
+    """Has only the method for walking."""
 
     def initiated(self, task: Task, goal: int) -> None:
         task.sleep(goal)
@@ -124,7 +122,7 @@ def grasping(central: LocalCentral) -> Iterator[Grasping]:
         yield server
 
 
-def test_a_blocking_server_hears_requests_while_it_waits(
+def test_sleeping_server_receives_requests(
     user: Client, grasping: Grasping, central: LocalCentral
 ) -> None:
     grasp = user.command(GRASP, Grip("pen"))
@@ -147,7 +145,7 @@ def test_a_blocking_server_hears_requests_while_it_waits(
 
 
 class Counting(Server[int, None]):
-    """Never waits, but for what has come."""
+    """Polls for requests and never blocks."""
 
     def __init__(self) -> None:
         self.begun, self.until = threading.Event(), 0
@@ -163,7 +161,7 @@ class Counting(Server[int, None]):
         return True
 
 
-def test_one_that_never_waits_hears_them_when_it_asks(user: Client, central: LocalCentral) -> None:
+def test_busy_server_receives_requests_when_it_polls(user: Client, central: LocalCentral) -> None:
     feet, server = Module("feet", central), Counting()
     feet.serve(WALK, server)
     with feet.running():
@@ -173,7 +171,7 @@ def test_one_that_never_waits_hears_them_when_it_asks(user: Client, central: Loc
         assert walk.wait(SOON) is Outcome.DONE
 
 
-def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalCentral) -> None:
+def test_server_grants_cancel(user: Client, grasping: Grasping, central: LocalCentral) -> None:
     grasp = user.command(GRASP, Grip("pen"))
     changes = grasp.changes()
     grasp.cancel("the pen is hot")
@@ -186,9 +184,7 @@ def test_its_task_is_cancelled(user: Client, grasping: Grasping, central: LocalC
     )
 
 
-def test_one_that_replies_later_hears_them_between_messages(
-    user: Client, central: LocalCentral
-) -> None:
+def test_server_with_later_reply_receives_requests(user: Client, central: LocalCentral) -> None:
     arm, server = Module("arm", central), Holding()
     arm.serve(GRASP, server)
     arm.handles(FREE, resource="hand")(lambda _: True)
@@ -210,7 +206,7 @@ def test_one_that_replies_later_hears_them_between_messages(
     assert server.seen == ["update requested: cup, True", "cancel requested: too hot"]
 
 
-def test_what_a_server_lacks_gets_the_defaults(user: Client, central: LocalCentral) -> None:
+def test_missing_server_methods_have_defaults(user: Client, central: LocalCentral) -> None:
     feet = Module("feet", central)
     feet.serve(WALK, Walking(), refuses=["cancel"])
     with feet.running():
@@ -223,7 +219,7 @@ def test_what_a_server_lacks_gets_the_defaults(user: Client, central: LocalCentr
         assert walk.state == "done"
 
 
-def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalCentral) -> None:
+def test_server_handles_custom_transition(user: Client, central: LocalCentral) -> None:
     choir = Module("choir", central)
     choir.serve(SING, Singing())
     with choir.running():
@@ -239,7 +235,7 @@ def test_transitions_of_ones_own_have_a_method_too(user: Client, central: LocalC
         ]
 
 
-def test_servers_that_can_not_be(central: LocalCentral) -> None:
+def test_invalid_server_is_misuse(central: LocalCentral) -> None:
     arm = Module("arm", central)
 
     class Eager(Grasping):

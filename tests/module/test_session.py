@@ -2,16 +2,25 @@
 
 import msgspec
 import pytest
+from module.scripted_session import (
+    A_GOAL,
+    HANDLES_WALK,
+    HELLO,
+    WALK,
+    pop_headers,
+    receive,
+    send_requests,
+    welcome,
+)
 
 from tca_central.core import Central
 from tca_central.events import ConnectionId, ConnectionLost, RequestReceived, Transmit
 from tca_module.session import given_up
 from tca_module.session.request import Request
-from tca_module.session.session import CONFIRM_EVERY, HELLO_NUMBER, QUIET, Session
+from tca_module.session.session import CONFIRM_EVERY, QUIET, Session
 from tca_wire.packets import headers
 from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import (
-    PROTOCOL_VERSION,
     Accepted,
     Answer,
     Ask,
@@ -22,7 +31,6 @@ from tca_wire.packets.headers import (
     Deliver,
     GetVariable,
     GiveUp,
-    Hello,
     Inspect,
     Lock,
     Refused,
@@ -34,47 +42,17 @@ from tca_wire.packets.headers import (
     Suspended,
     Taken,
     ToCentral,
-    ToModule,
     Unknown,
     WaitUntilHandled,
-    Welcome,
 )
-from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.points import Moment, Point, TaskId
-from tca_wire.vocabulary import MessageClass, Refusal
+from tca_wire.vocabulary import Refusal
 
-HELLO = Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run 1")
-A_GOAL = Send(0, "walk")
 A_QUERY = Send(0, "stance")
 A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
 STATUS, SWAP = Ask(0, "status"), SetVariable(0, "pose", swap=True)
-WALK = MessageFormat("walk", MessageClass.GOAL, "{}")
-HANDLES_WALK = HandlerFormat("walk", "legs")
-FORGOTTEN = "central was restarted and has forgotten it"
+FORGOTTEN = "central was restarted meanwhile and has forgotten it"
 TOO_LATE = Refused(2, Refusal.TOO_LATE, "no longer kept")
-
-
-def said(session: Session) -> list[ToCentral]:
-    """What the session has to say, which then has left."""
-    outgoing = [header for header, _ in session.outgoing]
-    session.outgoing.clear()
-    return outgoing
-
-
-def hear(session: Session, *heard: ToModule, now: float = 0.0) -> None:
-    for header in heard:
-        session.receive(header, b"", now)
-
-
-def asked(session: Session, *asked: ToCentral, wants_answer: bool = True) -> list[Request]:
-    """Requests that have left."""
-    requests = [session.request(one, wants_answer=wants_answer) for one in asked]
-    said(session)
-    return requests
-
-
-def welcome(epoch: str = "one") -> Welcome:
-    return Welcome(HELLO_NUMBER, 1, "legs", epoch)
 
 
 @pytest.fixture
@@ -85,14 +63,14 @@ def greeting() -> Session:
 @pytest.fixture
 def session(greeting: Session) -> Session:
     """A session that central has welcomed."""
-    greeting.send_due(0.0, 0.0)
-    assert said(greeting) == [HELLO]
-    hear(greeting, welcome())
-    assert said(greeting) == []
+    greeting.tend(0.0, 0.0)
+    assert pop_headers(greeting) == [HELLO]
+    receive(greeting, welcome())
+    assert pop_headers(greeting) == []
     return greeting
 
 
-def test_every_message_of_central_has_its_row() -> None:
+def test_session_handles_every_header_of_central() -> None:
     for kind in headers.ToModule.__args__:
         assert kind in Session._ON
 
@@ -100,66 +78,68 @@ def test_every_message_of_central_has_its_row() -> None:
 # --- Hello ----------------------------------------------------------------------------------------
 
 
-def test_hello_is_repeated_every_second_until_the_welcome(greeting: Session) -> None:
+def test_hello_is_repeated_every_second_until_welcome(greeting: Session) -> None:
     for now, expected in [(0.0, [HELLO]), (0.9, []), (1.0, [HELLO]), (1.5, []), (2.1, [HELLO])]:
-        greeting.send_due(now, 0.0)
-        assert said(greeting) == expected
-    hear(greeting, welcome(), now=2.2)
-    greeting.send_due(3.3, 0.0)
-    assert said(greeting) == []
+        greeting.tend(now, 0.0)
+        assert pop_headers(greeting) == expected
+    receive(greeting, welcome(), now=2.2)
+    greeting.tend(3.3, 0.0)
+    assert pop_headers(greeting) == []
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
 
-def test_nothing_but_hello_leaves_before_the_welcome_and_a_second_one_repeats_nothing(
+def test_only_hello_leaves_before_welcome(
     greeting: Session,
 ) -> None:
     greeting.request(A_GOAL)
     assert not greeting.post(Send(0, "position"))
-    assert said(greeting) == []
+    assert pop_headers(greeting) == []
     assert greeting.dropped == 1
-    hear(greeting, welcome())
-    assert said(greeting) == [Send(2, "walk")]
-    hear(greeting, welcome())
-    assert said(greeting) == []
+    receive(greeting, welcome())
+    assert pop_headers(greeting) == [Send(2, "walk")]
+    receive(greeting, welcome())
+    assert pop_headers(greeting) == []
 
 
-def test_a_central_that_was_restarted_and_speaks_another_protocol_is_complained_of_once(
+def test_other_protocol_of_restarted_central_is_reported_once(
     session: Session,
 ) -> None:
     session.break_off()
-    hear(session, *[Refused(1, Refusal.PROTOCOL, "use one version")] * 3)
+    receive(session, *[Refused(1, Refusal.PROTOCOL, "use one version")] * 3)
     assert session.complaints == ["central refuses this module: use one version"]
 
 
-# --- requests and answers -------------------------------------------------------------------------
+# --- Requests and answers -------------------------------------------------------------------------
 
 
-def test_requests_are_numbered_and_answers_find_them(session: Session) -> None:
+def test_answers_are_matched_to_requests_by_number(session: Session) -> None:
     walk, stance = session.request(A_GOAL), session.request(A_QUERY, wants_answer=True)
-    assert said(session) == [Send(2, "walk"), Send(3, "stance")]
-    hear(session, Accepted(3, 17))  # which is not the answer
+    assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
+    receive(session, Accepted(3, 17))  # this is not the answer
     assert not stance.is_over
     session.receive(Answer(3), b"reply", 1.0)
     assert (walk.is_over, stance.is_over) == (False, True)
     assert stance.answers[-1] == (Answer(3), b"reply")
-    hear(session, Accepted(2, 17))
+    receive(session, Accepted(2, 17))
     assert (walk.is_over, walk.accepted) == (True, 17)
 
 
-def test_a_query_that_was_not_sent_is_accepted_and_a_multi_query_over_with_the_answer_without_more(
+def test_unsent_query_and_final_answer_end_their_requests(
     session: Session,
 ) -> None:
-    not_sent, everybody = asked(session, Send(0, "where", if_handled=True), Send(0, "status"))
-    hear(session, Accepted(2), Answer(3, more=True), Answer(3, more=True))
+    not_sent, everybody = send_requests(
+        session, Send(0, "where", if_handled=True), Send(0, "status")
+    )
+    receive(session, Accepted(2), Answer(3, more=True), Answer(3, more=True))
     assert (not_sent.is_over, not_sent.accepted, everybody.is_over) == (True, 0, False)
-    hear(session, Answer(3))
+    receive(session, Answer(3))
     assert everybody.is_over
     assert [answer.more for answer, _ in everybody.answers] == [True, True, False]
 
 
-def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) -> None:
+def test_refusal_ends_its_request_or_becomes_complaint(session: Session) -> None:
     walk = session.request(A_GOAL)
-    hear(
+    receive(
         session,
         Refused(2, Refusal.CYCLE, "a circle"),
         Refused(0, Refusal.UNKNOWN, "no such message"),
@@ -168,20 +148,20 @@ def test_a_refusal_ends_its_request_and_others_are_complaints(session: Session) 
     assert session.complaints == ["central refused: no such message"]
 
 
-def test_an_answer_that_nobody_waits_for_is_ignored(session: Session) -> None:
-    (stance,) = asked(session, A_QUERY)
+def test_answer_to_abandoned_request_is_ignored(session: Session) -> None:
+    (stance,) = send_requests(session, A_QUERY)
     given_up.abandon(session, stance)
-    assert said(session) == [GiveUp(2, 3)]
-    hear(session, Answer(2), Accepted(9), Answer(77))
+    assert pop_headers(session) == [GiveUp(2, 3)]
+    receive(session, Answer(2), Accepted(9), Answer(77))
     assert not stance.is_over
     given_up.abandon(session, stance)
-    assert said(session) == []
+    assert pop_headers(session) == []
 
 
-# --- the connection breaks ------------------------------------------------------------------------
+# --- The connection breaks ------------------------------------------------------------------------
 
 
-def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in_order(
+def test_unknown_triggers_hello_and_ordered_repetition(
     session: Session,
 ) -> None:
     done, walk, stance = (
@@ -189,37 +169,35 @@ def test_after_unknown_hello_is_said_and_what_is_not_acknowledged_is_repeated_in
         session.request(A_GOAL),
         session.request(A_QUERY, wants_answer=True),
     )
-    hear(session, Accepted(2, 5), Unknown(), Unknown())
+    receive(session, Accepted(2, 5), Unknown(), Unknown())
     assert done.is_over
-    assert said(session) == []
-    session.send_due(0.1, 0.0)
-    assert said(session) == [HELLO]
+    assert pop_headers(session) == []
+    session.tend(0.1, 0.0)
+    assert pop_headers(session) == [HELLO]
     later = session.request(A_GOAL)
-    assert said(session) == []
-    hear(session, welcome())
-    assert said(session) == [Send(3, "walk"), Send(4, "stance"), Send(5, "walk")]
-    hear(session, Accepted(3, 6), Accepted(4, 7), Answer(4), Accepted(5, 8))
+    assert pop_headers(session) == []
+    receive(session, welcome())
+    assert pop_headers(session) == [Send(3, "walk"), Send(4, "stance"), Send(5, "walk")]
+    receive(session, Accepted(3, 6), Accepted(4, 7), Answer(4), Accepted(5, 8))
     assert [request.is_over for request in (walk, stance, later)] == [True, True, True]
 
 
-def test_messages_and_handlers_are_declared_again_before_what_uses_them(session: Session) -> None:
-    session.add_declared([WALK], [HANDLES_WALK])
-    asked(session, A_GOAL, wants_answer=False)
-    hear(session, Unknown(), welcome())
-    # With number 0: central takes a request whose number is lower than one it has seen for
-    # answered.
-    assert said(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
+def test_declarations_precede_repeated_requests(session: Session) -> None:
+    session.declared([WALK], [HANDLES_WALK])
+    send_requests(session, A_GOAL, wants_answer=False)
+    receive(session, Unknown(), welcome())
+    # The number is 0: central would regard a request with a lower number than
+    # one it has seen as answered.
+    assert pop_headers(session) == [Register(0, [WALK], [HANDLES_WALK]), Send(2, "walk")]
 
 
-def test_what_was_being_declared_when_the_connection_broke_is_declared_also_where_central_had_accepted_and_forgot_it() -> (
-    None
-):
+def test_declaration_forgotten_by_central_is_repeated() -> None:
     central, session = Central("one"), Session(HELLO)
     session.send_due(0.0, 0.0)
 
     def talk(connection: bytes, *, is_heard: bool = True) -> None:
-        """Central gets all that the session says, which hears the answers unless the connection has
-        broken.
+        """Give central all headers of the session. Its answers arrive unless the connection
+        is broken.
         """
         while outgoing := session.pop_outgoing(float):
             for header, body in outgoing:
@@ -245,35 +223,33 @@ def test_what_was_being_declared_when_the_connection_broke_is_declared_also_wher
 
 
 @pytest.mark.parametrize("question", [A_WAIT, STATUS, GetVariable(0, "pose")])
-def test_a_wait_or_question_that_central_dropped_with_the_connection_is_made_anew(
+def test_harmless_request_dropped_in_break_is_asked_again(
     session: Session, question: AwaitPoint
 ) -> None:
-    (request,) = asked(session, question)
-    hear(session, Unknown(), welcome())
-    said(session)
-    hear(session, TOO_LATE)
+    (request,) = send_requests(session, question)
+    receive(session, Unknown(), welcome())
+    pop_headers(session)
+    receive(session, TOO_LATE)
     assert not request.is_over
-    assert said(session) == [msgspec.structs.replace(question, number=3)]
-    hear(session, Answer(3))
+    assert pop_headers(session) == [msgspec.structs.replace(question, number=3)]
+    receive(session, Answer(3))
     assert (request.is_over, request.lost) == (True, "")
 
 
 @pytest.mark.parametrize("question", [A_QUERY, SWAP])
-def test_what_may_have_been_done_and_was_dropped_with_the_connection_is_lost(
-    session: Session, question: Send
-) -> None:
-    (request,) = asked(session, question)
-    hear(session, Unknown(), welcome(), TOO_LATE)
+def test_unsafe_request_dropped_in_break_is_lost(session: Session, question: Send) -> None:
+    (request,) = send_requests(session, question)
+    receive(session, Unknown(), welcome(), TOO_LATE)
     assert request.lost == "the connection to central broke before the answer came"
 
 
-def test_a_goal_that_comes_too_late_is_refused_even_if_it_was_repeated(session: Session) -> None:
-    (walk,) = asked(session, A_GOAL, wants_answer=False)
-    hear(session, Unknown(), welcome(), TOO_LATE)
+def test_repeated_goal_that_is_too_late_is_refused(session: Session) -> None:
+    (walk,) = send_requests(session, A_GOAL, wants_answer=False)
+    receive(session, Unknown(), welcome(), TOO_LATE)
     assert walk.refused is not None
 
 
-def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
+def test_unsent_statements_are_counted(session: Session) -> None:
     session.post(Send(0, "position"))
     session.post(SetVariable(0, "pose"))
     session.request(A_GOAL)
@@ -281,149 +257,153 @@ def test_statements_that_did_not_leave_are_counted(session: Session) -> None:
     assert session.dropped == 2
     assert not session.post(SetVariable(0, "pose"))
     assert session.dropped == 3
-    hear(session, welcome())
-    assert said(session) == [Send(2, "walk")]
+    receive(session, welcome())
+    assert pop_headers(session) == [Send(2, "walk")]
 
 
-def test_an_answer_shows_that_all_sent_before_has_arrived(session: Session) -> None:
+def test_answer_confirms_earlier_statements(session: Session) -> None:
     session.post(Send(0, "position"))
-    asked(session, STATUS)
+    send_requests(session, STATUS)
     session.post(SetVariable(0, "pose"))
-    assert session.unconfirmed == 2
-    hear(session, Answer(2))
-    assert session.unconfirmed == 1
-    hear(session, Unknown())
-    assert (session.dropped, session.doubtful, session.unconfirmed) == (1, 0, 0)
+    assert session.unheard == 2
+    receive(session, Answer(2))
+    assert session.unheard == 1
+    receive(session, Unknown())
+    assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
 
 
-def test_what_has_left_before_a_break_may_be_lost(session: Session) -> None:
+def test_sent_statement_is_doubtful_after_break(session: Session) -> None:
     session.post(Send(0, "position"))
-    said(session)
+    pop_headers(session)
     session.post(Send(0, "position"))
-    hear(session, Unknown())
+    receive(session, Unknown())
     assert (session.dropped, session.doubtful, session.lost) == (1, 1, 2)
 
 
-def test_central_is_asked_for_a_word_before_much_is_on_its_way(session: Session) -> None:
+def test_confirmation_is_requested_during_long_sending(session: Session) -> None:
     for _ in range(3 * CONFIRM_EVERY):
         session.post(Send(0, "position"))
-    questions = [header for header in said(session) if isinstance(header, Register)]
+    questions = [header for header in pop_headers(session) if isinstance(header, Register)]
     assert questions == [Register(2, [], [])]
-    hear(session, Accepted(2))
-    assert session.unconfirmed == 2 * CONFIRM_EVERY
+    receive(session, Accepted(2))
+    assert session.unheard == 2 * CONFIRM_EVERY
     session.post(Send(0, "position"))
-    assert said(session)[-1] == Register(3, [], [])
+    assert pop_headers(session)[-1] == Register(3, [], [])
 
 
-def test_a_reply_has_arrived_when_a_later_request_is_answered(session: Session) -> None:
-    hear(session, Deliver(7, "walk"))
+def test_reply_is_settled_by_later_answer(session: Session) -> None:
+    receive(session, Deliver(7, "walk"))
     session.reply(Reply(7), b"")
     assert not session.is_confirmed
     session.confirm()
-    hear(session, Accepted(2))
-    assert session.is_confirmed
+    receive(session, Accepted(2))
+    assert session.is_settled
 
 
-def test_closing_is_reported_and_begins_anew(session: Session) -> None:
-    hear(session, Closing("SIGTERM"))
+def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
+    receive(session, Closing("SIGTERM"))
     assert session.complaints == ["central ends: SIGTERM"]
-    session.send_due(0.0, 0.0)
-    assert said(session) == [HELLO]
+    session.tend(0.0, 0.0)
+    assert pop_headers(session) == [HELLO]
 
 
-# --- silence --------------------------------------------------------------------------------------
+# --- Silence --------------------------------------------------------------------------------------
 
 
-def test_after_a_silence_central_is_asked_for_a_word_every_second(session: Session) -> None:
-    hear(session, Beat(), now=10.0)
-    session.send_due(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
-    assert said(session) == []
+def test_silent_central_is_asked_every_second(session: Session) -> None:
+    receive(session, Beat(), now=10.0)
+    session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
+    assert pop_headers(session) == []
     times = []
     for tenth in range(100, 150):
-        session.send_due(tenth / 10, 0.0)
-        if said(session) == [Register(0, [], [])]:
+        session.tend(tenth / 10, 0.0)
+        if pop_headers(session) == [Register(0, [], [])]:
             times.append(tenth / 10)
     assert times == [10 + QUIET, 11 + QUIET, 12 + QUIET]
-    hear(session, Accepted(0), now=15.0)
-    session.send_due(15.1, 0.0)
-    assert said(session) == []
+    receive(session, Accepted(0), now=15.0)
+    session.tend(15.1, 0.0)
+    assert pop_headers(session) == []
 
 
-# --- deliveries -----------------------------------------------------------------------------------
+# --- Deliveries -----------------------------------------------------------------------------------
 
 
-def test_deliveries_are_set_aside_and_replied_to_once(session: Session) -> None:
+def test_delivery_is_queued_and_replied_to_once(session: Session) -> None:
     session.receive(Deliver(8, "walk", TaskId(8)), b"data", 0.0)
     assert session.deliveries.popleft() == (Deliver(8, "walk", TaskId(8)), b"data")
     session.reply(Reply(8), b"")
     session.reply(Reply(8), b"")
-    assert said(session) == [Reply(8)]
+    assert pop_headers(session) == [Reply(8)]
 
 
-def test_a_reply_is_repeated_until_another_delivery_shows_that_it_came(session: Session) -> None:
-    hear(session, Deliver(8, "walk"), Unknown())
+def test_reply_is_repeated_until_next_delivery_confirms_it(session: Session) -> None:
+    receive(session, Deliver(8, "walk"), Unknown())
     session.reply(Reply(8), b"")
-    assert said(session) == []  # it waits while central is away
-    hear(session, welcome())
-    assert said(session) == [Reply(8)]
-    hear(session, Beat(), Unknown(), welcome())  # the beat may have been sent before the reply came
-    assert said(session) == [Reply(8)]
-    hear(session, Deliver(9, "walk"), Unknown(), welcome())
-    assert said(session) == []
+    assert pop_headers(session) == []  # it waits while central is away
+    receive(session, welcome())
+    assert pop_headers(session) == [Reply(8)]
+    receive(
+        session, Beat(), Unknown(), welcome()
+    )  # the beat may have been sent before the reply arrived
+    assert pop_headers(session) == [Reply(8)]
+    receive(session, Deliver(9, "walk"), Unknown(), welcome())
+    assert pop_headers(session) == []
 
 
-def test_a_delivery_that_is_repeated_is_handled_once(session: Session) -> None:
+def test_repeated_delivery_is_handled_once(session: Session) -> None:
     deliver = Deliver(7, "walk", TaskId(7))
-    hear(session, deliver, deliver)
+    receive(session, deliver, deliver)
     assert len(session.deliveries) == 1
     session.deliveries.clear()
     session.reply(Reply(7), b"\xc0")
-    said(session)
-    hear(session, deliver)
+    pop_headers(session)
+    receive(session, deliver)
     assert not session.deliveries
-    assert said(session) == [Reply(7)], "central's computer lost power after it had come"
+    assert pop_headers(session) == [Reply(7)], (
+        "a reply may be lost when central's computer loses power"
+    )
 
 
-def test_a_task_that_is_killed_or_forgotten_is_cancelled_and_suspended_no_longer(
+def test_killed_or_forgotten_task_is_cancelled_not_suspended(
     session: Session,
 ) -> None:
-    """Or a handler that holds as long as its task is suspended would never return."""
+    """Otherwise a handler that holds during the suspension of its task would never return."""
     deliveries = session.open_deliveries
-    hear(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
+    receive(session, Deliver(7, "walk", TaskId(7)), Deliver(8, "walk"), Suspended(7, True))
     assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (True, False)
-    hear(session, Cancelled(7), Cancelled(99))
+    receive(session, Cancelled(7), Cancelled(99))
     assert (deliveries.is_suspended(7), deliveries.is_cancelled(7)) == (False, True)
     assert not deliveries.is_cancelled(8)
-    hear(session, Unknown(), welcome("two"))
+    receive(session, Unknown(), welcome("two"))
     assert deliveries.is_cancelled(8)
 
 
-# --- locks ----------------------------------------------------------------------------------------
+# --- Locks ----------------------------------------------------------------------------------------
 
 
-def granted(session: Session) -> Request:
-    """A lock that the session has got."""
-    (lock,) = asked(session, Lock(0, "legs"))
-    hear(session, Answer(lock.header.number))
+def granted_lock(session: Session) -> Request:
+    """A lock that central has granted."""
+    (lock,) = send_requests(session, Lock(0, "legs"))
+    receive(session, Answer(lock.header.number))
     return lock
 
 
-def test_a_lock_that_is_taken_away_is_known_by_its_number_and_a_restarted_central_has_forgotten_all(
+def test_lock_is_lost_when_taken_or_central_restarts(
     session: Session,
 ) -> None:
-    lock, other = granted(session), granted(session)
-    hear(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
-    assert (lock.why_lock_lost, other.why_lock_lost) == ("unlocked", "")
-    hear(session, Unknown(), welcome("two"))
-    assert other.why_lock_lost == "central was restarted and has forgotten it"
+    lock, other = granted_lock(session), granted_lock(session)
+    receive(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
+    assert (lock.taken, other.taken) == ("unlocked", "")
+    receive(session, Unknown(), welcome("two"))
+    assert other.taken == "central was restarted and has forgotten it"
 
 
-def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
+def test_lock_taken_before_its_answer_is_lost(
     session: Session,
 ) -> None:
-    (lock,) = asked(session, Lock(0, "legs"))
+    (lock,) = send_requests(session, Lock(0, "legs"))
     session.break_off()
-    hear(
+    receive(
         session,
         welcome(),
         Taken(lock.header.number, "its module has gone"),
@@ -433,158 +413,159 @@ def test_a_lock_that_was_taken_away_before_its_answer_came_is_known_to_be_lost(
     assert lock.why_lock_lost == "its module has gone"
 
 
-def test_a_lock_that_central_does_not_remember_is_asked_for_anew(session: Session) -> None:
-    (lock,) = asked(session, Lock(0, "legs"))
+def test_forgotten_lock_request_is_repeated(session: Session) -> None:
+    (lock,) = send_requests(session, Lock(0, "legs"))
     session.break_off()
-    hear(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
-    hear(session, Answer(lock.header.number))
-    assert (lock.is_over, lock.why_lock_lost) == (True, "")
+    receive(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
+    receive(session, Answer(lock.header.number))
+    assert (lock.is_over, lock.taken) == (True, "")
 
 
-def test_a_lock_is_released_also_where_the_connection_breaks_and_nobody_waits(
+def test_abandoned_release_is_repeated_after_break(
     session: Session,
 ) -> None:
-    release = session.request(Release(0, granted(session).header.number))
+    release = session.request(Release(0, granted_lock(session).header.number))
     given_up.abandon(session, release)
-    said(session)
-    hear(session, Unknown(), welcome())
-    assert said(session) == [release.header]
-    hear(session, Accepted(release.header.number, 7), Unknown(), welcome())
-    assert said(session) == []
+    pop_headers(session)
+    receive(session, Unknown(), welcome())
+    assert pop_headers(session) == [release.header]
+    receive(session, Accepted(release.header.number, 7), Unknown(), welcome())
+    assert pop_headers(session) == []
 
 
 @pytest.mark.parametrize(
     "asked_for", [Lock(0, "legs"), A_QUERY, A_WAIT, Observe(0), WaitUntilHandled(0, ["walk"])]
 )
-def test_a_give_up_is_repeated_until_central_answers(
-    session: Session, asked_for: ToCentral
-) -> None:
-    (early,) = asked(session, asked_for)
-    given_up.abandon(session, early)  # and what says so is lost with the connection
-    hear(session, Unknown())
+def test_give_up_is_repeated_until_answered(session: Session, asked_for: ToCentral) -> None:
+    (early,) = send_requests(session, asked_for)
+    given_up.abandon(session, early)  # the give-up is lost with the connection
+    receive(session, Unknown())
     given_up.abandon(session, session.request(asked_for, wants_answer=True))  # has never left
-    hear(session, welcome())
-    assert said(session) == [GiveUp(2, 3)]
-    hear(session, Answer(3))
-    (late,) = asked(session, asked_for)
+    receive(session, welcome())
+    assert pop_headers(session) == [GiveUp(2, 3)]
+    receive(session, Answer(3))
+    (late,) = send_requests(session, asked_for)
     session.break_off()
     given_up.abandon(session, late)
     for _ in range(2):
-        hear(session, welcome())
-        assert said(session) == [GiveUp(5, 6)]
+        receive(session, welcome())
+        assert pop_headers(session) == [GiveUp(5, 6)]
         session.break_off()
 
 
-def test_what_was_observed_before_a_break_is_surely_given_up(session: Session) -> None:
-    asked(session, Observe(0))
-    hear(session, Unknown(), welcome())
-    assert said(session) == [GiveUp(2, 3), Observe(4)]
-    hear(session, Unknown(), welcome())  # before that has arrived
-    assert said(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
+def test_old_observation_is_given_up_after_break(session: Session) -> None:
+    send_requests(session, Observe(0))
+    receive(session, Unknown(), welcome())
+    assert pop_headers(session) == [GiveUp(2, 3), Observe(4)]
+    receive(session, Unknown(), welcome())  # before the give-up has arrived
+    assert pop_headers(session) == [GiveUp(2, 3), GiveUp(4, 5), Observe(6)]
 
 
-def test_a_give_up_is_repeated_where_its_answer_is_given_up(session: Session) -> None:
-    (lock,) = asked(session, Lock(0, "legs"))
+def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> None:
+    (lock,) = send_requests(session, Lock(0, "legs"))
     why = given_up.ask_why(session, lock)
     assert why is not None
     given_up.abandon(session, why)
-    hear(session, Unknown(), welcome())
-    assert said(session) == [GiveUp(2, 3)]
+    receive(session, Unknown(), welcome())
+    assert pop_headers(session) == [GiveUp(2, 3)]
 
 
-# --- central was restarted: what the next one gets ------------------------------------------------
+# --- The next central after a restart -------------------------------------------------------------
 
 
-def test_another_epoch_loses_what_was_asked_and_declares_everything_again(session: Session) -> None:
-    session.add_declared([WALK], [HANDLES_WALK])
-    (stance,) = asked(session, A_QUERY)
-    hear(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
+def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> None:
+    session.declared([WALK], [HANDLES_WALK])
+    (stance,) = send_requests(session, A_QUERY)
+    receive(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
     assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
     assert not session.deliveries
-    assert said(session) == [Register(0, [WALK], [HANDLES_WALK])]
+    assert pop_headers(session) == [Register(0, [WALK], [HANDLES_WALK])]
     session.reply(Reply(8), b"")
-    assert said(session) == []
+    assert pop_headers(session) == []
     session.request(A_GOAL)
-    assert said(session) == [Send(3, "walk")]
+    assert pop_headers(session) == [Send(3, "walk")]
 
 
-def test_what_never_left_is_asked_of_the_new_central_if_it_can_know_what_is_meant(
+def test_new_central_gets_unsent_requests_that_name_no_task(
     session: Session,
 ) -> None:
-    (gone,) = asked(session, A_GOAL, wants_answer=False)
+    (gone,) = send_requests(session, A_GOAL, wants_answer=False)
     unsent = session.request(A_GOAL)
-    hear(session, Unknown())
+    receive(session, Unknown())
     walk, below = session.request(A_GOAL), session.request(Send(0, "walk", parent=TaskId(3)))
     wait, question = (
         session.request(A_WAIT, wants_answer=True),
         session.request(STATUS, wants_answer=True),
     )
-    hear(session, welcome("two"))
+    receive(session, welcome("two"))
     lost = [bool(request.lost) for request in (gone, unsent, walk, below, wait, question)]
     assert lost == [True, False, False, True, True, False]
-    assert said(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
+    assert pop_headers(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
 
 
 @pytest.mark.parametrize("epoch", ["one", "two"])
-def test_what_a_central_that_does_not_know_us_threw_away_no_other_has_got(
-    session: Session, epoch: str
-) -> None:
-    walk, stance = asked(session, A_GOAL, A_QUERY)
-    hear(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
-    assert said(session) == [Send(2, "walk"), Send(3, "stance")]
+def test_request_discarded_by_central_is_sent_again(session: Session, epoch: str) -> None:
+    walk, stance = send_requests(session, A_GOAL, A_QUERY)
+    receive(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
+    assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
     assert (walk.lost, stance.lost) == ("", "")
 
 
-def test_what_was_said_twice_may_have_come_to_the_old_central(session: Session) -> None:
-    (walk,) = asked(session, A_GOAL, wants_answer=False)
-    hear(session, Unknown(), welcome())  # the line broke, and it is not known when
-    assert said(session) == [Send(2, "walk")]
-    hear(session, Unknown(2), welcome("two"))
+def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
+    (walk,) = send_requests(session, A_GOAL, wants_answer=False)
+    receive(session, Unknown(), welcome())  # the line broke at an unknown time
+    assert pop_headers(session) == [Send(2, "walk")]
+    receive(session, Unknown(2), welcome("two"))
     assert walk.lost == FORGOTTEN
 
 
-def test_unknown_that_names_no_request_tells_nothing_of_any(session: Session) -> None:
-    (walk,) = asked(session, A_GOAL, wants_answer=False)
-    hear(session, Unknown(), Unknown(77), welcome("two"))
+def test_unknown_without_request_number_saves_no_request(session: Session) -> None:
+    (walk,) = send_requests(session, A_GOAL, wants_answer=False)
+    receive(session, Unknown(), Unknown(77), welcome("two"))
     assert walk.lost
 
 
-def test_what_names_a_task_of_the_old_central_is_lost_though_nobody_has_got_it(
+def test_discarded_request_naming_old_task_is_lost(
     session: Session,
 ) -> None:
-    below, lock = asked(session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3))
-    hear(session, Unknown(2), Unknown(3), welcome("two"))
+    below, lock = send_requests(
+        session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3)
+    )
+    receive(session, Unknown(2), Unknown(3), welcome("two"))
     assert below.lost
     assert lock.lost
-    assert said(session) == []
+    assert pop_headers(session) == []
 
 
-def test_questions_that_change_nothing_are_asked_of_the_new_central(session: Session) -> None:
+def test_read_only_questions_go_to_new_central(session: Session) -> None:
     questions = (
         STATUS,
         Inspect(0, TaskId(0), "descendants"),
         WaitUntilHandled(0, ["walk"]),
         GetVariable(0, "pose"),
     )
-    kept, lost = asked(session, *questions), asked(session, Inspect(0, TaskId(3), "self"), SWAP)
+    kept, lost = (
+        send_requests(session, *questions),
+        send_requests(session, Inspect(0, TaskId(3), "self"), SWAP),
+    )
     assert {request.epoch for request in kept} == {"one"}
-    hear(session, Unknown(), welcome("two"))
+    receive(session, Unknown(), welcome("two"))
     assert all(request.lost for request in lost)
-    assert [type(header) for header in said(session)] == [type(each) for each in questions]
+    assert [type(header) for header in pop_headers(session)] == [type(each) for each in questions]
     assert {request.epoch for request in kept} == {"two"}
 
 
-def test_handlers_are_declared_by_what_renews_them_alone(session: Session) -> None:
-    """Or they would come before what is attached."""
-    (request,) = asked(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
-    hear(session, Unknown(), welcome("two"))
+def test_pending_handler_registration_is_left_to_redeclaration(session: Session) -> None:
+    """Otherwise they would be declared before the attachments."""
+    (request,) = send_requests(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
+    receive(session, Unknown(), welcome("two"))
     assert request.lost
-    assert said(session) == []
+    assert pop_headers(session) == []
 
 
-def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> None:
-    core, somebody = Central("two"), ConnectionId(b"somebody")
-    events = [RequestReceived(0.0, somebody, header, b"") for header in (Send(7, "walk"), Reply(8))]
+def test_central_names_request_of_unknown_connection() -> None:
+    core, stranger = Central("two"), ConnectionId(b"somebody")
+    events = [RequestReceived(0.0, stranger, header, b"") for header in (Send(7, "walk"), Reply(8))]
     effects = [effect for event in events for effect in core.handle(event)]
     assert [effect.header for effect in effects if isinstance(effect, Transmit)] == [
         Unknown(7),
@@ -592,12 +573,12 @@ def test_a_central_that_does_not_know_who_asks_says_what_it_has_not_done() -> No
     ]
 
 
-def test_replies_that_were_held_when_the_connection_broke_are_said_alone(session: Session) -> None:
+def test_held_replies_are_sent_singly_after_break(session: Session) -> None:
     for delivery in (5, 6):
-        hear(session, Deliver(delivery, "note", ahead=1))
-        session.held_replies.begin(delivery, 1.0)
+        receive(session, Deliver(delivery, "note", ahead=1))
+        session.held.begin(delivery, 1.0)
         assert session.reply(Reply(delivery), b"", 2.0)
     session.break_off()
-    assert not session.held_replies.ended
-    hear(session, welcome())
-    assert session.pop_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]
+    assert not session.held.ended
+    receive(session, welcome())
+    assert session.take_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]

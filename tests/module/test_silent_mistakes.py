@@ -1,5 +1,5 @@
-"""What is allowed and almost certainly a mistake is warned of; what a user's log handler does wrong
-ends nothing.
+"""Calls that are allowed but almost certainly mistakes cause a warning. A broken log handler ends
+no module.
 """
 
 import logging
@@ -15,18 +15,18 @@ from tca_module.testing import LocalCentral
 REST = Command("rest")
 
 
-def test_a_second_module_of_a_name_is_warned(
+def test_second_module_of_same_name_is_warned(
     central: LocalCentral, legs: Module, caplog: pytest.LogCaptureFixture
 ) -> None:
     legs.handles(REST)(lambda _: None)
     with legs.running():
         assert not caplog.messages
         with Module("legs", central).running():
-            (said,) = caplog.messages
-    assert "another module 'legs' runs, so central calls this one 'legs#2'" in said
+            (warning,) = caplog.messages
+    assert "another module 'legs' runs, so central calls this one 'legs#2'" in warning
 
 
-def test_a_resource_without_handlers_is_warned_of(
+def test_resource_without_handlers_is_warned_of(
     legs: Module, caplog: pytest.LogCaptureFixture
 ) -> None:
     for name in ("arm", "hip", "head"):
@@ -34,11 +34,11 @@ def test_a_resource_without_handlers_is_warned_of(
     legs.handles(REST, resource="hip")(lambda _: None)
     legs.every(100, resource="head")(lambda: None)
     with legs.running():
-        assert [said.partition(" of ")[0] for said in caplog.messages] == ["resource 'arm'"]
+        assert [warning.partition(" of ")[0] for warning in caplog.messages] == ["resource 'arm'"]
 
 
 @pytest.mark.parametrize("is_last", [False, True])
-def test_an_async_handler_that_blocks_is_warned_of_once(
+def test_blocking_async_handler_is_warned_of_once(
     legs: Module,
     user: Client,
     caplog: pytest.LogCaptureFixture,
@@ -57,25 +57,25 @@ def test_an_async_handler_that_blocks_is_warned_of_once(
     with legs.running():
         for _ in range(2):
             assert user.command(REST).wait(SOON) is Outcome.DONE
-    (said,) = caplog.messages
-    assert said.startswith("the async handler of rest has blocked its event loop for 0.")
+    (warning,) = caplog.messages
+    assert warning.startswith("the async handler of rest has blocked its event loop for 0.")
 
 
-class Broken(logging.Handler):
+class RaisingHandler(logging.Handler):
     """Raises instead of calling ``handleError``."""
 
     def emit(self, record: logging.LogRecord) -> None:
         raise OSError(f"no room for {record.msg:.20}")
 
 
-def test_a_log_handler_that_raises_ends_nothing(
+def test_raising_log_handler_does_not_end_module(
     legs: Module, user: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @legs.handles(REST)
     def rest(_: Task) -> None:
         raise ValueError
 
-    logging.getLogger("tca.legs").addHandler(broken := Broken())
+    logging.getLogger("tca.legs").addHandler(broken := RaisingHandler())
     with legs.running():
         assert [user.command(REST).wait(SOON) for _ in range(2)] == [Outcome.FAILED, Outcome.FAILED]
     logging.getLogger("tca.legs").removeHandler(broken)

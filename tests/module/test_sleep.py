@@ -1,4 +1,4 @@
-"""A handler lets time pass: on a clock that the test steps, heard by a kill, without drift."""
+"""A handler sleeps: on a clock that the test steps, ended by a kill, without drift."""
 
 import threading
 
@@ -16,9 +16,7 @@ def legs(central: LocalCentral) -> Module:
     return Module("legs", central, capacity=2)
 
 
-def test_a_handler_sleeps_on_the_clock_of_the_test(
-    central: LocalCentral, user: Client, legs: Module
-) -> None:
+def test_handler_sleeps_on_stepped_clock(central: LocalCentral, user: Client, legs: Module) -> None:
     slept: list[float] = []
 
     @legs.handles(WORK)
@@ -27,7 +25,7 @@ def test_a_handler_sleeps_on_the_clock_of_the_test(
         slept.append(task.time())
         task.sleep_until(4)
         slept.append(task.time())
-        task.sleep_until(3)  # is past
+        task.sleep_until(3)  # in the past
         slept.append(task.time())
 
     with legs.running():
@@ -39,9 +37,7 @@ def test_a_handler_sleeps_on_the_clock_of_the_test(
         assert work_sent.wait() is Outcome.DONE
 
 
-def test_a_message_that_comes_meanwhile_ends_no_sleep(
-    central: LocalCentral, user: Client, legs: Module
-) -> None:
+def test_arriving_message_ends_no_sleep(central: LocalCentral, user: Client, legs: Module) -> None:
     @legs.handles(WORK)
     @legs.handles(OTHER)
     def work(task: Task) -> None:
@@ -58,7 +54,7 @@ def test_a_message_that_comes_meanwhile_ends_no_sleep(
         assert second.wait(0) is Outcome.DONE
 
 
-def test_who_is_always_late_hears_a_kill_too(
+def test_sleep_until_past_time_still_notices_kill(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     turns: list[float] = []
@@ -82,7 +78,7 @@ def test_who_is_always_late_hears_a_kill_too(
         assert turns == [0]
 
 
-def test_wait_until_looks_when_another_thread_wakes_it(
+def test_wait_until_checks_when_other_thread_wakes_it(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     has_come, tasks = threading.Event(), list[Task]()
@@ -102,7 +98,7 @@ def test_wait_until_looks_when_another_thread_wakes_it(
     tasks[0].wake()  # does no harm later
 
 
-def test_a_shielded_wait_is_not_cut_short(
+def test_shielded_sleep_is_not_cut_short_by_kill(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     cleaned: list[float] = []

@@ -1,5 +1,5 @@
-"""A central whose clock the test steps: what needs no time is waited for, and what happened can be
-read and compared.
+"""A central whose clock the test steps: it waits until all is quiet, and its transcript can be
+compared.
 """
 
 import asyncio
@@ -35,7 +35,7 @@ BATTERY = PollingMonitor("battery", condition=IS_LOW, action=REST)
 STEPPED = True  # the clock of central
 
 
-def test_the_clock_stands_still_until_it_is_stepped(
+def test_stepped_clock_stands_still_until_advanced(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     done: list[str] = []
@@ -50,7 +50,7 @@ def test_the_clock_stands_still_until_it_is_stepped(
         assert rest.info() is None
 
 
-def test_what_is_due_happens_at_its_own_time(
+def test_monitor_tests_happen_at_their_due_times(
     central: LocalCentral, user: Client, legs: Module
 ) -> None:
     legs.handles(IS_LOW)(lambda _: len(central.entries) % 2 == 0)
@@ -66,9 +66,7 @@ def test_what_is_due_happens_at_its_own_time(
     assert times == [10, 20, 30]
 
 
-def test_a_deadline_ends_a_handler_that_waits(
-    central: LocalCentral, user: Client, legs: Module
-) -> None:
+def test_deadline_ends_waiting_handler(central: LocalCentral, user: Client, legs: Module) -> None:
     legs.handles(REST)(lambda task: task.query(NEVER, timeout=None))
     with legs.running():
         rest = user.command(REST, deadline=60)
@@ -79,8 +77,8 @@ def test_a_deadline_ends_a_handler_that_waits(
         central.advance(100)
 
 
-def planned(central: LocalCentral) -> str:
-    """A plan of three steps whose handlers run in four threads, and ask a fifth."""
+def run_plan(central: LocalCentral) -> str:
+    """Run a plan of three steps in four threads that query a fifth, and return the transcript."""
     planner, legs, wheel = (Module(name, central) for name in ("planner", "legs", "wheel"))
     legs.resource("feet", capacity=3)
 
@@ -106,22 +104,22 @@ def planned(central: LocalCentral) -> str:
         return central.transcript()
 
 
-def test_what_happened_can_be_read(central: LocalCentral, *, rewrite: bool) -> None:
-    """``pytest --rewrite`` writes it anew: commit only differences that you can explain."""
+def test_transcript_matches_approved_text(central: LocalCentral, *, rewrite: bool) -> None:
+    """``pytest --rewrite`` rewrites the file: commit only differences that you can explain."""
     approved = Path(__file__).parent / "stepped.txt"
-    said = planned(central)
+    transcript = run_plan(central)
     if rewrite:
-        approved.write_text(said)
-    assert said == approved.read_text()
+        approved.write_text(transcript)
+    assert transcript == approved.read_text()
 
 
-def test_the_same_happens_each_time() -> None:
+def test_transcript_is_same_in_each_run() -> None:
     for _ in range(10):
         with LocalCentral(stepped=True) as central:
-            assert planned(central) == (Path(__file__).parent / "stepped.txt").read_text()
+            assert run_plan(central) == (Path(__file__).parent / "stepped.txt").read_text()
 
 
-def test_quiet_is_not_before_a_handler_has_returned(
+def test_until_quiet_waits_for_running_handler(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
     begun, go_on = threading.Event(), threading.Event()
@@ -149,7 +147,7 @@ def test_quiet_is_not_before_a_handler_has_returned(
         assert done
 
 
-def test_quiet_is_while_handlers_wait_for_what_nobody_does(
+def test_until_quiet_returns_while_handlers_only_wait(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
     owed: list[LaterReply[None]] = []
@@ -184,22 +182,22 @@ def test_quiet_is_while_handlers_wait_for_what_nobody_does(
         assert not central.core.dispatcher.running
 
 
-def test_a_handler_that_waits_for_another_by_itself_does_not_stop_all(
+def test_handler_blocked_on_event_does_not_stop_others(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
-    told = threading.Event()
+    released = threading.Event()
 
     @legs.handles(REST)
     def rest(_: Task) -> None:
-        assert told.wait(SOON)
+        assert released.wait(SOON)
 
-    legs.handles(STEP, resource="feet")(lambda *_: told.set())
+    legs.handles(STEP, resource="feet")(lambda *_: released.set())
     with legs.running():
         rests, step = user.command(REST), user.command(STEP, 1, sequential=False)
         assert (rests.wait(SOON), step.wait(SOON)) == (Outcome.DONE, Outcome.DONE)
 
 
-def test_a_handler_that_looks_by_itself_is_told_to_end(
+def test_polling_handler_sees_cancellation(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
     begun = threading.Event()
@@ -219,7 +217,7 @@ def test_a_handler_that_looks_by_itself_is_told_to_end(
         central.until_quiet()
 
 
-def test_a_module_with_callbacks_is_quiet_between_them(
+def test_module_with_callbacks_is_quiet_between_them(
     user: Client, legs: Module, central: LocalCentral
 ) -> None:
     called = threading.Event()
@@ -239,7 +237,7 @@ def test_a_module_with_callbacks_is_quiet_between_them(
 
 
 @pytest.mark.parametrize("is_async", [False, True])
-def test_callbacks_are_called_when_the_clock_is_stepped(
+def test_callbacks_follow_stepped_clock(
     user: Client, legs: Module, central: LocalCentral, *, is_async: bool
 ) -> None:
     called: list[float] = []
@@ -263,7 +261,7 @@ def test_callbacks_are_called_when_the_clock_is_stepped(
         assert called[4:] == [35]
 
 
-def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
+def test_real_clock_offers_until_quiet_and_transcript() -> None:
     with LocalCentral() as central:
         legs = Module("legs", central)
         legs.handles(REST)(lambda _: None)
@@ -275,7 +273,7 @@ def test_a_real_clock_has_quiet_and_a_transcript_too() -> None:
             central.advance(1)
 
 
-def test_wrong_arguments(central: LocalCentral) -> None:
+def test_wrong_clock_arguments_are_misuse(central: LocalCentral) -> None:
     wrong: list[tuple[Callable[[], object], str]] = [
         (lambda: central.advance(-1), "seconds must be 0 or more seconds"),
         (lambda: central.until_quiet(timeout=0), "timeout must be more than 0 seconds"),
@@ -286,33 +284,33 @@ def test_wrong_arguments(central: LocalCentral) -> None:
             call()
 
 
-def slept(central: LocalCentral) -> list[str]:
-    """The order in which two modules wake, with three threads and a timer each, whose sleeps end
-    together.
+def wake_order(central: LocalCentral) -> list[str]:
+    """The order in which two modules wake, each with three threads and a timer, when all sleeps
+    end together.
     """
-    said: list[str] = []
+    order: list[str] = []
 
     def sleep(task: Task, number: int) -> None:
         task.sleep(1)
-        said.append(f"{task.message} {number}")
+        order.append(f"{task.message} {number}")
 
     moves = {Module(name, central, capacity=3): Command(name, int) for name in ("legs", "arm")}
     legs, arm = moves
     for module, move in moves.items():
         module.handles(move)(sleep)
-        module.every(1)(lambda name=module.name: said.append(f"tick {name}"))
+        module.every(1)(lambda name=module.name: order.append(f"tick {name}"))
     with legs.running(), arm.running(), connect("user", central) as user:
         for number in range(6):
             user.command(moves[legs if number % 2 else arm], number // 2, sequential=False)
         central.until_quiet()
         central.advance(1)
-    return said
+    return order
 
 
-def test_sleeps_that_end_together_end_in_the_declared_order() -> None:
+def test_simultaneous_sleeps_end_in_declared_order() -> None:
     for _ in range(20):
         with LocalCentral(stepped=True) as central:
-            assert slept(central) == [
+            assert wake_order(central) == [
                 "legs 0",
                 "legs 1",
                 "legs 2",
@@ -325,7 +323,7 @@ def test_sleeps_that_end_together_end_in_the_declared_order() -> None:
 
 
 @pytest.mark.parametrize("is_killed", [False, True])
-def test_the_sleep_of_a_coroutine_follows_the_clock(
+def test_coroutine_sleep_follows_stepped_clock(
     central: LocalCentral, user: Client, legs: Module, *, is_killed: bool
 ) -> None:
     seen: list[str] = []

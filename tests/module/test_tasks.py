@@ -1,11 +1,8 @@
-"""Tasks: the tree they make, their order, results and failures, how they are steered, and what is
-kept of them.
-"""
+"""Tasks: their tree, order, results and failures, and the retained ones."""
 
 import operator
 import threading
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import pytest
 from module.real_central import SOON, Gate
@@ -23,38 +20,32 @@ from module.robot import (
     Robot,
 )
 
-from dev.invariants import check_invariants
 from tca_module import (
     BadData,
     Client,
     Command,
     Constraint,
-    DemonMonitor,
     ExceptionHandler,
     Failure,
     Goal,
     MisuseError,
     Module,
     Outcome,
-    PollingMonitor,
     Query,
     Recovery,
     Refused,
-    Sender,
-    SentTask,
     Task,
     TaskFailed,
-    TaskRef,
     Timeout,
     connect,
     this,
 )
 from tca_module.testing import LocalCentral
-from tca_wire.journal.facts import Failed, Ignored, Received, WaitBegan, WaitEnded
+from tca_wire.journal.facts import Failed, WaitBegan, WaitEnded
 from tca_wire.points import Moment, Point
 
 
-def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, user: Client) -> None:
+def test_goal_expands_into_commands_done_in_order(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         robot.done.append("plan")
@@ -70,9 +61,7 @@ def test_a_goal_is_planned_into_commands_that_are_done_in_order(robot: Robot, us
     assert robot.order_of(Moment.END_ACHIEVING) == [goal.id + 1, goal.id + 2, goal.id + 3, goal.id]
 
 
-def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(
-    robot: Robot, user: Client
-) -> None:
+def test_result_wait_in_handler_is_journaled_for_its_task(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         footfall = task.command(MOVE_LEG, 1).result(SOON)
@@ -85,7 +74,7 @@ def test_a_handler_that_waits_for_a_result_blocks_for_its_own_task(
     assert {(wait.module, wait.origin) for wait in waits} == {("user", 0), ("planner", 1)}
 
 
-def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Client) -> None:
+def test_task_sent_by_query_handler_stands_under_root(robot: Robot, user: Client) -> None:
     @robot.planner.handles(STANCE)
     def stance(task: Task, radius: float) -> list[int]:
         with pytest.raises(MisuseError, match="'stance' is no task of the tree and has no points"):
@@ -97,7 +86,7 @@ def test_what_a_querys_handler_sends_hangs_under_the_root(robot: Robot, user: Cl
     assert [(fact.parent, fact.origin) for fact in robot.received("move leg")] == [(0, 1)]
 
 
-def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
+def test_task_flags_become_constraints(robot: Robot, user: Client) -> None:
     robot.planner.handles(STEP)(lambda _, _number: None)
 
     @robot.planner.handles(REST)
@@ -125,8 +114,8 @@ def test_flags_and_constraints_of_one_task(robot: Robot, user: Client) -> None:
     assert constraints[2] == ["end planning task 5 <= start achieving task 5"]
 
 
-def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
-    """What the handler's task plans is not done before the handler has returned."""
+def test_handler_constrains_its_own_points(robot: Robot, user: Client) -> None:
+    """The handler must have returned before the task that it plans is achieved."""
 
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
@@ -141,7 +130,7 @@ def test_own_points_can_be_constrained(robot: Robot, user: Client) -> None:
     assert robot.done == ["leg 1"]
 
 
-def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Client) -> None:
+def test_circular_constraint_is_refused_without_trace(robot: Robot, user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
     with pytest.raises(Refused, match=r"constraint .* was refused: .* would be a cycle"):
         user.constrain(second.achieving.end <= first.achieving.start)
@@ -151,7 +140,7 @@ def test_a_circle_is_refused_and_nothing_of_it_remains(robot: Robot, user: Clien
     assert user.status()["tasks"] == 2
 
 
-def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
+def test_chained_or_strict_point_comparison_is_misuse(user: Client) -> None:
     first, second = user.goal(REST), user.goal(REST)
     one = first.achieving.end <= second.planning.start
     assert isinstance(one, Constraint)
@@ -169,7 +158,7 @@ def test_a_chain_of_comparisons_is_no_constraint(user: Client) -> None:
         _ = first.achieving.start <= first.achieving.end <= second.planning.start
 
 
-def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
+def test_wait_for_returns_when_point_is_reached(robot: Robot, user: Client) -> None:
     gate = Gate()
     robot.legs.handles(STOP)(gate)
     with robot.running():
@@ -181,7 +170,7 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
             stop.result(0.01)
         assert (
             robot.central.facts.count(WaitEnded("user", 0, stop.id)) == 2
-        )  # the second was given up
+        )  # the second wait was given up
         gate.go_on.set()
         assert stop.wait_for(stop.handling.end, SOON) is Outcome.DONE
         with pytest.raises(MisuseError, match="point must be a point of a task"):
@@ -190,14 +179,14 @@ def test_waiting_for_a_point(robot: Robot, user: Client) -> None:
             stop.wait_for(Point(99, Moment.END_ACHIEVING))  # type: ignore[arg-type]
 
 
-# --- Tasks that fail or are killed, and what is left of them when central is gone -----------------
+# --- Tasks that fail or are killed ----------------------------------------------------------------
 
 
 HEIGHT = Query("height", int, reply=float)
 FOG = Failure("fog", int)
 
 
-def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
+def test_failure_carries_its_data_to_sender(robot: Robot, user: Client) -> None:
     @robot.planner.handles(WALK)
     def walk(task: Task, arc: Arc) -> None:
         raise COLLISION(Footfall(2, arc.radius), "rock")
@@ -211,7 +200,7 @@ def test_a_failure_goes_up_with_its_data(robot: Robot, user: Client) -> None:
     assert goal.wait() is Outcome.FAILED
 
 
-def test_a_failure_without_data(robot: Robot, user: Client) -> None:
+def test_failure_without_data_must_be_called_to_raise(robot: Robot, user: Client) -> None:
     @robot.planner.handles(REST)
     def rest(task: Task) -> None:
         raise EXHAUSTED  # type: ignore[misc]
@@ -235,7 +224,7 @@ def test_a_failure_without_data(robot: Robot, user: Client) -> None:
     assert failed.value.data is None
 
 
-def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on(
+def test_unexpected_exception_fails_task_with_traceback(
     robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     @robot.planner.handles(WALK)
@@ -253,11 +242,11 @@ def test_an_unexpected_exception_fails_with_its_traceback_and_the_module_goes_on
         with pytest.raises(TaskFailed, match="handler error: SystemExit: 3"):
             user.goal(WALK, Arc(0, 0)).result(SOON)
         user.goal(WALK, Arc(1.0, 1)).result(SOON)
-    assert "handler test_an_unexpected_exception" in caplog.text
+    assert "handler test_unexpected_exception" in caplog.text
 
 
-def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Client) -> None:
-    """As Python makes them of file names."""
+def test_unencodable_error_text_is_escaped(robot: Robot, user: Client) -> None:
+    """Python makes such texts of file names."""
 
     @robot.planner.handles(REST)
     def rest(_: Task) -> None:
@@ -269,7 +258,7 @@ def test_a_text_that_cannot_be_sent_does_not_end_a_thread(robot: Robot, user: Cl
                 user.goal(REST).result(SOON)
 
 
-def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
+def test_wrong_result_fails_task(robot: Robot, user: Client) -> None:
     measure = Command("measure", result=float)
     robot.planner.handles(measure)(lambda _: "high")  # type: ignore[arg-type]
     robot.planner.handles(REST)(lambda _: 5)  # type: ignore[arg-type]
@@ -283,7 +272,7 @@ def test_a_wrong_result_fails_the_task(robot: Robot, user: Client) -> None:
             user.goal(REST).result(SOON)
 
 
-def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed(
+def test_handler_killed_with_its_subtask_has_not_failed(
     robot: Robot, user: Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     started = threading.Event()
@@ -308,10 +297,10 @@ def test_a_handler_that_ends_because_what_it_waits_for_is_killed_with_it_has_not
         ):
             goal.result(SOON)
     assert [fact.id for fact in robot.central.facts if isinstance(fact, Failed)] == [3]
-    assert caplog.text.count("handler test_a_handler_that_ends") == 1
+    assert caplog.text.count("handler test_handler_killed_with_its_subtask") == 1
 
 
-def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> None:
+def test_discarded_result_raises_bad_data(robot: Robot, user: Client) -> None:
     with robot.running():
         move = user.command(MOVE_LEG, 1)
         assert move.wait_for(move.achieving.end, SOON) is Outcome.DONE
@@ -322,8 +311,8 @@ def test_a_result_that_central_no_longer_keeps(robot: Robot, user: Client) -> No
             move.result()
 
 
-def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Client) -> None:
-    """A handler that does not catch what its question, or its subtask, failed with."""
+def test_uncaught_failure_keeps_name_and_data(robot: Robot, user: Client) -> None:
+    """A handler may let the failure of its query or subtask pass."""
 
     @robot.planner.handles(WALK)
     def walk(task: Task, _: Arc) -> None:
@@ -344,7 +333,7 @@ def test_what_failed_elsewhere_keeps_its_name_and_data(robot: Robot, user: Clien
     assert failed.value.data == 3
 
 
-# --- What modules can still learn of tasks that have ended, because somebody keeps them -----------
+# --- Retained tasks after their end ---------------------------------------------------------------
 
 
 CROSS, PACE = Goal("cross the field"), Command("step", int, result=float)
@@ -370,7 +359,7 @@ def walkers(central: LocalCentral) -> Iterator[Module]:
         yield walkers
 
 
-def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
+def test_retained_task_is_readable_by_other_client(
     central: LocalCentral, user: Client, walkers: Module
 ) -> None:
     step = user.command(PACE, 1, keep=True)
@@ -387,7 +376,7 @@ def test_how_a_kept_task_ended_can_be_asked_for_by_anybody(
     assert user.task(step.id) is None
 
 
-def test_an_exception_handler_sees_what_had_been_done(
+def test_exception_handler_sees_retained_tasks(
     central: LocalCentral, user: Client, walkers: Module
 ) -> None:
     expert, seen = Module("expert", central), list[tuple[int, str]]()
@@ -415,226 +404,3 @@ def test_an_exception_handler_sees_what_had_been_done(
     assert [str(handle) for handle in failed.ancestors()] == [str(cross)]
     with pytest.raises(TaskFailed, match="fell"):
         cross.result(0)
-
-
-# --- Who steers a task is told whether anything was done ------------------------------------------
-
-
-SHRUG = ExceptionHandler("shrug")
-STUCK = Failure("stuck")
-ROCKS = DemonMonitor("rocks")
-
-STEERS: dict[str, Callable[[TaskRef], Any]] = {
-    "suspend": lambda task: task.suspend(),
-    "resume": lambda task: task.resume(),
-    "deadline": lambda task: task.deadline(60.0),
-    "retry": lambda task: task.retry(),
-    "fail": lambda task: task.fail(STUCK()),
-    "kill": lambda task: task.kill(),
-    "kill later": lambda task: task.kill(delay=60.0),
-}
-NOT_OF_KILLED = {"deadline", "retry", "fail"}
-
-
-class Legs:
-    """They rest until they may go on, and shrug at failures."""
-
-    def __init__(self, central: LocalCentral) -> None:
-        self.module = Module("resting_legs", central)
-        self.resting, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
-        self.module.handles(STOP)(self._rest)
-        self.module.handles(SHRUG, resource="head")(lambda _: None)
-
-    def _rest(self, _: Task) -> None:
-        self.resting.release()
-        assert self.go_on.acquire(timeout=SOON)
-
-
-@pytest.fixture
-def resting_legs(central: LocalCentral) -> Iterator[Legs]:
-    resting_legs = Legs(central)
-    with resting_legs.module.running():
-        yield resting_legs
-        resting_legs.go_on.release(20)
-
-
-@pytest.fixture
-def supervisor(central: LocalCentral, resting_legs: Legs) -> Iterator[Client]:
-    with connect("supervisor", central) as supervisor:
-        supervisor.on_failure(STUCK, SHRUG)
-        yield supervisor
-
-
-@pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_a_task_that_lives_is_steered(
-    resting_legs: Legs, supervisor: Client, steer: Callable[[TaskRef], Any]
-) -> None:
-    ref = supervisor.command(STOP)
-    assert resting_legs.resting.acquire(timeout=SOON)
-    assert steer(ref) is True
-
-
-@pytest.mark.parametrize("steer", STEERS.values(), ids=STEERS)
-def test_one_that_has_ended_is_not(
-    resting_legs: Legs, supervisor: Client, central: LocalCentral, steer: Callable[[TaskRef], Any]
-) -> None:
-    ref = supervisor.command(STOP)
-    resting_legs.go_on.release()
-    assert ref.wait(SOON) is Outcome.DONE
-    assert steer(ref) is False
-    assert [fact.sender for fact in central.facts if isinstance(fact, Ignored)] == ["supervisor"]
-
-
-@pytest.mark.parametrize(("name", "steer"), STEERS.items(), ids=STEERS)
-def test_one_that_was_killed_and_whose_handler_runs_has_not_ended_but_gets_no_second_chance(
-    resting_legs: Legs, supervisor: Client, name: str, steer: Callable[[TaskRef], Any]
-) -> None:
-    ref = supervisor.command(STOP)
-    assert resting_legs.resting.acquire(timeout=SOON)
-    assert ref.kill() is True
-    assert steer(ref) is (name not in NOT_OF_KILLED)
-    resting_legs.go_on.release()
-    assert ref.wait(SOON) is Outcome.KILLED
-    assert ref.kill() is False
-
-
-def test_what_is_promised_for_later_is_refused(resting_legs: Legs, supervisor: Client) -> None:
-    ref = supervisor.command(STOP)
-    resting_legs.go_on.release()
-    assert ref.wait(SOON) is Outcome.DONE
-    promises: list[Callable[[], Any]] = [
-        ref.keep,
-        lambda: ref.on_failure(STUCK, SHRUG),
-        lambda: ref.on_termination(STOP),
-        lambda: supervisor.under(ref).command(STOP).id,
-    ]
-    for promise in promises:
-        with pytest.raises(Refused, match="has ended"):
-            promise()
-    ref.release()  # what is not kept need not be let go
-
-
-def test_a_monitor_is_ended_once(resting_legs: Legs, supervisor: Client) -> None:
-    monitor = supervisor.monitor(ROCKS, duration=60.0)
-    assert monitor.fire() is True
-    assert monitor.end() is True
-    assert monitor.end() is False
-    assert monitor.fire() is False
-
-
-# --- Monitors, goals and commands that are put under a task which others handle -------------------
-
-
-TREAD, GUARD = Command("tread", int), Command("guard")
-IS_LOW = Query("is the battery low", reply=bool)
-BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
-
-
-class Expedition:
-    """A planner whose walk waits to be told to go on; steps; and a watcher that knows of both."""
-
-    def __init__(self, central: LocalCentral) -> None:
-        self.central = central
-        self.steps: list[int] = []
-        self.asked, self.is_low, self.begun, self.go_on = (threading.Event() for _ in range(4))
-        self.planner, self.legs, self.watcher = (
-            Module(name, central) for name in ("planner", "legs", "watcher")
-        )
-        self.planner.handles(REST)(self.walk)
-        self.planner.handles(GUARD)(self.guard)
-        self.legs.handles(TREAD)(self.tread)
-        self.may_tread = threading.Event()
-        self.may_tread.set()
-        self.watcher.handles(IS_LOW)(self.answer)
-        self.watcher.handles(STOP)(self.stop)
-
-    def walk(self, task: Task) -> None:
-        task.command(TREAD, 1)
-        self.guard(task)
-        task.command(TREAD, 3)
-
-    def tread(self, _: Task, number: int) -> None:
-        assert self.may_tread.wait(SOON)
-        self.steps.append(number)
-
-    def guard(self, _: Task) -> None:
-        self.begun.set()
-        assert self.go_on.wait(SOON)
-
-    def answer(self, _: Task) -> bool:
-        self.asked.set()
-        return self.is_low.is_set()
-
-    def stop(self, task: Task) -> None:
-        task.monitor_ref.ancestors(REST)[0].kill("the battery is low")
-        self.go_on.set()
-
-    def begin(self, message: Goal[None] | Command[None, None], leader: Client) -> SentTask[None]:
-        sent: SentTask[None] = leader.execute(message)
-        assert self.begun.wait(SOON)
-        return sent
-
-
-@pytest.fixture
-def expedition() -> Iterator[Expedition]:
-    with LocalCentral(check=check_invariants) as central:
-        expedition = Expedition(central)
-        with expedition.planner.running(), expedition.legs.running(), expedition.watcher.running():
-            yield expedition
-            expedition.go_on.set()
-
-
-@pytest.fixture
-def leader(expedition: Expedition) -> Iterator[Client]:
-    with connect("leader", expedition.central) as client:
-        yield client
-
-
-def test_a_monitor_is_put_under_a_task_that_runs_and_finds_it(
-    expedition: Expedition, leader: Client
-) -> None:
-    walking = expedition.begin(REST, leader)
-    monitor = expedition.watcher.under(expedition.watcher.tasks(REST)[0]).monitor(
-        BATTERY, period=0.01
-    )
-    assert monitor.parent() is not None
-    expedition.is_low.set()
-    assert walking.wait(SOON) is Outcome.KILLED
-    assert monitor.wait(SOON) is Outcome.KILLED
-
-
-def test_a_command_stands_in_the_sequence_that_others_send(
-    expedition: Expedition, leader: Client
-) -> None:
-    walking = expedition.begin(REST, leader)
-    leader.under(walking).command(TREAD, 2)
-    expedition.go_on.set()
-    assert walking.wait(SOON) is Outcome.DONE
-    assert expedition.steps == [1, 2, 3]
-
-
-def test_blocks_where_others_send_too(expedition: Expedition, leader: Client) -> None:
-    """Under a task of others and under the root; the strangers are not in the sequence."""
-    expedition.may_tread.clear()  # else the first might be over when the second is sent
-    sent = expedition.begin(GUARD, leader)
-    pairs: list[tuple[Sender, Sender]] = [
-        (leader.under(sent), leader.under(sent)),
-        (leader, expedition.watcher),
-    ]
-    for own, others in pairs:
-        with own.sequence():
-            first = own.command(TREAD, 1)
-            stranger = others.command(TREAD, 7, sequential=False)
-            second = own.command(TREAD, 2)
-        facts = [
-            fact
-            for fact in expedition.central.facts
-            if isinstance(fact, Received) and fact.id == second.id
-        ]
-        before = {constraint.before.task for fact in facts for constraint in fact.constraints}
-        assert first.id in before
-        assert stranger.id not in before
-    expedition.may_tread.set()
-    expedition.go_on.set()
-    assert second.wait(SOON) is first.wait(SOON) is sent.wait(SOON) is Outcome.DONE
-    assert sorted(expedition.steps) == [1, 1, 2, 2, 7, 7]

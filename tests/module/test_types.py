@@ -1,7 +1,5 @@
-"""The mistakes in ``mistakes.py`` are found by mypy, nothing else there is called one, and its
-words help.
-
-In strict mode mypy complains of each ``type: ignore`` that is not needed: so each mistake is found.
+"""mypy finds each mistake in ``mistakes.py`` and no other, with helpful messages. In strict mode it
+reports each unneeded ``type: ignore``, so each mistake must be found.
 """
 
 import inspect
@@ -42,7 +40,7 @@ MYPY = shutil.which("mypy", path=str(Path(sys.executable).parent))
 
 @pytest.mark.slow
 @pytest.mark.skipif(MYPY is None, reason="mypy is not installed")
-def test_the_type_checker_finds_each_mistake_and_says_what_is_wanted(tmp_path: Path) -> None:
+def test_type_checker_finds_each_mistake(tmp_path: Path) -> None:
     mistakes = Path(__file__).with_name("mistakes.py")
     bare = tmp_path / "bare.py"
     bare.write_text(re.sub(r"  # type: ignore\S+", "", mistakes.read_text()))
@@ -75,7 +73,7 @@ DECLARATIONS = [
 
 
 @pytest.mark.parametrize("kind", DECLARATIONS, ids=lambda kind: kind.__name__)
-def test_a_declaration_shows_its_arguments(kind: Any) -> None:
+def test_declaration_signature_shows_its_arguments(kind: Any) -> None:
     arguments = inspect.signature(kind).parameters
     assert list(arguments)[:2] == ["name", "data"]
     assert not {"VAR_POSITIONAL", "VAR_KEYWORD"} & {one.kind.name for one in arguments.values()}
@@ -84,14 +82,14 @@ def test_a_declaration_shows_its_arguments(kind: Any) -> None:
 @pytest.mark.parametrize(
     "kind", [HandlerOptions, MonitorOptions, TaskOptions], ids=lambda kind: kind.__name__
 )
-def test_help_shows_each_option(kind: Any) -> None:
+def test_docstring_names_each_option(kind: Any) -> None:
     _, _, described = kind.__doc__.partition("Args:")
     assert [
         name for name in kind.__annotations__ if not re.search(rf"\b{name}[:,]", described)
     ] == []
 
 
-# --- A handler whose data are annotated with another type than its message's is refused where it is
+# --- A handler's data annotation must fit its message ---------------------------------------------
 
 
 T = TypeVar("T")
@@ -113,11 +111,24 @@ class HasX(Protocol):
 
 
 RIGHT = [
-    (int, float), (float, object), (float, Any), (float, "Unknown"), (float, T), (Pose3, Pose), (Pose, HasX),
-    (float, Metres), (Annotated[float, "m"], float), (list[int], Sequence[float]), (dict[str, int], Mapping[str, Any]),
-    (float | None, float | str | None), (Literal["a", "b"], str), (tuple[int, ...], tuple[int, int]),
-    (NDArray[np.float64], np.ndarray), (Sequence[int], list[int]), (list[Pose3], list[Pose]),
-]  # fmt: skip
+    (int, float),
+    (float, object),
+    (float, Any),
+    (float, "Unknown"),
+    (float, T),
+    (Pose3, Pose),
+    (Pose, HasX),
+    (float, Metres),
+    (Annotated[float, "m"], float),
+    (list[int], Sequence[float]),
+    (dict[str, int], Mapping[str, Any]),
+    (float | None, float | str | None),
+    (Literal["a", "b"], str),
+    (tuple[int, ...], tuple[int, int]),
+    (NDArray[np.float64], np.ndarray),
+    (Sequence[int], list[int]),
+    (list[Pose3], list[Pose]),
+]
 WRONG = [
     (float, int),
     (Pose, Pose3),
@@ -135,9 +146,7 @@ WRONG = [
     ("kind", "hint", "fits"),
     [*((*pair, True) for pair in RIGHT), *((*pair, False) for pair in WRONG)],
 )
-def test_an_annotation_of_data_that_never_fits_is_refused(
-    kind: Any, hint: Any, *, fits: bool
-) -> None:
+def test_unfitting_data_annotation_is_refused(kind: Any, hint: Any, *, fits: bool) -> None:
     def handler(_: Task, data: Any) -> None: ...
 
     handler.__annotations__["data"] = hint
@@ -149,13 +158,13 @@ def test_an_annotation_of_data_that_never_fits_is_refused(
         Module("legs").handles(Command("move", kind))(handler)
 
 
-# --- Declarations are divided into requests that central takes, in an order in which each can stand
+# --- Declarations are divided into requests that central accepts in order -------------------------
 
 
 @pytest.mark.parametrize(
     ("number", "size", "expected"), [(0, 0, 1), (500, 40, 1), (1200, 40, 6), (9, 200_000, 6)]
 )
-def test_any_number_of_declarations_is_taken(number: int, size: int, expected: int) -> None:
+def test_any_number_of_declarations_is_accepted(number: int, size: int, expected: int) -> None:
     messages = [MessageFormat(f"m{one}", MessageClass.INFORM, "x" * size) for one in range(number)]
     handlers = [HandlerFormat(message.name, "r") for message in messages] if expected > 1 else []
     found = registers(messages, handlers, is_ready=True)

@@ -21,19 +21,19 @@ QUICK, SLOW, FAILS = Command("quick"), Command("slow"), Command("fails")
 
 
 @pytest.fixture
-def end() -> threading.Event:
-    """Ends what is slow."""
+def release() -> threading.Event:
+    """Ends the slow tasks."""
     return threading.Event()
 
 
 @pytest.fixture(autouse=True)
-def _robot(central: LocalCentral, end: threading.Event) -> Iterator[None]:
+def _robot(central: LocalCentral, release: threading.Event) -> Iterator[None]:
     module = Module("robot", central, capacity=3)
     module.handles(QUICK)(lambda _: None)
 
     @module.handles(SLOW)
     def slow(_: Task) -> None:
-        end.wait(10)
+        release.wait(10)
 
     @module.handles(FAILS)
     def fails(_: Task) -> None:
@@ -41,26 +41,26 @@ def _robot(central: LocalCentral, end: threading.Event) -> Iterator[None]:
 
     with module.running():
         yield
-        end.set()
+        release.set()
 
 
-def test_the_first_to_end_is_given(user: Client, end: threading.Event) -> None:
+def test_wait_for_any_returns_first_ended_task(user: Client, release: threading.Event) -> None:
     slow, quick = user.command(SLOW, sequential=False), user.command(QUICK, sequential=False)
     assert wait_for_any([slow, quick]) == [quick]
-    assert wait_for_any([slow, quick]) == [quick]  # it has ended, and is given again
-    end.set()
+    assert wait_for_any([slow, quick]) == [quick]  # a task that has ended is returned again
+    release.set()
     assert wait_for_any([slow]) == [slow]
     assert slow.result(0) is None
 
 
-def test_a_task_that_failed_has_ended(user: Client) -> None:
+def test_wait_for_any_counts_failed_task_as_ended(user: Client) -> None:
     fails = user.command(FAILS)
     assert wait_for_any([fails]) == [fails]
     with pytest.raises(Exception, match="a slip"):
         fails.result(0)
 
 
-def test_the_wait_ends_after_its_timeout_or_when_it_is_told_to(user: Client) -> None:
+def test_wait_for_any_ends_at_timeout_or_condition(user: Client) -> None:
     slow = user.command(SLOW)
     assert wait_for_any([slow], 0.01) == []
     answers = iter([False, False, True])
@@ -68,7 +68,7 @@ def test_the_wait_ends_after_its_timeout_or_when_it_is_told_to(user: Client) -> 
     assert next(answers, "all asked") == "all asked"
 
 
-def test_a_silent_central_ends_the_wait(central: LocalCentral) -> None:
+def test_wait_for_any_raises_when_central_is_silent(central: LocalCentral) -> None:
     user = connect("hasty", central, 0.3, linger=0.1)
     slow = user.command(SLOW)
     assert slow.id
@@ -79,7 +79,7 @@ def test_a_silent_central_ends_the_wait(central: LocalCentral) -> None:
         wait_for_any([slow], until=lambda: False)
 
 
-def test_what_cannot_be_waited_for_together(user: Client, central: LocalCentral) -> None:
+def test_wait_for_any_of_no_or_foreign_tasks_is_misuse(user: Client, central: LocalCentral) -> None:
     with pytest.raises(MisuseError, match="needs a list of tasks"):
         wait_for_any([])
     with (

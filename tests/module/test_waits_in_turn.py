@@ -1,11 +1,9 @@
-"""A handler that waits again and again while central is away: it keeps its period, and loses
-patience once.
-"""
+"""A handler waits again and again while central is away: it keeps its period, and gives up once."""
 
 from collections.abc import Iterator
 
 import pytest
-from module.test_connection import HELLO, ScriptedCentral, friendly
+from module.scripted_central import HELLO, ScriptedCentral, accept_all
 
 from tca_module.errors import CentralLost
 from tca_module.link.connection import Connection
@@ -17,10 +15,10 @@ PATIENCE, PERIOD = 10.0, 0.1
 
 
 class Loop:
-    """What a handler does in each period, on the clock of a scripted central."""
+    """A handler's periodic work, on the clock of a scripted central."""
 
     def __init__(self) -> None:
-        self.central = ScriptedCentral(friendly)
+        self.central = ScriptedCentral(accept_all)
         self.link = Connection(
             self.central, Session(HELLO), patience=PATIENCE, clock=lambda: self.central.now
         )
@@ -28,7 +26,7 @@ class Loop:
         self.due = self.central.now
 
     def turn(self, works: float = 0.0, *, reports: bool = False, waits: float = PERIOD) -> float:
-        """Work, then wait until it is due again; by how much that ended too late."""
+        """Work, wait until the next due time, and return by how much the wait ended late."""
         self.due = max(self.due, self.central.now + works) + waits
         self.central.now += works
         if reports:
@@ -36,10 +34,10 @@ class Loop:
         self.link.wait_until(lambda: False, "the wait", self.due)
         return self.central.now - self.due
 
-    def go_on(
+    def turns(
         self, seconds: float, works: float = 0.0, *, reports: bool = False, waits: float = PERIOD
     ) -> Iterator[float]:
-        """Turn after turn."""
+        """Take turns for a while."""
         until = self.central.now + seconds
         while self.central.now < until:
             yield self.turn(works, reports=reports, waits=waits)
@@ -51,49 +49,49 @@ def loop() -> Loop:
 
 
 @pytest.mark.parametrize("reports", [False, True])
-def test_the_period_is_kept_until_patience_is_lost(loop: Loop, *, reports: bool) -> None:
-    list(loop.go_on(5.0, reports=reports))
-    heard, loop.central.is_there, late = loop.link.session.heard, False, list[float]()
+def test_period_is_kept_until_central_is_lost(loop: Loop, *, reports: bool) -> None:
+    list(loop.turns(5.0, reports=reports))
+    heard, loop.central.is_present, late = loop.link.session.heard, False, list[float]()
     with pytest.raises(CentralLost, match="does not answer"):
-        late.extend(loop.go_on(2 * PATIENCE, reports=reports))
+        late.extend(loop.turns(2 * PATIENCE, reports=reports))
     assert max(late) == pytest.approx(0)
     assert loop.central.now - heard <= PATIENCE + 3 * PERIOD
 
 
-def test_a_loop_that_is_always_late_loses_patience(loop: Loop) -> None:
+def test_always_late_loop_raises_central_lost(loop: Loop) -> None:
     loop.turn()
-    loop.central.is_there = False
+    loop.central.is_present = False
     with pytest.raises(CentralLost):
-        list(loop.go_on(2 * PATIENCE, works=0.3, waits=0.0))
+        list(loop.turns(2 * PATIENCE, works=0.3, waits=0.0))
 
 
-def test_a_slow_loop_loses_patience(loop: Loop) -> None:
+def test_slow_loop_raises_central_lost(loop: Loop) -> None:
     loop.turn()
-    loop.central.is_there = False
+    loop.central.is_present = False
     with pytest.raises(CentralLost):
-        list(loop.go_on(5 * PATIENCE, works=4.0))
+        list(loop.turns(5 * PATIENCE, works=4.0))
 
 
-def test_what_leaves_things_safe_has_time_again(loop: Loop) -> None:
+def test_cleanup_after_central_lost_has_patience_again(loop: Loop) -> None:
     loop.turn()
-    loop.central.is_there = False
+    loop.central.is_present = False
     with pytest.raises(CentralLost):
-        list(loop.go_on(2 * PATIENCE))
-    list(loop.go_on(PATIENCE - 2 * PERIOD))
+        list(loop.turns(2 * PATIENCE))
+    list(loop.turns(PATIENCE - 2 * PERIOD))
     with pytest.raises(CentralLost):
-        list(loop.go_on(3 * PERIOD))
+        list(loop.turns(3 * PERIOD))
 
 
 @pytest.mark.parametrize("works", [0.3, 20.0])
-def test_a_central_that_is_there_is_never_lost(loop: Loop, works: float) -> None:
-    loop.central.now += 29  # it had nothing to say
+def test_present_central_is_never_lost(loop: Loop, works: float) -> None:
+    loop.central.now += 29  # it had nothing to send
     assert loop.turn(works) == pytest.approx(0)
-    assert max(loop.go_on(8 * works + PATIENCE, works=works)) == pytest.approx(0)
+    assert max(loop.turns(8 * works + PATIENCE, works=works)) == pytest.approx(0)
 
 
-def test_who_comes_back_in_time_is_not_lost(loop: Loop) -> None:
+def test_returning_central_is_not_lost(loop: Loop) -> None:
     for _ in range(3):
-        loop.central.is_there = False
-        list(loop.go_on(PATIENCE / 2))
-        loop.central.is_there = True
-        assert max(loop.go_on(PATIENCE / 2)) == pytest.approx(0)
+        loop.central.is_present = False
+        list(loop.turns(PATIENCE / 2))
+        loop.central.is_present = True
+        assert max(loop.turns(PATIENCE / 2)) == pytest.approx(0)

@@ -1,9 +1,9 @@
-"""Every way to wait: central shows it, the tools list it, the check holds it, and a deadlock
-through it is found.
+"""Every way to wait: central shows it, the tools list it, the check accepts it, and deadlocks
+through it are found.
 
-``WAYS`` has one row for each. A new way to wait gets a row here. Not in it: ``sleep``,
-``wait_until`` without ``on``, and waits for a client's request: by choice these are a handler's own
-work (decision 103).
+``WAYS`` has one row for each, and a new way to wait needs a row. Left out are ``sleep``,
+``wait_until`` without ``on``, and waits for a client's request. They count as a handler's own work
+(decision 103).
 """
 
 import threading
@@ -73,7 +73,7 @@ class Way:
     wait: Callable[["Stage"], Any]
     kind: WaitKind
     target: str = "other"
-    closes: bool = True  # it may close a circle
+    closes: bool = True  # it may close a cycle
     is_async: bool = False
 
 
@@ -110,15 +110,15 @@ WAYS = [
 
 
 class Stage:
-    """A handler that waits in one *way* for another, which waits for the test, or for what the
-    first has to handle.
+    """A handler waits in one *way* for another handler, which waits for the test or for a reply of
+    the first module.
     """
 
     task: Task
     other: SentTask[TaskEnd]
 
-    def __init__(self, way: Way, central: LocalCentral, *, in_circle: bool) -> None:
-        self.way, self.central, self.in_circle = way, central, in_circle
+    def __init__(self, way: Way, central: LocalCentral, *, in_cycle: bool) -> None:
+        self.way, self.central, self.in_cycle = way, central, in_cycle
         self.go_on = threading.Event()
         self.waiter, self.server = Module("waiter", central), Module("other", central)
         self.offering = TaskServer("slow", Environment(), [Nothing], central=central)
@@ -127,7 +127,7 @@ class Stage:
         self.waiter.handles(WAIT, resource="waiter")(wait)
         for message in (ASKED, ALL):
             self.server.handles(message, resource="other")(self._stand)
-        self.server.handles(OTHER, resource="other", takes=["update"])(self._end)
+        self.server.handles(OTHER, resource="other", takes=["update"])(self.serve_other)
 
     @contextmanager
     def waits(self, user: Client) -> Iterator[SentTask[None]]:
@@ -141,12 +141,12 @@ class Stage:
                 waiting.kill("the test ends")
                 waiting.wait(SOON)
 
-    def _end(self, task: Task, _: int) -> TaskEnd:
+    def serve_other(self, task: Task, _: int) -> TaskEnd:
         self._stand(task)
         return TaskEnd(Status.COMPLETED)
 
     def _stand(self, task: Task) -> int:
-        if self.in_circle:
+        if self.in_cycle:
             return task.query(BACK)
         assert self.go_on.wait(SOON)
         return 1
@@ -167,12 +167,12 @@ class Stage:
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A coroutine that stands is told of soon."""
+    """A coroutine reports its wait soon."""
     monkeypatch.setattr(coroutine_waits, "BRIEF", 0.02)
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
-def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
+def test_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Client) -> None:
     def is_shown() -> bool:
         found = [one for one in user.status("load")["waits"] if one["number"] == waiting.id]
         return any(is_it(wait["kind"], wait["name"]) for one in found for wait in one["waits"])
@@ -180,7 +180,7 @@ def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: 
     def is_it(kind: str, name: str) -> bool:
         return kind == way.kind and name.startswith(way.target)
 
-    with Stage(way, central, in_circle=False).waits(user) as waiting:
+    with Stage(way, central, in_cycle=False).waits(user) as waiting:
         until(is_shown, f"{way.name} is shown")
         run = History.until(central.entries[:])
         waits = [one for one in waits_of(run, waiting.id) if one.end == inf]
@@ -193,10 +193,10 @@ def test_a_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: 
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way.closes], ids=lambda way: way.name)
-def test_a_deadlock_through_a_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
+def test_deadlock_through_wait_is_found(way: Way, central: LocalCentral, user: Client) -> None:
     def is_found() -> bool:
         refused = [fact for fact in central.facts if isinstance(fact, RequestRefused)]
         return Refusal.DEADLOCK in [fact.refusal for fact in refused]
 
-    with Stage(way, central, in_circle=True).waits(user):
+    with Stage(way, central, in_cycle=True).waits(user):
         until(is_found, way.name)

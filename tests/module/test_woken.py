@@ -1,5 +1,5 @@
-"""A handler whose work is void is woken from whatever it waits for, once, and may then clean up: on
-real sockets.
+"""A handler whose work is void is woken from any wait, once, and may then clean up: on real
+sockets.
 """
 
 import queue
@@ -30,20 +30,20 @@ from tca_module import (
 )
 from tca_wire.journal.facts import Failed, Returned
 
-pytestmark = pytest.mark.usefixtures("attentive")
+pytestmark = pytest.mark.usefixtures("short_timeouts")
 
 
 ASK = Goal("ask", str)
-NEVER, NOBODY = Command("never"), Query("nobody", reply=int)
+NEVER, UNHANDLED = Command("never"), Query("nobody", reply=int)
 BUSY, DIRECT = Query("busy", reply=int), Query("direct", reply=int)
 BIDS = MultiQuery("bids", reply=int)
 HERE = Query("here", reply=str)
 
 WAITS: dict[str, Callable[[Task], object]] = {
-    "query": lambda task: task.query(NOBODY, timeout=None),
-    "query with its usual timeout": lambda task: task.query(NOBODY, timeout=1000),
+    "query": lambda task: task.query(UNHANDLED, timeout=None),
+    "query with its usual timeout": lambda task: task.query(UNHANDLED, timeout=1000),
     "direct query": lambda task: task.query(DIRECT, timeout=None),
-    "receive": lambda task: task.query_send(NOBODY).receive(None),
+    "receive": lambda task: task.query_send(UNHANDLED).receive(None),
     "multi-query": lambda task: task.multi_query(BIDS, timeout=None),
     "multi-query, one by one": lambda task: next(task.multi_query_send(BIDS, timeout=None)),
     "execute": lambda task: task.execute(BUSY),
@@ -57,13 +57,13 @@ WAITS: dict[str, Callable[[Task], object]] = {
     "lock": lambda task: task.lock("arm"),
     "reserve": lambda task: task.reserve("arm", timeout=1000),
     "until handled": lambda task: task.wait_until_handled(NEVER),
-    "callback": lambda task: task.query_notify(NOBODY, None, lambda *_: None).wait(),
+    "callback": lambda task: task.query_notify(UNHANDLED, None, lambda *_: None).wait(),
 }
 
 
 class Robot:
-    """A handler that waits in each of these ways, and modules that let it wait. *seen*: what its
-    wait raised, and what was answered when it then asked where it is.
+    """A handler that waits in each way, and modules that let it wait. *seen* holds
+    the exception of its wait, and the answer to its query afterwards.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -110,8 +110,8 @@ class Robot:
             yield user
 
     @contextmanager
-    def works(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
-        """A command that the legs handle so; the handler has begun."""
+    def working(self, handler: Callable[[Task], Any]) -> Iterator[SentTask[None]]:
+        """A command with this handler in the legs. The handler has begun."""
         work, begun = Command("work"), threading.Event()
 
         def begin(task: Task) -> Any:
@@ -129,12 +129,12 @@ class Robot:
             assert begun.wait(SOON)
             yield working
 
-    def waits(self, how: str) -> None:
-        """Until the handler does."""
+    def until_waiting(self, how: str) -> None:
+        """Wait until the handler waits."""
         if "direct" in how:
             assert self.asked.wait(SOON)
         else:
-            until(lambda: self.central.asked_by("legs"), "the handler waits")
+            until(lambda: self.central.open_requests_of("legs"), "the handler waits")
 
 
 @pytest.fixture
@@ -143,125 +143,126 @@ def robot(tmp_path: Path) -> Robot:
 
 
 @pytest.mark.parametrize("how", WAITS)
-def test_a_kill_wakes_a_handler_and_what_it_asked_is_given_up(
+def test_kill_wakes_waiting_handler_and_gives_up_its_request(
     robot: Robot, how: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with robot.running() as user, robot.legs.running():
-        if "direct" in how:  # the first goes through central
+        if "direct" in how:  # the first query goes through central
             robot.go_on.set()
             user.query(DIRECT, timeout=SOON)
             robot.go_on.clear()
             robot.asked.clear()
         asking = user.goal(ASK, how, sequential=False)
-        robot.waits(how)
+        robot.until_waiting(how)
         asking.kill("enough")
         assert asking.wait(SOON) is Outcome.KILLED
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
-        until(lambda: not robot.central.asked_by("legs"), "nothing is left of it")
+        until(lambda: not robot.central.open_requests_of("legs"), "no request of the legs is open")
     assert not robot.central.facts(Failed)
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 @pytest.mark.parametrize("how", WAITS)
-def test_the_end_of_its_module_wakes_a_handler(robot: Robot, how: str) -> None:
+def test_module_end_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user:
         with robot.legs.running():
             asking = user.goal(ASK, how, sequential=False)
-            robot.waits(how)
+            robot.until_waiting(how)
         assert robot.seen.get(timeout=SOON) == (Stopped, "at home")
         with pytest.raises(TaskFailed, match="module lost"):
             asking.result(SOON)
 
 
 @pytest.mark.parametrize("how", ["query", "lock", "a stranger's task", "until handled"])
-def test_a_handler_that_is_to_be_called_again_is_woken(robot: Robot, how: str) -> None:
+def test_retry_wakes_waiting_handler(robot: Robot, how: str) -> None:
     with robot.running() as user, robot.legs.running():
         asking = user.goal(ASK, how, sequential=False)
         for _ in range(2):
-            robot.waits(how)
+            robot.until_waiting(how)
             asking.retry()
             assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
             until(
-                lambda: (info := asking.info()) is not None and info.module, "it is handled again"
+                lambda: (info := asking.info()) is not None and info.module,
+                "the task is handled again",
             )
-        robot.waits(how)
+        robot.until_waiting(how)
         asking.kill()
         assert asking.wait(SOON) is Outcome.KILLED
 
 
-def test_who_is_woken_is_told_why(robot: Robot) -> None:
-    said, begun = queue.Queue[str](), queue.Queue[None]()
+def test_woken_handler_learns_reason(robot: Robot) -> None:
+    reasons, begun = queue.Queue[str](), queue.Queue[None]()
 
     def work(task: Task) -> None:
         begun.put(None)
         try:
-            task.query(NOBODY, timeout=None)
+            task.query(UNHANDLED, timeout=None)
         except TaskKilled as error:
-            said.put(str(error))
+            reasons.put(str(error))
             raise
 
-    with robot.works(work) as working:
-        robot.waits("query")
+    with robot.working(work) as working:
+        robot.until_waiting("query")
         working.retry()
-        again = f"{working} was killed: it is to be handled again; query 'nobody' is given up"
-        assert said.get(timeout=SOON) == again
+        again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
+        assert reasons.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
-        robot.waits("query")
+        robot.until_waiting("query")
         working.kill("the floor is wet")
-        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is given up"
-        assert said.get(timeout=SOON) == killed
+        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
+        assert reasons.get(timeout=SOON) == killed
         with pytest.raises(TaskKilled) as found:
             working.result(SOON)
         assert found.value.why == "the floor is wet (by user)"
 
 
-# --- once -----------------------------------------------------------------------------------------
+# --- A handler is woken once ----------------------------------------------------------------------
 
 
-def test_who_does_not_wait_is_woken_from_the_next_wait(robot: Robot) -> None:
+def test_kill_of_busy_handler_ends_its_next_wait(robot: Robot) -> None:
     killed = threading.Event()
 
     def work(task: Task) -> None:
         assert killed.wait(SOON)
         robot.ask(task, "query")
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         working.kill()
         killed.set()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
 
 
-def test_who_has_seen_it_is_not_woken(robot: Robot) -> None:
+def test_handler_that_saw_cancellation_is_not_woken(robot: Robot) -> None:
     def work(task: Task) -> None:
         while not task.cancelled:
             pass
         robot.seen.put((None, task.query(HERE)))
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         working.kill()
         assert robot.seen.get(timeout=SOON) == (None, "at home")
 
 
-def test_who_waits_on_after_a_kill_does_not_keep_its_module(
+def test_module_end_wakes_killed_handler_that_waits_again(
     robot: Robot, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The module's end is another reason, and wakes the handler once more; it was killed, and has
+    """The module's end is a second reason and wakes the handler again. It was killed, and has
     not failed.
     """
 
     def work(task: Task) -> None:
         try:
-            task.query(NOBODY, timeout=None)
+            task.query(UNHANDLED, timeout=None)
         except TaskKilled:
             robot.seen.put((TaskKilled, ""))
             task.wait_until_handled(NEVER)
 
-    with robot.works(work) as working:
-        robot.waits("query")
+    with robot.working(work) as working:
+        robot.until_waiting("query")
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "")
-        robot.waits("until handled")
+        robot.until_waiting("until handled")
     assert [fact.outcome for fact in robot.central.facts(Returned) if fact.id == working.id] == [
         Outcome.DONE
     ]
@@ -269,30 +270,28 @@ def test_who_waits_on_after_a_kill_does_not_keep_its_module(
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
-def test_a_reply_that_was_given_up_is_not_waited_for_again(robot: Robot) -> None:
-    said = queue.Queue[object]()
+def test_abandoned_replies_are_over_after_kill(robot: Robot) -> None:
+    reasons = queue.Queue[object]()
 
     def work(task: Task) -> None:
-        pending, bids = task.query_send(NOBODY), task.multi_query_send(BIDS, timeout=None)
+        pending, bids = task.query_send(UNHANDLED), task.multi_query_send(BIDS, timeout=None)
         with pytest.raises(TaskKilled):
             next(bids)
-        said.put(list(bids))
-        said.put(task.cancelled)
+        reasons.put(list(bids))
+        reasons.put(task.cancelled)
         pending.cancel()
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         assert robot.asked.wait(SOON)
         working.kill()
-        assert (said.get(timeout=SOON), said.get(timeout=SOON)) == ([], True)
+        assert (reasons.get(timeout=SOON), reasons.get(timeout=SOON)) == ([], True)
 
 
-# --- who else waits -------------------------------------------------------------------------------
+# --- Other waits are not disturbed ----------------------------------------------------------------
 
 
-def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
-    """A killed handler asks its own resource: who answers there works for itself, and only then the
-    first is woken.
-    """
+def test_kill_does_not_wake_nested_handler(robot: Robot) -> None:
+    """The inner handler works for itself. The outer one is woken only after it."""
     inner, answered = Query("inner", reply=str), threading.Event()
 
     @robot.legs.handles(inner, resource="wheels")
@@ -301,7 +300,7 @@ def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
         answered.set()
         return ""
 
-    with robot.works(lambda task: task.query(inner, timeout=None)) as working:
+    with robot.working(lambda task: task.query(inner, timeout=None)) as working:
         assert robot.asked.wait(SOON)
         working.kill()
         robot.go_on.set()
@@ -309,38 +308,38 @@ def test_a_handler_within_the_wait_is_not_disturbed(robot: Robot) -> None:
         assert working.wait(SOON) is Outcome.KILLED
 
 
-def asked(robot: Robot, module: str) -> list[str]:
-    return [due.message.name for due in robot.central.asked_by(module)]
+def pending_names(robot: Robot, module: str) -> list[str]:
+    return [due.message.name for due in robot.central.open_requests_of(module)]
 
 
-def test_a_callback_and_another_thread_are_not_disturbed(robot: Robot) -> None:
-    told = queue.Queue[int]()
+def test_kill_does_not_wake_callback_or_other_thread(robot: Robot) -> None:
+    answers = queue.Queue[int]()
 
     def elsewhere() -> None:
         with connect("thread", robot.central.address) as client:
-            told.put(client.query(BUSY, timeout=SOON))
+            answers.put(client.query(BUSY, timeout=SOON))
 
     def work(task: Task) -> None:
         threading.Thread(target=elsewhere).start()
-        task.query_notify(HERE, None, lambda sender, _: told.put(sender.query(BUSY, timeout=SOON)))
-        task.query(NOBODY, timeout=None)
+        task.query_notify(
+            HERE, None, lambda sender, _: answers.put(sender.query(BUSY, timeout=SOON))
+        )
+        task.query(UNHANDLED, timeout=None)
 
-    with robot.works(work) as working:
+    with robot.working(work) as working:
         for module in ("legs", "thread"):
-            until(lambda module=module: BUSY.name in asked(robot, module), "it waits")  # type: ignore[misc]
+            until(lambda module=module: BUSY.name in pending_names(robot, module), "is asked")  # type: ignore[misc]
         working.kill()
         robot.go_on.set()
-        assert [told.get(timeout=SOON) for _ in range(2)] == [1, 1]
+        assert [answers.get(timeout=SOON) for _ in range(2)] == [1, 1]
         assert working.wait(SOON) is Outcome.KILLED
 
 
 @pytest.mark.parametrize(
-    "waits", [lambda task: task.query(NOBODY, timeout=None), lambda task: task.lock("arm")]
+    "waits", [lambda task: task.query(UNHANDLED, timeout=None), lambda task: task.lock("arm")]
 )
-def test_a_coroutine_that_blocks_is_woken_as_well(
-    robot: Robot, waits: Callable[[Task], Any]
-) -> None:
-    """And is then not cancelled: it was told."""
+def test_kill_wakes_blocking_coroutine(robot: Robot, waits: Callable[[Task], Any]) -> None:
+    """It is not cancelled as well: the exception suffices."""
 
     async def work(task: Task) -> None:
         try:
@@ -349,8 +348,8 @@ def test_a_coroutine_that_blocks_is_woken_as_well(
             robot.seen.put((TaskKilled, await task.query_send(HERE)))
             raise
 
-    with robot.works(work) as working:
-        robot.waits("")
+    with robot.working(work) as working:
+        robot.until_waiting("")
         working.kill()
         assert robot.seen.get(timeout=SOON) == (TaskKilled, "at home")
         assert working.wait(SOON) is Outcome.KILLED
