@@ -191,7 +191,7 @@ def checked_walk(steps: int) -> tca.Scenario:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("steps", [2, 5])
-def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
+def test_ambler_plans_exactly_one_step_ahead(steps: int) -> None:
     last_ahead = False
 
     def is_noted(world: tca.World) -> bool:
@@ -206,7 +206,7 @@ def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
 
 
 @pytest.mark.soak
-def test_without_the_constraint_planning_runs_away() -> None:
+def test_ambler_plans_too_far_ahead_without_constraint() -> None:
     result = tca.explore(walk(3, plans_ahead=False), at_most(1, steps_planned_ahead))
     assert result.violation is not None
     assert result.violation.broken == "at most 1 steps planned ahead"
@@ -277,7 +277,7 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
 
 
 @pytest.mark.soak
-def test_the_scenario_sends_what_the_robot_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ambler_scenario_sends_the_robots_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     played: Orders = set()
 
     def is_noted(world: tca.World) -> bool:

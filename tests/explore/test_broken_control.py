@@ -347,7 +347,9 @@ is_good = cache(lambda explored: explored().ok)
 
 
 @pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
-def test_a_broken_rule_is_found(monkeypatch: Patch, mutation: Callable[[Patch], None]) -> None:
+def test_broken_control_rule_is_found(
+    monkeypatch: Patch, mutation: Callable[[Patch], None]
+) -> None:
     """By promises and properties alone, without central's own invariants, and in a few actions."""
     assert is_good(BROKEN[mutation])
     mutation(monkeypatch)

@@ -70,7 +70,7 @@ def played(walk: Callable[..., object], *properties: Any, **others: Callable[...
     good(robot(walk, *properties, **others), never_stuck(), limit=5000)
 
 
-def test_a_task_is_the_librarys_own() -> None:
+def test_scenario_task_is_the_librarys_own() -> None:
     assert issubclass(tca.Task, ModuleTask)
     assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {
         "choose",
@@ -79,7 +79,7 @@ def test_a_task_is_the_librarys_own() -> None:
     }
 
 
-def test_blocks_put_tasks_in_order() -> None:
+def test_order_blocks_constrain_tasks() -> None:
     def walk(task: tca.Task) -> None:
         with task.parallel():
             task.command(STEP, 1)
@@ -90,7 +90,7 @@ def test_blocks_put_tasks_in_order() -> None:
     found(robot(walk, before(achieved(STEP, 1), begun(STEP, 2))))
 
 
-def test_results_and_failures_come_back() -> None:
+def test_script_receives_results_and_failures() -> None:
     def walk(task: tca.Task) -> None:
         with contextlib.suppress(TaskFailed, TaskKilled):
             assert task.command(STEP).result() == "well"
@@ -106,7 +106,7 @@ def test_results_and_failures_come_back() -> None:
         found(robot(walk, never(sent(NOTE, data)), step=step))
 
 
-def test_questions_whose_answers_are_fetched_later() -> None:
+def test_script_receives_answers_later() -> None:
     def walk(task: tca.Task) -> None:
         where = task.query_send(WHERE)
         task.command(STEP, 1)
@@ -118,7 +118,7 @@ def test_questions_whose_answers_are_fetched_later() -> None:
     played(walk)
 
 
-def test_relatives_are_found_by_name() -> None:
+def test_script_finds_relatives_of_task() -> None:
     def walk(task: tca.Task) -> None:
         task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
         (step,) = task.ref.children(STEP)
@@ -134,7 +134,7 @@ def test_relatives_are_found_by_name() -> None:
     played(walk, never(begun(STEP)))
 
 
-def test_scopes_of_kills_and_points() -> None:
+def test_kill_respects_scope_and_point() -> None:
     def walk(task: tca.Task) -> None:
         later = [task.handling.end <= this.achieving.start]
         second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
@@ -152,7 +152,7 @@ def test_scopes_of_kills_and_points() -> None:
     )
 
 
-def test_monitors_of_every_kind() -> None:
+def test_monitor_of_each_kind_acts() -> None:
     def walk(task: tca.Task) -> None:
         kind = task.choose("rocks", "ground", "battery")
         if kind == "rocks":
@@ -172,7 +172,7 @@ def test_monitors_of_every_kind() -> None:
     assert 'fires rocks {2} with "a rock"' in found(robot(walk, never(sent(NOTE)), lift=lift))
 
 
-def test_a_listener_knows_what_it_hears() -> None:
+def test_listener_receives_its_tap_event() -> None:
     heard = set()
 
     def walk(task: tca.Task) -> None:
@@ -190,7 +190,7 @@ def test_a_listener_knows_what_it_hears() -> None:
     assert heard == {(Condition.AFTER_ACHIEVED, STEP.name)}
 
 
-def test_variables_and_whether_somebody_is_there() -> None:
+def test_script_uses_variables_and_sends_if_handled() -> None:
     def walk(task: tca.Task) -> None:
         assert task.get_variable(PACE, 0) == 0
         task.set_variable(PACE, 3)
@@ -204,7 +204,7 @@ def test_variables_and_whether_somebody_is_there() -> None:
     played(walk)
 
 
-def test_a_suspended_handler_may_hold() -> None:
+def test_suspended_handler_may_hold() -> None:
     def walk(task: tca.Task) -> None:
         task.command(STEP)
 
@@ -275,17 +275,17 @@ def decides_for_ever(task: tca.Task) -> None:
         (decides_for_ever, "decides 100 times without sending or asking anything"),
     ],
 )
-def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
+def test_unexplored_call_is_named(handler: Any, words: str) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
         tca.explore(robot(handler))
 
 
-def test_a_monitor_is_handled_by_central() -> None:
+def test_handler_of_monitor_is_refused() -> None:
     with pytest.raises(tca.ScenarioError, match="central carries it out"):
         tca.Scenario("bad").module("eye").handles(BATTERY)
 
 
-def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
+def test_message_with_two_formats_is_named() -> None:
     def walk(task: tca.Task) -> None:
         task.command(Command(STEP.name, int), 3)
 
@@ -293,7 +293,7 @@ def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
         tca.explore(robot(walk))
 
 
-def test_time_outs_are_errors_of_the_world() -> None:
+def test_query_timeout_is_explored() -> None:
     def walk(task: tca.Task) -> None:
         try:
             task.query(WHERE, timeout=2.0)

@@ -59,9 +59,7 @@ def other_first(world: tca.World) -> bool:
 
 @pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
 @pytest.mark.parametrize("may_be", [at_once, other_first])
-def test_what_a_property_remembers_is_part_of_the_state(
-    names: tuple[str, str], may_be: Any
-) -> None:
+def test_memory_of_property_is_part_of_state(names: tuple[str, str], may_be: Any) -> None:
     """Both are done in the end, whether they were under way at once or not; whichever way is tried
     first.
     """
@@ -80,7 +78,7 @@ def both_over(world: tca.World) -> bool:
     return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
 
 
-def test_what_is_counted_is_part_of_the_state() -> None:
+def test_count_of_property_is_part_of_state() -> None:
     """The note is sent once or twice, and that is all that tells the runs from each other."""
     scenario = tca.Scenario("counting")
     scenario.module("ear").handles(NOTE)(lambda _: None)
@@ -95,7 +93,7 @@ def test_what_is_counted_is_part_of_the_state() -> None:
     found(scenario, at_most_in_all(1, sent(NOTE)))
 
 
-def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exploration_checks_invariants_of_central(monkeypatch: pytest.MonkeyPatch) -> None:
     """A queue that miscounts does nothing wrong that could be seen from outside."""
     real = Queue.mark_void
 
@@ -112,13 +110,13 @@ def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) ->
     assert tca.report(result).splitlines()[1].startswith("  1. user sends goal walk")
 
 
-def test_the_first_state_is_judged() -> None:
+def test_first_state_is_judged() -> None:
     result = tca.explore(walking(never(lambda world: not world.messages)))
     assert result.violation is not None
     assert result.violation.actions == ()
 
 
-def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
+def test_last_states_are_judged_at_the_limit() -> None:
     states = tca.explore(walking(never_stuck())).states
     good(walking(never_stuck()), limit=states)
     result = tca.explore(walking(never_stuck()), limit=states - 1)
@@ -126,7 +124,7 @@ def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
     assert "not known" in tca.report(result)
 
 
-def test_all_is_counted() -> None:
+def test_exploration_counts_states_steps_and_ends() -> None:
     """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of
     nine.
     """
@@ -135,7 +133,7 @@ def test_all_is_counted() -> None:
     assert result.vacuous == ()
 
 
-def test_whoever_watches_is_told_how_far_it_is() -> None:
+def test_watch_callback_receives_progress() -> None:
     told: list[tuple[int, int]] = []
     result = tca.explore(
         walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go))
@@ -153,7 +151,7 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
     [walking(never_stuck(), may_be_lost=1, comes_back=True), polled(never_stuck())],
     ids=["walking", "polled"],
 )
-def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
+def test_play_snapshot_and_replay_give_the_same_states(
     scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = tca.explore(scenario, limit=80)
@@ -163,7 +161,7 @@ def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
         assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
 
 
-def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     """A walk whose snapshots all together would not fit."""
     made: list[int] = []
     real = Snapshots.save
@@ -184,7 +182,7 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0 < len(made) < result.states
 
 
-def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
+def test_snapshot_is_loaded_into_independent_copies() -> None:
     """And what is done to one copy does nothing to another, or to the play."""
     play, snapshots = Play(walking()), Snapshots()
     snapshot = snapshots.save(play)
@@ -201,7 +199,7 @@ def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
 # --- the nearest comes first ----------------------------------------------------------------------
 
 
-def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
+def test_shorter_of_two_counterexamples_is_shown() -> None:
     scenario = tca.Scenario("two ways", never(sent(STEP)))
     legs = scenario.module("legs")
     legs.handles(STEP)(lambda _: None)
@@ -223,7 +221,7 @@ def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
     assert "chooses 0" in tca.report(result)
 
 
-def test_what_ends_is_judged_before_what_goes_on() -> None:
+def test_ended_run_is_judged_before_continuing_one() -> None:
     """A run that ends in a state shows more, in fewer words, than one that goes on from it."""
     result = tca.explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
     assert result.violation is not None
@@ -254,7 +252,9 @@ def was_decided(me: tca.Script) -> object:
 
 @pytest.mark.parametrize("later", [ended_long_ago, was_not_read_yet, was_decided])
 @pytest.mark.parametrize("result", [1, 2])
-def test_what_is_only_told_later(later: Callable[[tca.Script], object], result: int) -> None:
+def test_state_keeps_value_that_is_sent_later(
+    later: Callable[[tca.Script], object], result: int
+) -> None:
     """In between, nothing else tells the runs from each other."""
     scenario = tca.Scenario("told later")
     legs = scenario.module("legs")
@@ -284,7 +284,7 @@ def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
 
 
 @pytest.mark.soak
-def test_what_may_still_happen() -> None:
+def test_state_keeps_remaining_losses_and_kills() -> None:
     found(lost_or_killed(never_stuck(), never(killed_and_over)))
     found(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
     properties = at_most_in_all(1, killed_and_over), at_most_in_all(2, ended_badly)
@@ -300,7 +300,7 @@ def ended_badly(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.parametrize("seconds", [1.0, 2.0])
-def test_how_long_something_still_takes(seconds: float) -> None:
+def test_state_keeps_remaining_delay(seconds: float) -> None:
     """Between the first command and the second there is nothing but a time that was chosen."""
     scenario = tca.Scenario("how long")
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -339,12 +339,12 @@ walking: NOT rest achieved before walk achieved
 """
 
 
-def test_the_shortest_counterexample_is_shown() -> None:
+def test_shortest_counterexample_is_shown() -> None:
     shown = found(walking(before(achieved(REST), achieved(WALK)), steps=1))
     assert re.sub(r" \(after \d+ states\)", "", shown) + "\n" == SHORTEST
 
 
-def test_no_run_with_fewer_actions_shows_it() -> None:
+def test_no_shorter_counterexample_exists() -> None:
     """The same scenario without the property: nothing in reach of three actions is the end of a
     walk.
     """
@@ -353,12 +353,12 @@ def test_no_run_with_fewer_actions_shows_it() -> None:
     assert len(result.violation.actions) == 4
 
 
-def test_a_good_result_is_a_line() -> None:
+def test_good_result_is_one_line() -> None:
     result = tca.explore(walking(never_stuck()))
     assert re.fullmatch(r"walking: good, \d+ states, at most 9 actions a run", tca.report(result))
 
 
-def test_a_limit_is_no_answer() -> None:
+def test_result_is_unknown_at_the_limit() -> None:
     result = tca.explore(walking(never_stuck()), limit=20)
     assert not result.ok
     first, second = tca.report(result).splitlines()
@@ -385,7 +385,7 @@ def stuck() -> tca.Result:
     return tca.explore(scenario)
 
 
-def test_what_is_stuck_is_named() -> None:
+def test_stuck_tasks_and_waits_are_named() -> None:
     *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
     assert why == "  => nothing further need happen, and this is left:"
     assert (
@@ -397,7 +397,7 @@ def test_what_is_stuck_is_named() -> None:
     assert whom.strip() == "user waits for end achieving of walk {1}"
 
 
-def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assertion_in_central_is_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
     def settle(self: Central, real: object = Central._settle) -> None:
         real(self)  # type: ignore[operator]
         assert len(self.tree.tasks) < 3, "too many tasks"
@@ -409,7 +409,7 @@ def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch)
     assert "too many tasks" in tca.report(result)
 
 
-def test_properties_say_what_is_wrong() -> None:
+def test_property_describes_its_violation() -> None:
     result = tca.explore(walking(always(lambda world: len(world.tasks) < 2)))
     assert result.violation is not None
     assert result.violation.why == "here it is not"

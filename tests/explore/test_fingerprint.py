@@ -203,7 +203,7 @@ def seen_in(world: World) -> object:
 
 
 @pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
-def test_what_follows_equal_states_is_equal(
+def test_equal_states_have_equal_successors(
     name: str, kind: str, request: pytest.FixtureRequest
 ) -> None:
     (make, number), detail = SCENARIOS[name], DETAILS[kind]
@@ -228,7 +228,7 @@ def test_what_follows_equal_states_is_equal(
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_world_is_as_central_is(name: str) -> None:
+def test_explored_world_matches_central(name: str) -> None:
     """What properties see of a task, and central's own idea of it, in the states of some runs."""
     scenario = SCENARIOS[name][0]()
     for seed in range(8):
@@ -280,7 +280,7 @@ def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["s
     return recognised(play, memories, detail)[0]
 
 
-def test_symmetric_orders_are_one_state() -> None:
+def test_independent_sends_commute_to_one_state() -> None:
     """Which of two modules that do not know each other sends first does not matter once both have
     sent.
     """
@@ -289,7 +289,7 @@ def test_symmetric_orders_are_one_state() -> None:
     assert len(ends) == 1
 
 
-def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
+def test_slot_identity_matters_only_with_names() -> None:
     scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
     ways = [
         (step, note, Action(ActionKind.STEP, "legs/2")),
@@ -301,14 +301,14 @@ def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
 
 
-def test_what_is_older_matters_only_where_messages_are_followed() -> None:
+def test_age_of_message_matters_only_with_names() -> None:
     scenario, step, note = two(lambda me: [me.command(STEP)])
     first, second = play(scenario, (step, note)), play(scenario, (note, step))
     assert fingerprint(first, ()) == fingerprint(second, ())
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
 
 
-def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> None:
+def test_elapsed_time_matters_only_with_time_detail() -> None:
     scenario = Scenario("two times")
     scenario.module("user").does(
         lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))]
@@ -319,12 +319,12 @@ def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> Non
     assert fingerprint(first, (), Detail(time=True)) != fingerprint(second, (), Detail(time=True))
 
 
-def test_what_properties_remember_keeps_states_apart() -> None:
+def test_memories_of_properties_separate_states() -> None:
     played = Play(scenarios.walking())
     assert fingerprint(played, (True,)) != fingerprint(played, (False,))
 
 
-def test_the_tables_name_what_there_is() -> None:
+def test_fingerprint_tables_name_existing_attributes() -> None:
     """An attribute of central that was renamed would silently be taken in again."""
     central = Central()
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message

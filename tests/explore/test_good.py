@@ -60,7 +60,7 @@ def is_late(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
-def test_what_looks_at_the_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
+def test_property_of_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
     """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one
     that counts.
     """
@@ -82,43 +82,43 @@ def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
     return scenario
 
 
-def test_a_time_that_comes_after_all_states_were_seen_once_comes_all_the_same() -> None:
+def test_property_of_time_is_judged_after_all_states_are_known() -> None:
     good(polled(never_stuck()))
     found(polled(never(lambda world: world.now > 5)))
 
 
-def test_what_looks_at_the_time_of_what_never_ends_is_not_known() -> None:
+def test_property_of_time_is_unknown_in_endless_scenario() -> None:
     result = tca.explore(polled(never(lambda world: world.now < 0)), limit=50)
     assert "not known" in tca.report(result)
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
 @pytest.mark.parametrize(("seconds", "ok"), [(6.0, True), (5.9, False), (6, True)])
-def test_something_happens_within_so_many_seconds_of_something_else(
+def test_within_holds_up_to_its_seconds(
     order: tuple[str, str], seconds: float, *, ok: bool
 ) -> None:
     result = tca.explore(tea(within(seconds, sent(WALK), begun(STEP, "pour")), order=order))
     assert result.ok is ok, tca.report(result)
 
 
-def test_within_says_how_much_time_has_passed() -> None:
+def test_within_reports_elapsed_time() -> None:
     text = found(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
     assert "tea: NOT step begun with data='pour' within 4.5 s of walk sent" in text
     assert "=> here 6 s have passed" in text
 
 
-def test_what_is_late_is_late_when_it_comes_with_the_same_action() -> None:
+def test_within_measures_time_that_passes_in_the_same_action() -> None:
     """The pouring starts at 3 s + 3 s, with the passing of time itself."""
     good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
     found(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
 
 
-def test_within_is_owed_at_the_end_of_a_run() -> None:
+def test_within_fails_when_run_ends_first() -> None:
     result = tca.explore(walking(within(5.0, achieved(WALK), killed(REST))))
     assert "nothing further need happen, and it never did" in tca.report(result)
 
 
-def test_within_does_not_make_a_scenario_endless() -> None:
+def test_within_keeps_scenario_finite() -> None:
     good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
     found(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
     found(polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1)))
@@ -143,7 +143,7 @@ def first_id(world: tca.World) -> object:
         lambda world: sum(seen.id for seen in world.messages),
     ],
 )
-def test_an_id_is_only_a_name(looks: Any) -> None:
+def test_id_supports_only_comparison_with_ids(looks: Any) -> None:
     with pytest.raises(
         tca.ScenarioError,
         match="an id is another number in each run: it can be compared with other ids",
@@ -151,14 +151,14 @@ def test_an_id_is_only_a_name(looks: Any) -> None:
         tca.explore(walking(never(looks)))
 
 
-def test_the_age_of_messages_can_not_be_told() -> None:
+def test_messages_have_no_order() -> None:
     with pytest.raises(
         tca.ScenarioError, match="messages have no order here: choose by what they are"
     ):
         tca.explore(walking(never(lambda world: world.tasks[0])))
 
 
-def test_names_say_nothing_in_other_ways_either() -> None:
+def test_id_reveals_nothing_as_text_or_hash() -> None:
     """Neither as text, nor by the order of a set."""
     texts: set[str] = set()
 
@@ -171,7 +171,7 @@ def test_names_say_nothing_in_other_ways_either() -> None:
     assert texts == {"walk an id", "rest an id", "step an id"}
 
 
-def test_relatives_are_found() -> None:
+def test_property_finds_relatives_of_task() -> None:
     def is_orphan(world: tca.World) -> list[tca.Seen]:
         return [
             task
@@ -185,7 +185,7 @@ def test_relatives_are_found() -> None:
     found(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
 
 
-def test_what_holds_a_task_is_seen() -> None:
+def test_property_sees_constraints_that_hold_task() -> None:
     def waits_for_the_first(world: tca.World) -> bool:
         return any(
             leader is not None and leader.data == 0
@@ -197,7 +197,7 @@ def test_what_holds_a_task_is_seen() -> None:
     found(walking(never(waits_for_the_first)))
 
 
-def test_who_is_there_is_seen() -> None:
+def test_property_sees_connected_modules() -> None:
     result = tca.explore(walking(never(lambda world: "legs" not in world.modules), may_be_lost=1))
     assert result.violation is not None
     good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
@@ -206,7 +206,7 @@ def test_who_is_there_is_seen() -> None:
 # --- what says nothing ----------------------------------------------------------------------------
 
 
-def test_a_property_that_is_about_nothing_is_named() -> None:
+def test_vacuous_property_is_named() -> None:
     scenario = walking(
         before(achieved(WALK), begun(LIFT)),
         at_most(1, handled(LIFT)),
@@ -223,7 +223,7 @@ def test_a_property_that_is_about_nothing_is_named() -> None:
     ]
 
 
-def test_a_property_that_is_met_at_once_is_about_something() -> None:
+def test_property_met_at_once_is_not_vacuous() -> None:
     """Also where what comes second comes only after what must come first."""
     assert not tca.explore(
         walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))
@@ -278,7 +278,7 @@ def is_watched_over(task: tca.Task) -> None:
 
 
 @pytest.mark.parametrize("never_met", [eventually(achieved(WALK)), never_stuck()])
-def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.Property) -> None:
+def test_endless_activity_does_not_hide_missing_event(never_met: tca.Property) -> None:
     result = tca.explore(beside_a_clock(hangs, never_met))
     assert len(goes_round(result)) == 2, "a second passes, and the question is answered"
     text = tca.report(result)
@@ -289,7 +289,7 @@ def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.P
     )
 
 
-def test_what_happens_some_time_beside_an_endless_activity_is_good() -> None:
+def test_fair_run_beside_endless_activity_is_good() -> None:
     """That a script which can go on never does, or that time stands still, is no run."""
     result = good(beside_a_clock(steps_once, eventually(achieved(WALK)), never_stuck()))
     assert result.longest is None
@@ -315,7 +315,7 @@ def again_or_not(task: tca.Task) -> None:
         task.inform(NOTE)
 
 
-def test_what_is_queued_comes_to_its_turn() -> None:
+def test_queued_command_gets_its_turn() -> None:
     result = good(ping(again, never_stuck(), eventually(achieved(STEP))))
     assert result.longest is None
 
@@ -342,7 +342,7 @@ def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
     return scenario
 
 
-def test_no_slot_is_left_standing() -> None:
+def test_no_slot_starves_in_fair_run() -> None:
     """The battery is looked at in whichever slot the step is not: that the other slot goes on is no
     excuse.
     """
@@ -356,7 +356,7 @@ def test_no_slot_is_left_standing() -> None:
 
 
 @pytest.mark.soak
-def test_what_never_comes_to_its_turn_is_found() -> None:
+def test_starved_command_is_found() -> None:
     """Each of the others has its turn all the time, so it is no accident. Where nobody goes first,
     all have theirs.
     """
@@ -369,7 +369,7 @@ def test_what_never_comes_to_its_turn_is_found() -> None:
     found(starving(1, eventually(achieved(STEP))))
 
 
-def test_who_may_decide_the_same_for_ever_does() -> None:
+def test_choice_may_be_repeated_for_ever() -> None:
     """No choice need ever be made."""
     only_again = ping(
         again_or_not, eventually(lambda world: not world.messages and world.modules == ())
@@ -387,18 +387,18 @@ def over(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in notes if seen.is_over and len(notes) == 1]
 
 
-def test_a_world_needs_no_central() -> None:
+def test_world_needs_no_central() -> None:
     assert list(tca.World(JournalWorld([], is_whole=True), {}).messages) == []
 
 
 @pytest.mark.soak
-def test_beside_two_gauges_both_are_polled() -> None:
+def test_fair_circle_polls_both_gauges() -> None:
     result = tca.explore(beside_a_clock(hangs, eventually(achieved(WALK)), readers=2))
     assert {action.name for action in goes_round(result)} == {"", "battery/1", "battery/2"}
 
 
 @pytest.mark.soak
-def test_two_who_play_ball_beside_two_who_do() -> None:
+def test_fair_circle_includes_both_independent_pairs() -> None:
     """Each pair could go on for ever without the other: that would be no accident, and is not
     shown.
     """
@@ -412,7 +412,7 @@ def test_two_who_play_ball_beside_two_who_do() -> None:
     assert {action.name for action in goes_round(tca.explore(scenario))} == {"here/1", "there/1"}
 
 
-def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
+def test_optional_action_may_be_omitted_for_ever() -> None:
     """That a module can be lost all the time does not mean that it is."""
     scenario = polled(eventually(lambda world: "battery" not in world.modules))
     scenario.modules["battery"].may_be_lost = 1
@@ -420,7 +420,7 @@ def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
     assert {action.kind for action in circle} == {ActionKind.TIME, ActionKind.STEP}
 
 
-def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
+def test_intermittent_action_may_be_omitted_for_ever() -> None:
     """A step that is done each time before its deadline: time need not pass, for in between nothing
     is due.
     """
@@ -441,13 +441,13 @@ def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
 
 
 @pytest.mark.soak
-def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
+def test_goal_with_endless_subtask_is_not_stuck() -> None:
     """It is what is under it that goes on, or is stuck."""
     assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None
 
 
 @pytest.mark.soak
-def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
+def test_stuck_subtask_is_named_instead_of_its_goal() -> None:
     scenario = beside_a_clock(steps_once, never_stuck())
     scenario.modules["legs"].may_be_lost = 1
     result = tca.explore(scenario)
@@ -459,7 +459,7 @@ def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
 # --- what is counted ------------------------------------------------------------------------------
 
 
-def test_what_has_ended_makes_room_for_what_begins_with_the_same_action() -> None:
+def test_at_most_counts_end_before_start_in_one_action() -> None:
     """As in ``tca check``, with the same words: legs with one slot have begun one step at a
     time.
     """

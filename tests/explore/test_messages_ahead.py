@@ -42,14 +42,14 @@ def compared(make: Make) -> tca.Result:
 @pytest.mark.parametrize(
     "make", [*ahead.SMALL, *(pytest.param(make, marks=pytest.mark.soak) for make in ahead.LARGE)]
 )
-def test_all_comes_out_as_without(make: Make) -> None:
+def test_outcomes_with_prefetch_equal_outcomes_without(make: Make) -> None:
     result = compared(make)
     assert result.ok, tca.report(result)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("make", ahead.UNLIKE)
-def test_nothing_is_begun_twice_or_lost(make: Make) -> None:
+def test_prefetched_message_is_neither_repeated_nor_lost(make: Make) -> None:
     good(make(2).scenario, never_stuck())
 
 
@@ -113,7 +113,7 @@ FAULTS: dict[Callable[[Patch], None], tuple[Make, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_found(fault: Callable[[Patch], None], monkeypatch: Patch) -> None:
+def test_fault_of_prefetching_is_found(fault: Callable[[Patch], None], monkeypatch: Patch) -> None:
     make, broken = FAULTS[fault]
     fault(monkeypatch)
     result = compared(make)

@@ -41,7 +41,7 @@ TEXT: Any = "5"
 # --- watching, and pending limits -----------------------------------------------------------------
 
 
-def test_a_watched_variable() -> None:
+def test_newest_value_of_watched_variable_is_handled() -> None:
     """The newest value waits, those before it give way."""
     scenario = tca.Scenario(
         "watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3))
@@ -58,7 +58,7 @@ def test_a_watched_variable() -> None:
 
 
 @pytest.mark.parametrize("pending", [1, 2])
-def test_a_pending_limit(pending: int) -> None:
+def test_pending_limit_displaces_oldest_messages(pending: int) -> None:
     scenario = tca.Scenario(
         "pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4))
     )
@@ -74,7 +74,7 @@ def test_a_pending_limit(pending: int) -> None:
     found(scenario, eventually(handled(NOTE, 2)))
 
 
-def test_a_command_that_gives_way_is_killed() -> None:
+def test_displaced_command_is_killed() -> None:
     scenario = tca.Scenario("pending commands", never_stuck())
     scenario.module("legs").handles(STEP, pending=1)(lambda _: None)
 
@@ -105,12 +105,12 @@ def tapping(*properties: Any, **options: Any) -> tca.Scenario:
     return scenario
 
 
-def test_what_a_module_does_at_its_start_is_done_before_the_run() -> None:
+def test_at_start_is_done_before_the_run() -> None:
     good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
 
 
 @pytest.mark.soak
-def test_or_when_it_arrives() -> None:
+def test_at_start_is_done_when_module_arrives_late() -> None:
     """Then the step may come first; but whoever hears of a step has tapped it before."""
     found(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
     good(tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000)
@@ -119,7 +119,7 @@ def test_or_when_it_arrives() -> None:
     )
 
 
-def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
+def test_at_start_functions_run_in_order() -> None:
     scenario = tca.Scenario(
         "in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE))
     )
@@ -133,7 +133,7 @@ def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
     assert not result.vacuous
 
 
-def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
+def test_error_in_at_start_is_scenario_error() -> None:
     scenario = tapping()
 
     @scenario.modules["watcher"].at_start
@@ -148,7 +148,7 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
 
 
 @pytest.mark.soak
-def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
+def test_error_in_script_ends_only_that_script() -> None:
     """Also of one that handles nothing, and has joined with one word."""
     scenario = walking(never_stuck())
 
@@ -159,7 +159,7 @@ def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
     good(scenario)
 
 
-def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
+def test_module_without_handlers_may_use_at_start() -> None:
     scenario = tca.Scenario(
         "only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck()
     )
@@ -172,7 +172,7 @@ def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
     assert not result.vacuous
 
 
-def test_a_module_waits_for_what_it_requires() -> None:
+def test_module_waits_for_its_requirements() -> None:
     scenario = tca.Scenario("requiring", before(begun(STEP), begun(REST)), never_stuck())
     planner = scenario.module("planner", requires=[STEP, WALK])
     planner.handles(WALK)(lambda _: None)
@@ -188,7 +188,7 @@ def test_a_module_waits_for_what_it_requires() -> None:
     assert not result.vacuous
 
 
-def test_modules_that_require_each_other_wait_for_ever() -> None:
+def test_modules_with_circular_requirements_are_stuck() -> None:
     scenario = tca.Scenario("a circle", never_stuck())
     scenario.module("legs", requires=[REST]).handles(STEP)(lambda _: None)
     scenario.module("couch", requires=[STEP]).handles(REST)(lambda _: None)
@@ -221,14 +221,14 @@ def locking(**lock: Any) -> tca.Scenario:
         ({"resource": "unused"}, "no module of the scenario has a resource 'unused'"),
     ],
 )
-def test_a_lock_of_what_nobody_has_is_a_mistake(lock: dict[str, str], words: str) -> None:
+def test_lock_of_unknown_resource_is_scenario_error(lock: dict[str, str], words: str) -> None:
     lines = Path(__file__).read_text().splitlines()
     line = next(number for number, text in enumerate(lines, start=1) if "task.lock(**lock)" in text)
     with pytest.raises(tca.ScenarioError, match=re.escape(f"{__file__}, line {line}): {words}")):
         tca.explore(locking(**lock))
 
 
-def test_a_lock_that_two_have_must_say_whose() -> None:
+def test_lock_of_ambiguous_resource_must_name_module() -> None:
     scenario = locking(resource="gripper")
     for name in ("arm", "other arm"):
         module = scenario.modules[name]
@@ -242,7 +242,7 @@ def test_a_lock_that_two_have_must_say_whose() -> None:
         tca.explore(scenario)
 
 
-def test_a_lock_of_what_is_there_is_good() -> None:
+def test_lock_of_known_resource_is_good() -> None:
     good(locking(resource="planner"))
 
 
@@ -270,7 +270,7 @@ NONSENSE: list[Callable[[], object]] = [
 
 
 @pytest.mark.parametrize("make", NONSENSE)
-def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], object]) -> None:
+def test_invalid_scenario_argument_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises((tca.ScenarioError, tca.BadProperty)):
         make()
 
@@ -286,12 +286,14 @@ def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], o
         ),
     ],
 )
-def test_what_is_refused_says_what_would_do(make: Callable[[], object], words: str) -> None:
+def test_invalid_scenario_argument_error_names_valid_ones(
+    make: Callable[[], object], words: str
+) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
         make()
 
 
-def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
+def test_unexplored_module_method_is_named() -> None:
     """A call of the library's Module that is neither there nor refused by name would be a bare
     AttributeError.
     """
@@ -303,7 +305,7 @@ def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
             getattr(module, name)
 
 
-def test_a_script_that_ends_the_program_is_a_mistake() -> None:
+def test_script_raising_system_exit_is_scenario_error() -> None:
     scenario = walking()
 
     @scenario.module("quitter").does
@@ -315,7 +317,7 @@ def test_a_script_that_ends_the_program_is_a_mistake() -> None:
 
 
 @pytest.mark.parametrize("changes", ["choice", "data"])
-def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
+def test_script_that_counts_its_runs_is_refused(changes: str) -> None:
     runs: list[int] = []
 
     def counts(task: tca.Task) -> None:
@@ -358,7 +360,7 @@ WRONG: Any = ("step", None, 5, STEP)  # wrong types
         walking(before(begun(WALK), handled_by("leg"))),
     ],
 )
-def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_holds(
+def test_property_with_unknown_name_is_scenario_error(
     scenario: tca.Scenario,
 ) -> None:
     name = (
@@ -370,7 +372,7 @@ def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_hold
         tca.explore(scenario)
 
 
-def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
+def test_kill_or_suspend_of_unknown_name_is_scenario_error() -> None:
     for call in ("may_kill", "may_suspend"):
         scenario = walking(never_stuck())
         getattr(scenario, call)(WAKE)
@@ -381,7 +383,7 @@ def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
             tca.explore(scenario)
 
 
-def test_what_never_comes_because_of_its_name_says_so() -> None:
+def test_violated_eventually_names_unknown_message() -> None:
     result = tca.explore(walking(eventually(begun(STEPS))))
     assert result.violation is not None
     assert result.violation.why.endswith(
@@ -390,7 +392,7 @@ def test_what_never_comes_because_of_its_name_says_so() -> None:
     )
 
 
-def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
+def test_property_may_name_a_monitor() -> None:
     scenario = tca.Scenario("polled", at_most(1, fired(GAUGE)), never_stuck())
     scenario.module("battery").handles(IS_LOW)(lambda _: False)
     scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
@@ -409,6 +411,6 @@ def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
         (lambda: handled_by(WRONG[3]), "is no name of a module"),
     ],
 )
-def test_what_is_no_message_is_found_where_it_is_written(wrong: Any, words: str) -> None:
+def test_property_of_wrong_type_is_refused_at_once(wrong: Any, words: str) -> None:
     with pytest.raises(tca.BadProperty, match=words):
         wrong()

@@ -56,7 +56,7 @@ BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
 
 
 @pytest.mark.parametrize(("condition", "bounds"), one_in(2, CONDITIONS, BOUNDS))
-def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, bounds: str) -> None:
+def test_monitor_sent_by_listener_ends_with_tapped_task(condition: Condition, bounds: str) -> None:
     options = BOUNDS[bounds]
     scenario = stepping()
     watcher = scenario.module("watcher")
@@ -70,14 +70,14 @@ def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, boun
 @pytest.mark.parametrize(
     "options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"]
 )
-def test_one_of_the_task_s_own_handler(options: dict[str, Any]) -> None:
+def test_monitor_sent_by_handler_ends_with_its_task(options: dict[str, Any]) -> None:
     scenario = stepping(watches(GAUGE, period=1.0, **options))
     good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("options", [{}, {"maximum": 1}], ids=["endless", "bounded"])
-def test_one_of_a_stranger(options: dict[str, Any]) -> None:
+def test_monitor_sent_by_foreign_module_ends_with_task(options: dict[str, Any]) -> None:
     scenario = stepping()
 
     @scenario.module("watcher").does
@@ -96,7 +96,7 @@ def test_one_of_a_stranger(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "condition", [Condition.WHEN_SENT, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
 )
-def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Condition) -> None:
+def test_monitor_as_listener_ends_with_tapped_task(condition: Condition) -> None:
     scenario = stepping()
     scenario.module("watcher").at_start(lambda me: me.tap(condition, STEP, GAUGE, period=1.0))
     good(
@@ -105,14 +105,14 @@ def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Conditio
     found(scenario, never(sent(GAUGE)))
 
 
-def test_what_it_has_sent_is_waited_for() -> None:
+def test_task_waits_for_action_of_monitor() -> None:
     scenario = stepping(watches(BATTERY, period=1.0, maximum=1), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
     good(scenario, eventually(achieved(STEP)), never_stuck())
     found(scenario, never(sent(RECHARGE)))
 
 
-def test_one_that_is_waited_for_keeps_it() -> None:
+def test_task_waits_for_monitor_with_waited_for() -> None:
     scenario = stepping(watches(BATTERY, period=1.0, maximum=1, waited_for=True), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
     good(
@@ -126,7 +126,7 @@ def test_one_that_is_waited_for_keeps_it() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("waited_for", [False, True])
-def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited_for: bool) -> None:
+def test_command_after_monitor_needs_waited_for(waited_for: bool) -> None:
     def step(task: Task) -> None:
         battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
         try:
@@ -156,13 +156,13 @@ def suspends(task: Task) -> None:
     ).suspend()
 
 
-def test_neither_does_one_that_is_suspended() -> None:
+def test_suspended_monitor_ends_with_its_task() -> None:
     scenario = stepping(suspends)
     good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
 @pytest.mark.soak
-def test_one_that_is_fired_tests_now_each_time() -> None:
+def test_fired_monitor_tests_at_once() -> None:
     scenario = tca.Scenario("fired")
     scenario.module("body").handles(IS_LOW)(lambda _: True)
     scenario.module("dock", capacity=2).handles(RECHARGE)(nothing)

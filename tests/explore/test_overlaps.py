@@ -121,12 +121,12 @@ WISHES: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("wishes", WISHES, ids=str)
-def test_every_order_of_client_and_server(wishes: dict[str, Any]) -> None:
+def test_client_and_server_transitions_hold_in_every_order(wishes: dict[str, Any]) -> None:
     good(grasping(**wishes))
 
 
 @pytest.mark.soak
-def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
+def test_two_updates_and_cancel_hold_in_every_order() -> None:
     result = good(grasping(updates=2, takes=["update", "cancel"]))
     assert result.states > 300
 
@@ -135,18 +135,18 @@ def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
 @pytest.mark.parametrize(
     ("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)]
 )
-def test_each_end_comes_in_some_order(state: str, goal: int) -> None:
+def test_each_state_and_goal_is_reached_in_some_order(state: str, goal: int) -> None:
     assert "NOT never" in found(grasping(takes=["update", "cancel"]), never(ended(state, goal)))
 
 
 @pytest.mark.soak
-def test_a_handler_that_knows_of_nothing_is_begun_anew_or_killed() -> None:
+def test_handler_without_takes_is_restarted_or_killed() -> None:
     found(grasping(), never(ended("done", 2)))
     found(grasping(), never(ended("cancelled", 2)))
     good(grasping(refuses=["update", "cancel"]), never(ended("done", 2)))
 
 
-def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
+def test_cancel_before_acceptance_may_be_rejected() -> None:
     """By that the task runs: the handler need not know whether it was quicker than the cancel."""
     scenario = Scenario("early", never_stuck(), never(ended("cancelled")))
     scenario.observe()
@@ -171,7 +171,7 @@ def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
     good(scenario)
 
 
-def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defaults() -> None:
+def test_unanswered_request_is_decided_by_default_at_return() -> None:
     """A goal lives on when its handler has returned: nobody would answer the cancel."""
     scenario = Scenario("tidying", never_stuck())
     scenario.observe()
@@ -199,7 +199,7 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
 
 
 @pytest.mark.soak
-def test_transitions_of_ones_own_by_two_clients() -> None:
+def test_custom_transitions_of_two_clients_hold_in_every_order() -> None:
     """Each of two clients pauses the walk and lets it go on, while its legs tell how far they
     are.
     """
@@ -252,12 +252,14 @@ def crowded(users: int, policy: WhenBusy, takes: list[str]) -> Scenario:
 @pytest.mark.parametrize("policy", ["queue", "reject", "preempt"])
 @pytest.mark.parametrize("takes", [[], ["cancel"]], ids=str)
 @pytest.mark.parametrize("users", [2, pytest.param(3, marks=pytest.mark.soak)])
-def test_an_arm_does_one_thing_at_a_time(users: int, policy: WhenBusy, takes: list[str]) -> None:
+def test_busy_policy_allows_one_task_at_a_time(
+    users: int, policy: WhenBusy, takes: list[str]
+) -> None:
     good(crowded(users, policy, takes))
 
 
 @pytest.mark.soak
-def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> None:
+def test_cancelled_task_may_lose_server_and_be_retried() -> None:
     scenario = Scenario("losing", never_stuck())
     scenario.observe()
     arm, user = scenario.module("arm", may_be_lost=1, comes_back=True), scenario.module("user")

@@ -88,13 +88,13 @@ def cancelled(world: World) -> list[Seen]:
     return [task for task in world.tasks if task.is_over and task.state == "cancelled"]
 
 
-def test_a_kept_reply_is_given_by_another_handler() -> None:
+def test_kept_reply_is_sent_by_another_handler() -> None:
     good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("keeps", [True, False])
-def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
+def test_dropped_reply_is_failure_for_parent_task(*, keeps: bool) -> None:
     good(
         later("drop", keeps=keeps),
         eventually(failed(STEP)),
@@ -105,28 +105,28 @@ def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("words", ["reply", "drop", "obey"])
-def test_a_kept_reply_of_a_killed_task_frees_its_slot(words: str) -> None:
+def test_kept_reply_of_killed_task_frees_its_slot(words: str) -> None:
     scenario = later(words)
     scenario.may_kill(STEP)
     good(scenario)
 
 
 @pytest.mark.soak
-def test_a_reply_is_not_owed_after_an_accepted_cancel() -> None:
+def test_accepted_cancel_ends_owed_reply() -> None:
     good(later("accept"), eventually(cancelled), never(failed(STEP)))
 
 
-def test_a_kept_reply_fails_when_its_module_leaves() -> None:
+def test_kept_reply_fails_when_its_module_leaves() -> None:
     assert "step {3} fails: module lost" in found(later("", never(failed(STEP)), may_leave=True))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("words", ["reply", "drop", "accept"])
-def test_a_kept_reply_is_lost_with_its_module(words: str) -> None:
+def test_kept_reply_is_lost_with_its_module(words: str) -> None:
     good(later(words, may_be_lost=1, comes_back=True), limit=20_000)
 
 
-def test_a_kept_reply_that_is_never_given_is_found() -> None:
+def test_kept_reply_that_is_never_sent_is_found() -> None:
     assert "legs in step {3} owes its reply" in found(later(""))
 
 
@@ -134,7 +134,7 @@ def test_a_kept_reply_that_is_never_given_is_found() -> None:
 @pytest.mark.parametrize(
     ("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")]
 )
-def test_a_library_that_owes_for_ever_is_found(
+def test_library_that_never_replies_is_found(
     broken: str, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(LaterReply, broken, lambda _: None)
@@ -144,7 +144,7 @@ def test_a_library_that_owes_for_ever_is_found(
 @pytest.mark.parametrize(
     ("returns", "words"), [(1, "return what that gave"), (None, r"other means than keep_reply\(\)")]
 )
-def test_a_reply_that_is_not_left_to_the_module_is_named(returns: object, words: str) -> None:
+def test_misused_later_reply_is_scenario_error(returns: object, words: str) -> None:
     owed: list[LaterReply[Any]] = []
 
     def step(task: tca.Task) -> object:

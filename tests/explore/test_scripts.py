@@ -60,7 +60,7 @@ def one(
     return scenario
 
 
-def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed() -> None:
+def test_script_killed_with_its_subtask_has_not_failed() -> None:
     scenario = one(lambda task: task.command(STEP).result(), never(failed(WALK)))
     scenario.may_kill(WALK)
     good(scenario)
@@ -68,7 +68,7 @@ def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_
     found(scenario)
 
 
-def test_a_script_can_do_what_a_module_can() -> None:
+def test_script_supports_calls_of_a_module() -> None:
     seen = set()
 
     def everything(task: tca.Task) -> None:
@@ -85,7 +85,7 @@ def test_a_script_can_do_what_a_module_can() -> None:
     assert seen == {"7 [7] done"}
 
 
-def test_every_choice_is_explored() -> None:
+def test_every_choice_of_script_is_explored() -> None:
     def chooses(task: tca.Task) -> None:
         if task.choose("well", "badly") == "badly":
             raise SLIPPED(text="ice")
@@ -101,12 +101,12 @@ def test_every_choice_is_explored() -> None:
     assert "planner in walk {1} chooses well, returns" in tca.report(good)
 
 
-def test_a_handler_may_hang() -> None:
+def test_hanging_handler_is_reported_as_stuck() -> None:
     result = tca.explore(one(lambda task: task.hang(), never_stuck()))
     assert "planner in walk {1} never goes on" in tca.report(result)
 
 
-def test_a_killed_handler_is_told() -> None:
+def test_killed_handler_sees_cancelled() -> None:
     def obeys(task: tca.Task) -> None:
         while not task.cancelled:
             task.query(WHERE)
@@ -123,7 +123,7 @@ def test_a_killed_handler_is_told() -> None:
     found(deaf)
 
 
-def test_a_failed_query_is_an_error_in_the_script() -> None:
+def test_failed_query_raises_in_script() -> None:
     def asks(task: tca.Task) -> None:
         with pytest.raises(QueryFailed, match="query 'where' failed: slipped"):
             task.query(WHERE)
@@ -137,7 +137,7 @@ def test_a_failed_query_is_an_error_in_the_script() -> None:
     good(careless)
 
 
-def test_a_refusal_can_be_caught() -> None:
+def test_script_may_catch_refusal() -> None:
     refusals = set()
 
     def circle(task: tca.Task) -> None:
@@ -159,7 +159,7 @@ def under_what_has_ended(task: tca.Task) -> SentTask[Any]:
 
 
 @pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
-def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> None:
+def test_handler_that_ignores_refused_send_fails(ending: str) -> None:
     """Whether it goes on with it, or with something else, or returns; and what it was to send then
     is not sent.
     """
@@ -176,7 +176,7 @@ def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> N
     good(one(walk, eventually(failed(WALK)), at_most_in_all(1, sent(STEP)), never_stuck()))
 
 
-def test_a_refused_send_is_as_if_it_had_never_been_sent() -> None:
+def test_refused_send_has_no_effect() -> None:
     def walk(task: tca.Task) -> None:
         with task.sequence():
             refused = under_what_has_ended(task)
@@ -219,12 +219,12 @@ def breaks(task: tca.Task) -> None:
         (lambda: None, r"declare it with \(task, data\)"),
     ],
 )
-def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
+def test_unplayable_script_is_named(handler: Any, words: str) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
         tca.explore(one(handler))
 
 
-def test_a_script_that_catches_everything_and_goes_on_is_named(
+def test_script_that_catches_base_exception_for_ever_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves
@@ -250,7 +250,7 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(
     assert capsys.readouterr().out.count("asks again") >= 10_000
 
 
-def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> None:
+def test_script_that_catches_scenario_error_for_ever_is_named() -> None:
     def walk(task: tca.Task) -> None:
         while True:
             with contextlib.suppress(Exception):
@@ -262,7 +262,7 @@ def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> N
         tca.explore(one(walk))
 
 
-def test_a_script_may_catch_everything_for_a_while() -> None:
+def test_script_may_catch_base_exception_a_few_times() -> None:
     def walk(task: tca.Task) -> object:
         for _ in range(3):
             try:
@@ -274,7 +274,7 @@ def test_a_script_may_catch_everything_for_a_while() -> None:
     good(one(walk, never_stuck()))
 
 
-def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration() -> None:
+def test_interrupted_exploration_ends_its_threads() -> None:
     """Ctrl-C ends the wait; what goes on in the thread ends, too."""
     began = set(threading.enumerate())
 
@@ -293,7 +293,7 @@ def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration()
         assert not thread.is_alive()
 
 
-def test_a_script_that_remembers_is_found_out() -> None:
+def test_script_with_memory_of_runs_is_refused() -> None:
     runs: list[int] = []
 
     def remembers(task: tca.Task) -> None:
@@ -307,7 +307,7 @@ def test_a_script_that_remembers_is_found_out() -> None:
         tca.explore(one(remembers))
 
 
-def test_scenarios_are_checked_when_they_are_written() -> None:
+def test_scenario_checks_its_declarations() -> None:
     scenario = tca.Scenario("bad")
     module = scenario.module("planner")
     module.handles(WALK)(lambda _: None)
@@ -386,7 +386,7 @@ def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any)
 
 
 @pytest.mark.parametrize("how", some("query", "lock"))
-def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
+def test_killed_handler_returns_at_once_from_any_wait(how: str) -> None:
     scenario = asking(WAITS[how], within(0, walk_is_killed, returned), never(failed(WALK)))
     result = tca.explore(scenario, limit=20_000)
     assert result.ok, tca.report(result)
@@ -394,7 +394,7 @@ def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("how", some("query", "lock"))
-def test_who_was_woken_may_ask_further(how: str) -> None:
+def test_killed_handler_may_ask_while_it_cleans_up(how: str) -> None:
     def cleans_up(task: tca.Task) -> None:
         try:
             WAITS[how](task)
@@ -409,7 +409,7 @@ def test_who_was_woken_may_ask_further(how: str) -> None:
     assert "somebody kills walk" in tca.report(result)
 
 
-def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
+def test_killed_handler_is_not_woken_after_it_read_cancelled() -> None:
     def waits_on(task: tca.Task) -> None:
         if task.cancelled:
             task.query(WHERE)
@@ -432,7 +432,7 @@ def gone(world: tca.World) -> bool:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("how", some("lock"))
-def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
+def test_waiting_handler_is_woken_when_its_module_leaves(how: str) -> None:
     """With Stopped, as on the robot: the walk fails, and the module can go."""
     seen = set()
 
@@ -454,7 +454,7 @@ def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
         )
 
 
-def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:
+def test_handler_that_returns_at_stop_may_end_without_failure() -> None:
     def returns(task: tca.Task) -> None:
         if task.cancelled:
             return

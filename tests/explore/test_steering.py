@@ -48,13 +48,13 @@ from tca_tools.explore import (
 
 
 @pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
-def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
+def test_before_tap_holds_task_until_listener_ends(condition: Condition) -> None:
     in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
     good(scenarios.tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
 
 
 @pytest.mark.parametrize("safety_arrives_late", [False, True])
-def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
+def test_late_tap_holds_queued_step(*, safety_arrives_late: bool) -> None:
     scenario = scenarios.tapped_late(safety_arrives_late=safety_arrives_late)
     good(
         scenario,
@@ -65,7 +65,7 @@ def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bo
     assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
 
 
-def test_a_when_tap_holds_the_end() -> None:
+def test_when_tap_holds_end_of_task() -> None:
     good(
         scenarios.tapped(Condition.WHEN_ACHIEVED),
         before(achieved(CHECK, 1), achieved(STEP, 1)),
@@ -74,12 +74,12 @@ def test_a_when_tap_holds_the_end() -> None:
 
 
 @pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
-def test_while_and_after_hold_nothing(condition: Condition) -> None:
+def test_while_and_after_taps_hold_nothing(condition: Condition) -> None:
     story = found(scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
     assert "tapped: {1} for step {2}: check {3}" in story
 
 
-def test_a_tap_that_calls_at_once_calls_exactly_once() -> None:
+def test_tap_with_at_once_fires_exactly_once() -> None:
     told = Inform("told")
 
     def tapped(*, at_once: bool) -> tca.Scenario:
@@ -107,7 +107,7 @@ def is_handled_twice(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.messages if seen.is_handled and handlers.count(seen.message) > 1]
 
 
-def test_a_recovery_ladder_always_ends() -> None:
+def test_recovery_ladder_always_ends() -> None:
     """Retry, then plan anew, then give up: twice two steps at most, and whoever waits goes on."""
     bounds = (
         at_most_in_all(2, retried(STEP)),
@@ -130,12 +130,12 @@ def begun_anew(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.soak
-def test_a_ladder_without_an_end_is_found() -> None:
+def test_endless_recovery_ladder_is_found() -> None:
     story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
     assert "here it comes to 3: walk {2}" in story
 
 
-def test_the_steps_of_a_recovery_can_be_read() -> None:
+def test_counterexample_shows_each_recovery_action() -> None:
     story = found(scenarios.ladder(), never(failed(WALK)))
     for line in (
         "1. user attaches higher for slipped to all step",
@@ -163,13 +163,13 @@ def retried_while_running(*properties: Any) -> tca.Scenario:
     return scenario
 
 
-def test_a_retried_task_is_never_handled_twice_at_once() -> None:
+def test_retried_task_has_one_handler_at_a_time() -> None:
     result = good(retried_while_running(), at_most(1, handled(STEP)), never_stuck())
     assert result.longest is not None
     found(retried_while_running(), never(achieved(STEP, "again")))
 
 
-def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
+def test_failure_raised_from_outside_leaves_nothing_stuck() -> None:
     scenario = tca.Scenario("raised from outside")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -189,7 +189,7 @@ def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
 # --- suspension -----------------------------------------------------------------------------------
 
 
-def test_a_suspended_subtree_starts_nothing() -> None:
+def test_suspended_subtree_starts_nothing() -> None:
     """That nothing suspended is given to a handler is checked of every scenario; here something is
     suspended.
     """
@@ -203,7 +203,7 @@ def test_a_suspended_subtree_starts_nothing() -> None:
     assert "somebody suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
 
 
-def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
+def test_suspended_new_tasks_can_be_ordered() -> None:
     good(
         scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck()
     )
@@ -219,7 +219,7 @@ def starts_suspended(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.soak
-def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
+def test_deadline_during_reply_leaves_nothing_stuck() -> None:
     assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
     is_retried_once = at_most_in_all(
         1, retried(STEP)
@@ -239,20 +239,20 @@ def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_han
     ("options", "fires"),
     [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)],
 )
-def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
+def test_polling_monitor_acts_up_to_its_bound(options: dict[str, Any], fires: int) -> None:
     good(
         scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck()
     )
     found(scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
 
 
-def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
+def test_endless_polling_has_finitely_many_states() -> None:
     result = good(scenarios.polling(GAUGE, waited_for=True), at_most(1, sent(GAUGE)))
     assert result.longest is None
     assert result.states < 10
 
 
-def test_nothing_starts_before_its_delay() -> None:
+def test_no_task_starts_before_its_delay() -> None:
     scenario = tca.Scenario("delays", never_stuck())
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
@@ -276,7 +276,7 @@ def test_nothing_starts_before_its_delay() -> None:
     assert re.search(r"\n  \d\. 1 s pass\n.*\n  \d\. 2 s pass\n", story_of_it, re.DOTALL)
 
 
-def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
+def test_wait_with_timeout_may_time_out() -> None:
     scenario = tca.Scenario("impatient")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -322,7 +322,7 @@ def walk_is_over(world: tca.World) -> list[tca.Seen]:
     ]
 
 
-def test_what_is_killed_leaves_things_safe() -> None:
+def test_killed_goal_sends_its_termination_message() -> None:
     good(
         parting(),
         before(achieved(REST), walk_is_over),
@@ -333,7 +333,7 @@ def test_what_is_killed_leaves_things_safe() -> None:
     found(parting(), never(achieved(WALK)))
 
 
-def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
+def test_foreign_monitor_ends_with_its_running_task() -> None:
     scenario = tca.Scenario("watched from outside")
     legs, user, watcher = (
         scenario.module("legs"),

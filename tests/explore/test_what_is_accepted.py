@@ -113,7 +113,7 @@ def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
         for at, one in enumerate(COMES_TRUE)
     ],
 )
-def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
+def test_wiretap_fires_when_its_condition_comes_true(condition: Condition) -> None:
     listener = (
         WALK if condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED) else LIFT
     )  # a goal has planning to hold
@@ -121,7 +121,7 @@ def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) 
     holds(scenario, before(fired(listener), COMES_TRUE[condition]), eventually(accepted("tap")))
 
 
-def test_a_wiretap_that_was_removed_is_not_fired() -> None:
+def test_removed_wiretap_does_not_fire() -> None:
     scenario = tapped("removed", lambda me: me.tap(Condition.WHEN_SENT, REST, LIFT).remove())
     holds(scenario, never(sent(LIFT)), eventually(accepted("remove")))
 
@@ -141,7 +141,7 @@ def helps_who_is_alone(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.soak
-def test_an_exception_handler_is_called_until_it_is_removed() -> None:
+def test_exception_handler_is_called_until_removed() -> None:
     """Of a failure of its own, and of a module that is lost; once only."""
     scenario = tca.Scenario("help")
     scenario.module("legs", **LOST).handles(STEP)(slips_or_not)
@@ -208,7 +208,7 @@ MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
 
 @pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
 @pytest.mark.parametrize("name", MONITORS)
-def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
+def test_monitor_lasts_as_long_as_requested(name: str, battery: dict[str, Any]) -> None:
     """Or it is killed: by somebody, or because what answers its condition is lost, which is a
     failure of its own.
     """
@@ -222,7 +222,7 @@ def sends_a_step(me: tca.Script) -> None:
     me.command(STEP)
 
 
-def test_a_monitor_that_is_ended_acts_no_more() -> None:
+def test_ended_monitor_acts_no_more() -> None:
     """Also one that somebody else has put under a task that runs."""
     scenario = watched(sends_a_step)
     scenario.module("legs").handles(STEP)(nothing)
@@ -240,7 +240,7 @@ def test_a_monitor_that_is_ended_acts_no_more() -> None:
     )
 
 
-def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
+def test_monitor_ended_before_start_never_asks() -> None:
     scenario = watched(lambda me: [me.goal(WALK)])
 
     @scenario.module("planner").handles(WALK)
@@ -252,7 +252,7 @@ def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
     holds(scenario, never(sent(IS_LOW)), within(EVER, accepted("end"), over(BATTERY)))
 
 
-def test_a_fire_that_is_accepted_sends_the_action() -> None:
+def test_accepted_fire_sends_the_action() -> None:
     def watch(me: tca.Script) -> None:
         rocks = me.monitor(ROCKS, maximum=2)
         assert rocks.fire(NOTE, "a rock") in (True, False)
@@ -306,12 +306,12 @@ def second_is_ahead(world: tca.World) -> bool:
 
 
 @pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
-def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
+def test_constraint_added_later_holds(legs: dict[str, Any]) -> None:
     holds(two_steps(constrained, **legs), before(over(STEP, 1), begun(STEP, 2)))
 
 
 @pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
-def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
+def test_delayed_step_starts_after_its_delay(legs: dict[str, Any]) -> None:
     holds(
         two_steps(with_delay, **legs),
         within(
@@ -324,7 +324,7 @@ def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
-def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
+def test_command_with_higher_priority_is_first(legs: dict[str, Any]) -> None:
     holds(two_steps(with_priority, **legs), before(second_is_ahead, begun(STEP, 1)))
 
 
@@ -336,7 +336,7 @@ def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
     ],
     ids=["a kill", "a loss"],
 )
-def test_who_waits_for_a_moment_is_told_how_the_task_stands(
+def test_wait_for_moment_returns_outcome_of_task(
     legs: dict[str, Any], ends: Any, word: str
 ) -> None:
     def plan(task: tca.Task) -> None:
@@ -352,7 +352,7 @@ def test_who_waits_for_a_moment_is_told_how_the_task_stands(
 
 
 @pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
-def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> None:
+def test_retained_task_is_known_until_released(legs: dict[str, Any]) -> None:
     def plan(task: tca.Task) -> None:
         step = task.command(STEP, 1)
         step.keep()
@@ -443,7 +443,7 @@ REQUESTS = {
 
 
 @pytest.mark.parametrize(("name", "between"), one_in(6, REQUESTS, BETWEEN))
-def test_what_is_asked_of_a_task(name: str, between: str) -> None:
+def test_accepted_request_about_task_is_kept(name: str, between: str) -> None:
     request = REQUESTS[name]
     ends_it = between in ("loss of who asked", "loss of who handles it")
     is_timed = 0 < request.seconds < EVER and not ends_it
@@ -458,7 +458,7 @@ def killed_and_over(world: tca.World) -> list[tca.Seen]:
     return those(world, STEP, "is_killed", "is_over")
 
 
-def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> None:
+def test_termination_message_is_handled_before_killed_task_ends() -> None:
     """Also where the kill came first, and the handler did not know yet."""
     scenario = tca.Scenario("a brake that was asked for is used")
     motor, brake, user = scenario.module("motor"), scenario.module("brake"), scenario.module("user")

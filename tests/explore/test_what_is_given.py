@@ -67,7 +67,7 @@ HOWS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize(("name", "how"), one_in(3, ASKED, HOWS))
-def test_whoever_asks_is_answered(name: str, how: str) -> None:
+def test_every_query_is_answered(name: str, how: str) -> None:
     """What waits for who handles it waits as long as nobody does: one of the two maps stays."""
     scenario = tca.Scenario(name)
     for module in (scenario.module("map"), scenario.module("other map", **HOWS[how])):
@@ -79,7 +79,7 @@ def test_whoever_asks_is_answered(name: str, how: str) -> None:
 
 
 @pytest.mark.soak
-def test_what_is_told_is_handled() -> None:
+def test_sent_inform_and_broadcast_are_handled() -> None:
     """By all, of a broadcast. Who dies while he handles it has had it: nobody is told it twice."""
     scenario = tca.Scenario("telling")
     for name in ("ear", "other ear"):
@@ -102,7 +102,7 @@ def test_what_is_told_is_handled() -> None:
 # --- variables ------------------------------------------------------------------------------------
 
 
-def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
+def test_variable_value_reaches_every_watcher() -> None:
     """Also to those who come later, or again; whoever set it may be gone."""
     scenario = tca.Scenario("watching")
     scenario.module("display", arrives_late=True, **LOST).handles(POSITION)(nothing)
@@ -114,7 +114,7 @@ def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
     holds(scenario, within(EVER, accepted("set_variable"), handled(POSITION, 1)))
 
 
-def test_a_value_is_swapped_by_one_of_two() -> None:
+def test_swap_of_variable_succeeds_for_one_of_two() -> None:
     scenario = tca.Scenario("swapping")
     scenario.module("ear").handles(NOTE)(nothing)
 
@@ -184,7 +184,7 @@ def kept_too_long(world: tca.World) -> bool:
 
 
 @pytest.mark.parametrize(("claim", "loses"), one_in(4, CLAIMS, LOSES))
-def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses: str) -> None:
+def test_claim_is_granted_and_later_commands_are_handled(claim: str, loses: str) -> None:
     """What waits behind him is done in the end, too, whatever becomes of him and his resource."""
     scenario = tca.Scenario(f"{claim}, and loses {loses}")
     planner, legs = (

@@ -20,9 +20,7 @@ START = Moment.START_ACHIEVING
 
 @pytest.mark.parametrize("size", [8_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
-def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(
-    deep: bool, size: int
-) -> None:
+def test_all_operations_on_big_tree_leave_nothing_behind(deep: bool, size: int) -> None:
     bench = Steered()
     bottom = bench.grow(size, deep=deep)
     bench.steady(bottom, 10)
@@ -33,7 +31,7 @@ def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(
     assert not bench.central.dispatcher.to_offer
 
 
-def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(
+def test_observer_of_long_chain_searches_no_ancestors(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bench, looked = Steered(), list[int]()
@@ -45,7 +43,7 @@ def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(
 
 
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
-def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
+def test_kill_of_long_sequence_adds_linear_number_of_constraints(scope: Scope) -> None:
     """What comes after it still waits for the step that runs; of those between nobody has to know
     any more.
     """

@@ -149,5 +149,5 @@ def awaited(slot: Connection, number: int) -> int:
 
 @given(steps)
 @settings(max_examples=lives(45, soak=2_000))
-def test_the_journal_says_who_waits(taken: Steps) -> None:
+def test_journal_records_every_wait(taken: Steps) -> None:
     Told().live(taken)

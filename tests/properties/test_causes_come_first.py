@@ -98,7 +98,7 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
 
 @given(operations)
 @settings(max_examples=lives(38, soak=300))
-def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
+def test_no_cause_is_later_than_its_effect(taken: Operations) -> None:
     player = FoldedPlayer()
     Life(player).live(taken)
     assert_causes_come_first(player.history, player.entries)
@@ -106,6 +106,6 @@ def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
 
 @given(steps)
 @settings(max_examples=lives(30, soak=2_000))
-def test_nor_of_handlers_that_block(taken: Steps) -> None:
+def test_no_cause_is_later_than_its_effect_when_handlers_block(taken: Steps) -> None:
     life = Told().live(taken)
     assert_causes_come_first(life.history, life.entries)

@@ -382,7 +382,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
 )  # or its failure is dealt with
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
-def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:
+def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
     life = Life()
     for step in taken:
         life.do(*step)

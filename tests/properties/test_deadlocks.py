@@ -57,18 +57,18 @@ CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await
 @given(steps)
 @example(CALLED_BACK)
 @settings(max_examples=lives(45, soak=5_000))
-def test_what_is_called_a_deadlock_would_never_have_ended(taken: Steps) -> None:
+def test_reported_deadlocks_are_exactly_the_endless_waits(taken: Steps) -> None:
     check(taken)
 
 
 @given(steps, st.integers(1, 6))
 @settings(max_examples=lives(40, soak=5_000))
-def test_a_search_that_is_interrupted_by_events_finds_the_same(taken: Steps, few: int) -> None:
+def test_interrupted_deadlock_search_finds_the_same_deadlocks(taken: Steps, few: int) -> None:
     with looks_at(few):
         check(taken)
 
 
-def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
+def test_deadlock_search_ends_when_lock_request_is_withdrawn() -> None:
     player = Blocking(looks=True)
     with looks_at(1):
         for _ in range(2):

@@ -150,13 +150,13 @@ handler.
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
 @settings(max_examples=lives(40, soak=10_000))
-def test_whatever_happens_everything_ends(taken: Steps) -> None:
+def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
     come_to_an_end(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(6, soak=1_000))
-def test_lives_of_all_constructs_end(seed: int) -> None:
+def test_life_of_all_constructs_ends_with_nothing_left(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, lives(100, soak=300))
     life.end()

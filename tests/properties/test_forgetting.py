@@ -64,7 +64,7 @@ def held(central: Central) -> Counter[str]:
     [("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2
 )  # a resource that has lost its slots
 @settings(max_examples=30)
-def test_when_everything_has_ended_central_holds_nothing_of_it(taken: Operations) -> None:
+def test_central_retains_no_object_of_ended_life(taken: Operations) -> None:
     life = Life().live(taken)
     end_life(life)
     assert not held(life.central)
@@ -178,7 +178,7 @@ def its_own_kills_and_deadlines_over(long: Long) -> None:
     ],
     ids=lambda meanwhile: meanwhile.__name__,
 )  # fmt: skip
-def test_beside_a_task_that_goes_on_nothing_piles_up(meanwhile: Callable[[Long], None]) -> None:
+def test_central_retains_little_beside_long_task(meanwhile: Callable[[Long], None]) -> None:
     long = Long()
     for _ in range(300):
         meanwhile(long)

@@ -101,5 +101,5 @@ class CheckedLife(JudgedLife):
     47066
 )  # an exception handler that was spared while its module leaves, and comes to wait again
 @settings(max_examples=lives(7, soak=2_000), phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
+def test_central_agrees_with_oracle_about_late_wiretaps(seed: int) -> None:
     CheckedLife().go_on(seed, lives(300, soak=500))

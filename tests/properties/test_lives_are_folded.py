@@ -89,14 +89,14 @@ class AskedLife(Life):
 
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=40)
-def test_in_random_lives(taken: Operations) -> None:
+def test_folded_task_states_match_central_in_random_life(taken: Operations) -> None:
     life = AskedLife(LivingPlayer()).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
     for start in range(5, len(life.player.entries), 20):
         assert checked(life.player.entries[start:]) == []
 
 
-def test_in_every_transcript() -> None:
+def test_folded_task_states_match_central_in_every_transcript() -> None:
     for path in TRANSCRIPTS.glob("*.txt"):
         told = Transcript()
         told.player = LivingPlayer()

@@ -92,7 +92,7 @@ steps_of_lives = steps | st.integers(0, 1 << 32).map(longer)
 @example(longer(1027))  # a question to many is given up while a copy stands in a queue
 @given(steps_of_lives)
 @settings(max_examples=lives(45, soak=3_500))
-def test_paths_say_what_was_so(taken: Steps) -> None:
+def test_critical_path_matches_facts(taken: Steps) -> None:
     life = Quiet().live(taken)
     run = life.history
     seen, causes = Facts(life.entries, list(run.times)), Causes(run)

@@ -158,17 +158,17 @@ class PrefetchLife(JudgedLife):
 
 @given(operations)
 @settings(max_examples=12)
-def test_the_oracle_sees_no_difference_in_short_lives(taken: Operations) -> None:
+def test_prefetching_central_agrees_with_oracle_in_short_life(taken: Operations) -> None:
     PrefetchLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=200), phases=NO_SMALLER_SEED)
-def test_the_oracle_sees_no_difference_in_lives_of_hundreds_of_events(seed: int) -> None:
+def test_prefetching_central_agrees_with_oracle_in_long_life(seed: int) -> None:
     PrefetchLife().go_on(seed, lives(400, soak=2000))
 
 
-def test_in_these_lives_messages_are_ahead_and_are_recalled_and_replies_are_joined() -> None:
+def test_prefetch_lives_cover_recalls_taps_and_joined_replies() -> None:
     most = recalls = joined = tapped = 0
     for seed in range(30):
         if most > 1 and recalls and joined and tapped:

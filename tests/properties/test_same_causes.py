@@ -221,11 +221,11 @@ def live(seed: int) -> AskedPlayer:
 @example(4_026_247_230)  # a suspended task waits beside that for its parent, a monitor, to begin
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
-def test_both_name_the_same_cause_and_never_what_keeps_nobody(seed: int) -> None:
+def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
     live(seed)
 
 
-def test_such_lives_have_such_waits() -> None:
+def test_watched_life_compares_enough_waits() -> None:
     player = live(2)
     assert player.same > 100
     assert player.spared > 100

@@ -98,7 +98,7 @@ def check(player: WatchedPlayer) -> None:
 
 @given(operations)
 @settings(max_examples=lives(25, soak=300))
-def test_the_past_is_as_it_was(taken: Operations) -> None:
+def test_past_view_matches_view_recorded_then(taken: Operations) -> None:
     player = WatchedPlayer()
     Life(player).live(taken)
     check(player)
@@ -106,7 +106,7 @@ def test_the_past_is_as_it_was(taken: Operations) -> None:
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=1)
-def test_the_past_of_a_longer_life_is_as_it_was(seed: int) -> None:
+def test_past_view_matches_view_recorded_then_in_long_life(seed: int) -> None:
     player = WatchedPlayer()
     Life(player).go_on(seed, 200)
     check(player)

@@ -151,7 +151,7 @@ def assert_lists(history: History) -> None:
 
 @given(operations)
 @settings(max_examples=lives(40, soak=500))
-def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
+def test_tool_waits_match_needs_graph(taken: Operations) -> None:
     player = ComparedPlayer()
     Life(player).live(taken)
     assert_lists(player.history)
@@ -160,7 +160,7 @@ def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
 @given(st.integers(0, 1 << 32))
 @example(2625034)  # a listener of a task that had returned before it was retried
 @settings(max_examples=lives(1, soak=75))
-def test_so_it_is_in_a_long_life(seed: int) -> None:
+def test_tool_waits_match_needs_graph_in_long_life(seed: int) -> None:
     player = ComparedPlayer()
     Life(player).go_on(seed, 300)
     assert player.compared > 100
@@ -170,7 +170,7 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
 @given(st.integers(0, 1 << 32))
 @example(122582)  # a failure is raised on a task that is to be retried, whose handler then fails
 @settings(max_examples=lives(1, soak=24))
-def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+def test_folded_journal_matches_live_tree_in_long_life(seed: int) -> None:
     Life(LivePlayer()).go_on(seed, lives(1_000, soak=5_000))
 
 
@@ -198,7 +198,7 @@ def assert_tree(central: Central, history: History) -> None:
     } == attended
 
 
-def test_a_retried_task_waits_under_a_new_number() -> None:
+def test_retried_task_is_queued_in_folded_history() -> None:
     player = LivePlayer()
     player.module("legs", "command move")
     player.module("user")
@@ -235,7 +235,7 @@ def retry(player: ComparedPlayer, task: int) -> None:
     player.request("user", headers.Retry, TaskId(task))
 
 
-def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(
+def test_task_killed_before_retry_does_not_wait_for_subtasks(
     player: ComparedPlayer,
 ) -> None:
     move = player.task("user", "move")
@@ -245,7 +245,7 @@ def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_un
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(
+def test_retried_task_does_not_wait_for_foreign_monitor(
     player: ComparedPlayer,
 ) -> None:
     move = player.task("user", "move")
@@ -254,7 +254,7 @@ def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(
+def test_retried_task_waits_for_running_setup_of_killed_monitor(
     player: ComparedPlayer,
 ) -> None:
     player.module("arm", "command grip")
@@ -266,7 +266,7 @@ def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(
     assert len(player.central.tree.tasks) == 3
 
 
-def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(
+def test_immediately_retried_task_does_not_wait_for_new_subtask(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk")
@@ -277,7 +277,7 @@ def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it_then(
+def test_task_queued_for_retry_does_not_wait_for_new_subtask(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk")
@@ -290,7 +290,7 @@ def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it
     player.task("user", "later", under=walk)
 
 
-def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedPlayer) -> None:
+def test_retried_monitor_waits_for_its_earlier_setup(player: ComparedPlayer) -> None:
     guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
     player.request("user", headers.Register, [guard])
     careful = player.task("user", "careful", watch=WatchOptions())
@@ -301,7 +301,7 @@ def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedP
     retry(player, careful)  # it begins at once
 
 
-def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_is_called_then(
+def test_suspended_monitor_on_retry_waits_for_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -318,7 +318,7 @@ def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_i
     assert not player.central.tree.tasks[guard].retrying
 
 
-def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(
+def test_retried_task_does_not_wait_for_ended_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -332,7 +332,7 @@ def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_en
 
 
 @pytest.mark.parametrize("is_later", [False, True])
-def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_later: bool) -> None:
+def test_retry_spares_killed_foreign_monitor(player: ComparedPlayer, is_later: bool) -> None:
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
     player.request("user", headers.Register, [careful])
     guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
@@ -347,7 +347,7 @@ def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_la
     assert player.central.tree.tasks[TaskId(spared)].killed
 
 
-def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(
+def test_retry_spares_monitor_of_wiretap_not_met_again(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Tap, Condition.WHILE_ACHIEVING, "guard", "walk")
@@ -356,7 +356,7 @@ def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_once_more_waits_for_the_listener_before_that(
+def test_task_handled_again_waits_for_listener_before_handling(
     player: ComparedPlayer,
 ) -> None:
     move = TaskId(player.task("user", "move"))
@@ -366,7 +366,7 @@ def test_who_is_handled_once_more_waits_for_the_listener_before_that(
     assert len(player.central.tree.tasks) == 3
 
 
-def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedPlayer) -> None:
+def test_task_waits_for_constrained_monitor_alone(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     guard = player.task("user", "guard", under=walk, watch=WatchOptions())
     player.task("user", "later", under=guard)
@@ -376,7 +376,7 @@ def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedP
     assert len(player.central.tree.tasks) == 4
 
 
-def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlayer) -> None:
+def test_constraint_on_end_handling_holds_monitor(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     guard = player.task("user", "guard", under=walk, watch=WatchOptions())
     later = player.task("user", "later", flags=Flags.NONE)
@@ -384,7 +384,7 @@ def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlaye
     player.request("user", headers.Constrain, [after])
 
 
-def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: ComparedPlayer) -> None:
+def test_killed_task_does_not_wait_for_planning_of_subtasks(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     for message in ("step", "later"):
         player.send("user", message, under=walk, when_killed=True)
@@ -394,7 +394,7 @@ def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: Compared
     assert len(player.central.tree.tasks) == 3
 
 
-def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(
+def test_failed_task_waits_until_exception_handler_is_achieved(
     player: ComparedPlayer,
 ) -> None:
     attachment = Attachment("", "recover")
@@ -406,7 +406,7 @@ def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_pl
     assert len(player.central.tree.tasks) == 4
 
 
-def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(
+def test_failed_task_waits_for_handler_of_its_own_failure(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -422,7 +422,7 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(
     assert not player.central.tree.tasks
 
 
-def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(
+def test_retried_task_ends_recovery_with_its_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -434,7 +434,7 @@ def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_en
     assert not player.history.tasks[TaskId(walk)].is_recovering
 
 
-def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(
+def test_killed_task_is_not_held_by_plan_first(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk", flags=Flags.PLAN_FIRST)
@@ -478,7 +478,7 @@ class Told(Blocking):
 
 @given(blocking_steps)
 @settings(max_examples=lives(40, soak=500))
-def test_what_is_told_is_what_the_graph_has(taken: Steps) -> None:
+def test_waits_of_central_match_its_needs_graph(taken: Steps) -> None:
     life = Told(looks=True)
     for step in taken:
         life.do(*step)
