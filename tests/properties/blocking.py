@@ -1,5 +1,5 @@
-"""Modules whose handlers do nothing while they wait: lives of them, in which anything that blocks
-may happen.
+"""Random lives of modules whose handlers block while they wait, in all ways in which a handler can
+block.
 """
 
 from collections.abc import Mapping
@@ -105,8 +105,8 @@ class Blocking(Player):
             self._steer(what, a, b, c)
 
     def _await(self, what: str, b: int, c: int) -> None:
-        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one
-        answer less is awaited.
+        """A coroutine sends more queries and awaits the first answer; or a timeout ends one of its
+        waits.
         """
         coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
         if not coroutines:
@@ -126,7 +126,7 @@ class Blocking(Player):
     def _wait_for(
         self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool
     ) -> None:
-        """A wait for the first news of tasks, or of what is under them; or for the first to end."""
+        """Wait for the first change of tasks or their descendants; or for the first end."""
         asked, origin = [], by.given_as if by else 0
         for task in tasks:
             number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
@@ -147,7 +147,7 @@ class Blocking(Player):
         return by is None or not is_coroutine(by)
 
     def _steer(self, what: str, a: int, b: int, c: int) -> None:
-        """The operator does something; he never waits."""
+        """The operator steers tasks; it never waits."""
         tasks = [TaskId(task) for task in self.central.tree.tasks]
         if not tasks:
             return
@@ -163,13 +163,15 @@ class Blocking(Player):
         self.receive("operator", header)
 
     def go_on(self) -> None:
-        """Everything that can go on does, until nothing can."""
+        """Let every handler return that can, until none can."""
         for _ in range(1000):
             for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
                 self.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             self.tick(1.0)
             free = self.free()
-            for claim in list(self.central.claims.values()):  # whoever can will release what he has
+            for claim in list(
+                self.central.claims.values()
+            ):  # every lock holder that can releases its lock
                 if claim.is_granted and (
                     claim.holder in free or not (claim.holder or claim.slot.waits)
                 ):
@@ -185,7 +187,7 @@ def is_coroutine(delivery: Delivery) -> bool:
 
 
 def free_handlers(central: Central) -> list[Delivery]:
-    """What is handled by a handler that waits for nothing: the newest of its slot, and every
+    """The deliveries of handlers that wait for nothing: the newest of each slot, and every
     coroutine.
     """
     attended = central.dispatcher.running.values()

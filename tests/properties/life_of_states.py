@@ -1,5 +1,5 @@
-"""Random lives in which clients and handlers take transitions of tasks at random, rightly and
-wrongly, and late.
+"""Random lives in which clients and handlers request transitions of tasks: possible, impossible and
+late ones.
 """
 
 from typing import Any, NamedTuple
@@ -26,11 +26,11 @@ WISHES: list[dict[str, Any]] = [
     {"takes": ["update"], "refuses": ["cancel"]},
     {"refuses": ["update", "cancel"]},
 ]
-"""What the handlers of a module say of changes: each run of it the next."""
+"""The options of a module's handlers; each run of a module has the next ones."""
 
 
 class Asked(NamedTuple):
-    """A change that somebody asked for, and what was so just before."""
+    """A requested change, with the state of the task just before it."""
 
     task: TaskId
     name: str
@@ -38,18 +38,18 @@ class Asked(NamedTuple):
     by: Party
     body: bytes
     takes: tuple[str, ...] | None
-    """The transitions that the handler which has the task takes (None: none has it)."""
+    """The transitions that the task's handler receives (None: no handler has the task)."""
     refuses: tuple[str, ...]
-    """Of that handler, and of one that the task would be given to."""
+    """The refused transitions of the current handler, and of the next one."""
     refuses_next: tuple[str, ...]
     answer: Any
     facts: list[Fact]
     entries: int
-    """So many entries of the journal came before it."""
+    """The number of journal entries before it."""
 
 
 class LifeOfStates(Life):
-    """Also has changes of states, and an observer of all, who comes first."""
+    """A life with changes of states, and an observer of all, which joins first."""
 
     operations = OPERATIONS + ["change"] * 24 + ["handler"] * 16
     busy: tuple[Busy, ...] = (Busy.QUEUE,)
@@ -64,11 +64,11 @@ class LifeOfStates(Life):
 
     @staticmethod
     def life_cycle(message: str) -> LifeCycle | None:
-        """That of a message of its own."""
+        """The life cycle of a message, if it is not the general one."""
         return LIFE_CYCLES.get(message)
 
     def join(self, module: str) -> None:
-        """A module's tasks have handlers with wishes, the basic life cycle's without."""
+        """Join with options for the handlers of tasks; those with the basic life cycle have none."""
         self.generation += 1
         name = f"{module}{self.generation}"
         self.player.hello(name)
@@ -94,7 +94,7 @@ class LifeOfStates(Life):
             self.player.receive("user", headers.GiveUp(number))
 
     def change_(self, a: int, b: int, c: int, d: int) -> None:
-        """A client, which may be a handler of something else, wants a change."""
+        """A client requests a change; it may be a handler of another task."""
         if (number := self.task(a)) is not None:
             others = [
                 one
@@ -124,7 +124,7 @@ class LifeOfStates(Life):
     def _ask(
         self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int
     ) -> None:
-        self.player.tick(1.0)  # what is due comes first
+        self.player.tick(1.0)  # due timers come first
         self.player.time -= 1.0
         task = self.central.tree.tasks.get(number)
         names = ["fly"]
@@ -174,7 +174,7 @@ class LifeOfStates(Life):
         )
 
     def seen(self) -> list[StateChange]:
-        """All that the observer has been told, oldest first."""
+        """All changes that the observer has received, oldest first."""
         return [
             msgspec.msgpack.decode(body, type=StateChange)
             for header, body in self.player.inbox["user"]

@@ -17,14 +17,15 @@ FAILED_OTHERWISE = {
     "overload",
     "deadlock",
     "lock lost",
-}  # than by choice
+}
+"""Failures that no handler raises on purpose."""
 
 
 # --- kill -----------------------------------------------------------------------------------------
 
 
 def kill(world: World, node: Node) -> None:
-    """End a task and all under it but what handles failures or leaves things safe."""
+    """End a task and its descendants, except exception handlers and termination messages."""
     killed = [one for one in _doomed(world, node) if not one.killed]
     for one in killed:
         one.killed = True
@@ -64,7 +65,7 @@ def _leave_behind(world: World, node: Node) -> None:
 
 
 def end(world: World, ending: Ending) -> None:
-    """A kill that was asked for, now that its point is past."""
+    """Carry out a requested kill whose point is reached."""
     if ending.delay:
         oracle_rules.set_alarm(world, ending.delay, ending.node, ending=ending)
         return
@@ -99,7 +100,7 @@ def suspend(world: World, node: Node, *, resume: bool) -> None:
 
 
 def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """The handler of a task ended with a failure."""
+    """The handler of a task has failed."""
     if node.killed:
         node.returned = True
     elif node.again:
@@ -111,15 +112,15 @@ def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> N
 
 
 def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """A failure is raised on a task whatever its handler does."""
+    """A failure is raised on a task, whatever its handler does."""
     _search(world, node, names)
 
 
 def _search(
     world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None
 ) -> Node | None:
-    """The task of the exception handler that is called; None, and somebody is killed, if there is
-    none.
+    """Call the next matching exception handler. Without one, kill the top-level task and return
+    None.
     """
     around = _around(node)
     known = around.failing if around else after
@@ -155,9 +156,7 @@ def _around(node: Node) -> Node | None:
 
 
 def _pass_over(world: World, handler: Node) -> None:
-    """An exception handler could not decide: who comes after it is asked, unless it had decided
-    before.
-    """
+    """An exception handler could not decide: the search continues, unless it had decided before."""
     assert handler.failing is not None
     had_decided, handler.void = handler.void, True
     kill(world, handler)
@@ -167,8 +166,8 @@ def _pass_over(world: World, handler: Node) -> None:
 
 
 def pass_over_all(world: World) -> bool:
-    """Exception handlers that wait and that nobody handles any more cannot decide, in the order in
-    which they came to wait; whether there were any.
+    """Skip queued exception handlers that no module handles any more, oldest arrival first. Returns
+    whether any was skipped.
     """
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
@@ -183,7 +182,7 @@ def pass_over_all(world: World) -> bool:
 
 
 def stranded(world: World) -> set[Node]:
-    """The exception handlers that wait, and that nobody handles."""
+    """The queued exception handlers that no module handles."""
     waiting = {
         node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION
     }
@@ -194,7 +193,7 @@ def _candidates(
     world: World, node: Node, after: Trouble | None
 ) -> Iterator[tuple[Node, Attachment]]:
     """From the failing task up: its own exception handlers, then those of its message, newest
-    first; all after one.
+    first. With *after*: only the ones after it.
     """
     for at in [*node.lineage(), world.root]:
         own = sorted(at.attached, key=lambda one: -one.id)
@@ -231,7 +230,7 @@ def _search_on(world: World, handler: Node) -> None:
 
 
 def handler_ended(world: World, handler: Node) -> None:
-    """An exception handler and all that it made has ended."""
+    """An exception handler has ended with all its descendants."""
     assert handler.failing is not None
     node = handler.failing.node
     if handler.void or node.killed:
@@ -251,16 +250,14 @@ def resolve(handler: Node) -> None:
 
 
 def retry(world: World, node: Node) -> None:
-    """Let a task that was started be handled once more; then it is like one that is new."""
+    """Let a started task be handled once more, like a new one."""
     node.again, node.wanted, node.returned = True, True, False
     node.fired -= oracle_taps.to_come(world, node)
     node.waiting = False
 
 
 def retry_now(world: World, node: Node, connection: str) -> None:
-    """Somebody asks that a task be handled once more: what is under it ends first, but for the
-    monitors of others.
-    """
+    """A retry is requested: the task's descendants end first, except foreign monitors."""
     node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)

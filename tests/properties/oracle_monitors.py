@@ -19,19 +19,19 @@ OF_HANDLING = {
     Condition.WHEN_SUCCESS,
     Condition.WHEN_FAILURE,
 }
-"""When wiretaps are fired for a task once more if it is retried."""
+"""The conditions whose wiretaps fire again when a task is retried."""
 
 
 @dataclass(eq=False)
 class Watch:
-    """What a monitor does from its start to its end."""
+    """The state of a monitor from its start to its end."""
 
     options: WatchOptions
     began: float | None = None
-    condition: Job | None = None  # that is being asked
-    since: float = 0  # from when its periods are counted
-    activations: int = 0  # how often it was fired and is still to test for that
-    count: int = 0  # how often it held
+    condition: Job | None = None  # the open query
+    since: float = 0  # start of its periods
+    activations: int = 0  # fires that still need a test
+    count: int = 0  # times its condition held
     fires: int = 0
     is_over: bool = False
 
@@ -49,8 +49,8 @@ def born(node: Node, options: WatchOptions | None) -> None:
 
 
 def is_guest(world: World, parent: Node, origin: int) -> bool:
-    """Whether a monitor is put under a task, from the handler of a delivery, by what did not come
-    of handling that task.
+    """Whether a new monitor under a task is foreign: its sender was not caused by the handling of
+    that task.
     """
     seen: list[Job] = []
     while not origin or origin != parent.given_as:
@@ -68,7 +68,7 @@ def is_guest(world: World, parent: Node, origin: int) -> bool:
 
 
 def _cause(world: World, one: Job, parent: Node) -> Job | None:
-    """The task for which something was sent; None: it was sent by others, or once for all."""
+    """The task that caused a message; None if other tasks sent it, or if it is sent only once."""
     if one.role is Role.LISTENER:
         assert one.tap is not None
         taps = oracle_taps.taps_in_force(world)
@@ -86,8 +86,8 @@ def _at_work(world: World, delivery: int) -> Job | None:
 
 
 def start_all(world: World) -> bool:
-    """The turn of monitors has come: no handler gets them. Whether there was any. Which of several
-    is first is open.
+    """Start the queued monitors, which central itself carries out. Returns whether there were any.
+    The order among several is open.
     """
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
     first: list[int] = [
@@ -132,7 +132,7 @@ def _is_at_its_end(world: World, node: Node) -> bool:
 
 
 def _send(world: World, node: Node, part: int, role: Role) -> None:
-    """Send one of the messages that a monitor is made of, if it has it."""
+    """Send one of the messages of a monitor, if the monitor has it."""
     message = world.parts[node.message][part]
     if not message:
         return
@@ -157,16 +157,16 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
 
 
 def _test_later(world: World, node: Node) -> None:
-    """At the next multiple of the period."""
+    """Set an alarm at the next multiple of the period."""
     period = node.watch.options.period
     wait = period - (world.time - node.watch.since) % period
-    if wait < period / 1000:  # floats are rounded: this is such a multiple
+    if wait < period / 1000:  # rounding: now is a multiple of the period
         wait += period
     oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
 
 
 def rings(world: World, alarm: Alarm) -> None:
-    """A monitor has watched long enough, or is to test again; it does not while it is suspended."""
+    """The time of a monitor is over, or its next test is due. A suspended monitor does not test."""
     node, watch = alarm.node, alarm.watch
     if not watch.is_on:
         return
@@ -179,7 +179,7 @@ def rings(world: World, alarm: Alarm) -> None:
 
 
 def activate(world: World, node: Node) -> None:
-    """Somebody fires a monitor: a demon acts, others test, one after the other."""
+    """Fire a monitor: a demon acts; others test, one test at a time."""
     if node.kind is MessageClass.DEMON_MONITOR:
         fire(world, node)
         return
@@ -189,7 +189,7 @@ def activate(world: World, node: Node) -> None:
 
 
 def go_on(world: World, node: Node) -> None:
-    """A monitor is resumed: it tests at once if it was fired meanwhile."""
+    """A monitor is resumed: it tests at once if it was fired while suspended."""
     if node.watch.is_on and node.watch.condition is None:
         _test_as_fired(world, node)
 
@@ -255,7 +255,7 @@ def fire(world: World, node: Node) -> None:
         end(world, node)
 
 
-# --- the end --------------------------------------------------------------------------------------
+# --- end ------------------------------------------------------------------------------------------
 
 
 def end(world: World, node: Node) -> None:
@@ -266,7 +266,7 @@ def end(world: World, node: Node) -> None:
 
 
 def stop(world: World, node: Node) -> None:
-    """A monitor, if it is one, watches no longer; what it has sent goes on."""
+    """Stop a monitor; its sent messages are not affected."""
     watch = node.watch
     if watch is None or watch.is_over:
         return
@@ -282,8 +282,8 @@ def stop(world: World, node: Node) -> None:
 
 
 def end_what_is_to_end(world: World) -> bool:
-    """Monitors at their end point, and those that have nothing left to watch over; whether there
-    were any.
+    """End the monitors at their end point, and those whose parent has nothing else left. Returns
+    whether there were any.
     """
     to_kill: list[Node] = []
     to_end = [
@@ -305,7 +305,7 @@ def end_what_is_to_end(world: World) -> bool:
 
 
 def _would_wait(world: World, node: Node) -> bool:
-    """Whether a monitor has yet to begin and can't, for others."""
+    """Whether a monitor has not begun and is held."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
     is_held = oracle_rules.is_checked(node) or any(
         held == node.id for held, _ in oracle_rules.held_points(world)

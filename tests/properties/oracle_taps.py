@@ -1,4 +1,4 @@
-"""The rules of wiretaps: what is sent when, and what it holds back."""
+"""The rules of wiretaps: which listeners are sent when, and which points they hold."""
 
 from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
@@ -30,8 +30,8 @@ BEFORE = {
     Condition.WHEN_PLANNED: (EP, None),
     Condition.WHEN_ACHIEVED: (EA, None),
 }
-"""The moment that a task does not pass before the listener is sent, and which end of the listener's
-it waits for. Of *when* listeners it waits as a parent does for its children.
+"""The moment before which the listener is sent, and the end of the listener that this moment waits
+for. A task waits for its *when* listeners as for its children.
 """
 
 AT = {
@@ -40,20 +40,22 @@ AT = {
     SA: Condition.WHILE_ACHIEVING,
     EA: Condition.AFTER_ACHIEVED,
 }
-"""What a task reaches, and what of that may be tapped. (Handling is what happens to a message: it
-is delivered and returns.)
+"""The condition that becomes true at each moment. Handling belongs to a message: its delivery and
+return.
 """
 
 CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
-"""Their listeners hang under the tapped task."""
+"""Conditions whose listeners are children of the tapped task."""
 
 WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
-"""Their listeners die with the tapped task; a monitor without an end of its own watches until this
-moment of it.
+"""Conditions whose listeners are killed with the tapped task. A monitor without an end of its own
+lasts until this moment.
 """
 
 ALIVE = {*WHILE, Condition.WHEN_SENT}
-"""Polling and demon monitors that listen so hang under the tapped task, too, but do not hold it."""
+"""Polling and demon monitors with these conditions are children of the tapped task, too, but do not
+hold it.
+"""
 
 
 def taps_of(world: World, job: Job) -> list[Tap]:
@@ -69,7 +71,7 @@ def taps_in_force(world: World) -> list[Tap]:
 
 
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
-    """Whether there was something to be sent before a task passes these moments."""
+    """Fire the taps before these moments. Returns whether there were any."""
     node.fired -= {
         tap.id
         for tap in taps_of(world, node)
@@ -106,7 +108,7 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 
 def fire_again(world: World, node: Node) -> None:
-    """A task that has not begun is to be tried anew: what is to be done before it is done again."""
+    """An unstarted task is retried: its *before* taps fire again."""
     again = to_come(world, node)
     if again:
         node.fired -= again
@@ -115,8 +117,8 @@ def fire_again(world: World, node: Node) -> None:
 
 
 def to_come(world: World, node: Node) -> set[int]:
-    """The taps that are fired anew when a task is retried: before it is handled, and before what it
-    has not reached.
+    """The taps that fire again at a retry: before handling, and before moments that are not
+    reached.
     """
     firsts = [
         (tap.id, BEFORE[tap.condition][0])
@@ -132,7 +134,9 @@ def reached(world: World, node: Node, moments: set[Moment]) -> None:
 
 
 def happened(world: World, job: Job, what: set[Condition]) -> None:
-    """What is no task is not held: *before* is when it is delivered."""
+    """Fire the taps of a message. *Before* conditions of messages other than tasks come true at
+    delivery.
+    """
     if Condition.WHILE_HANDLING in what and not isinstance(job, Node):
         what = what | {Condition.BEFORE_HANDLING}
     for tap in taps_of(world, job):
@@ -142,13 +146,13 @@ def happened(world: World, job: Job, what: set[Condition]) -> None:
 
 
 def take_news(world: World) -> bool:
-    """Whether something was sent since this was last asked."""
+    """Whether a tap has fired since the last call."""
     news, world.news = world.news, False
     return news
 
 
 def is_heard(world: World, tap: Tap) -> bool:
-    """Whether somebody handles what a tap sends; monitors watch by themselves."""
+    """Whether the listener of a tap has a handler. Central handles monitors."""
     return bool(world.handlers.get(tap.listener)) or world.kinds[tap.listener].is_monitor
 
 
@@ -199,8 +203,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
 
 
 def _ends_first(world: World, tap: Tap, node: Node) -> bool:
-    """Whether a task passes its end with the points before: then it is over when a wiretap at one
-    of those is fired.
+    """Whether a task reaches its end together with earlier points: taps of the earlier points fire
+    after it has ended.
     """
     for fact in world.seen.facts:
         if isinstance(fact, facts.TapFired) and (fact.tap, fact.tapped) == (tap.id, node.id):
@@ -211,8 +215,8 @@ def _ends_first(world: World, tap: Tap, node: Node) -> bool:
 
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
-    """A module taps; the same wiretap is there once, with all who want it, and a later one of its
-    own replaces it.
+    """Add a wiretap. Equal taps are shared by their modules; another tap of the same module is
+    replaced.
     """
     if not header.message and header.task not in world.nodes:
         _tap_ended(world, header)
@@ -244,7 +248,7 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
 
 
 def _has_happened(node: Node, condition: Condition) -> bool:
-    """Whether what a task is tapped for is past, and *while* it happens not over."""
+    """Whether a condition is true now for a task; for *while* conditions, whether it still is."""
     if condition is Condition.WHEN_SENT:
         return True
     if node.killed or condition is Condition.WHEN_KILLED:
@@ -261,9 +265,7 @@ def _has_happened(node: Node, condition: Condition) -> bool:
 
 
 def _tap_ended(world: World, header: headers.Tap) -> None:
-    """A task that has ended is tapped: its listener is sent now, for what has happened, and never
-    again.
-    """
+    """Tap an ended task: the listener is sent once, now, for a past event."""
     killed, condition = header.task in world.came_to_nothing, header.condition
     is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
     if header.task not in world.ended or not is_so or condition in WHILE:
@@ -274,7 +276,7 @@ def _tap_ended(world: World, header: headers.Tap) -> None:
 
 
 def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
-    """A module wants a tap no longer; it is taken away if nobody else does, or *for all*."""
+    """A module removes its tap. The tap ends with its last module, or at once *for all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:
             if tap.id == tap_id:
@@ -283,7 +285,7 @@ def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> 
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
-    """What has happened when a handler has returned."""
+    """The conditions that become true when a handler has returned."""
     what = {Condition.AFTER_HANDLED}
     if not reissued:
         what |= (
@@ -297,8 +299,8 @@ def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -
 
 
 def left(world: World, job: Job, *, lost: bool) -> None:
-    """Who handled it has gone: that is a failure of the handler, unless another one will begin with
-    it.
+    """The handling module has left. This is a failure of the handler, unless another handler
+    continues.
     """
     if lost or (job.killed if isinstance(job, Node) else job.target and job.kind.has_reply):
         happened(world, job, after_handler(job.kind, failed=True))

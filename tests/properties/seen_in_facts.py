@@ -1,6 +1,4 @@
-"""What really went on in a run, looked up in its facts one by one: slow, and without a single
-record of the tools.
-"""
+"""The spans of a run, found in its facts one by one: slow, and without any record of the tools."""
 
 from collections.abc import Iterator
 from math import inf
@@ -12,7 +10,7 @@ from tca_wire.points import ROOT, Moment, Point
 
 
 class Seen(NamedTuple):
-    """Something that went on, and who or what did."""
+    """A span of a run: its kind, its owner, its start and end."""
 
     what: str
     """run, queue, wait, claim, lock, suspension, life or member"""
@@ -29,7 +27,7 @@ class Seen(NamedTuple):
 
 
 class Facts:
-    """All spans of a run, by what they are."""
+    """All spans of a run, by kind."""
 
     def __init__(self, entries: list[facts.Entry], times: list[float]) -> None:
         self.spans: list[Seen] = []
@@ -61,7 +59,7 @@ class Facts:
         self._take_life(fact, time)
 
     def _take_handling(self, fact: Any, time: float) -> None:
-        """Runs of handlers, and stays in queues."""
+        """Record runs of handlers, and stays in queues."""
         if isinstance(fact, facts.Killed):
             self._end("queue", fact.task, time)
             return
@@ -79,7 +77,7 @@ class Facts:
             )
 
     def _take_waiting(self, fact: Any, time: float) -> None:
-        """Waits of handlers and programs, and locks."""
+        """Record waits of handlers and programs, and locks."""
         match fact:
             case facts.Received() if fact.blocking and not fact.message_class.is_task:
                 self._waits(fact.id, fact.sender, fact.origin, time)
@@ -111,7 +109,7 @@ class Facts:
             self._begin("lock", fact.id, fact.id, time)
 
     def _queued_copies(self, message: int) -> list[int]:
-        """Of what went to many, those that stand in queues."""
+        """The queued copies of a message with several receivers."""
         return [
             key
             for (what, key), found in self._open.items()
@@ -119,7 +117,7 @@ class Facts:
         ]
 
     def _take_life(self, fact: Any, time: float) -> None:
-        """How long there are messages and modules, and suspensions."""
+        """Record lifetimes of messages and modules, and suspensions."""
         match fact:
             case facts.Received():
                 self._begin("life", fact.id, fact.id, time)
@@ -143,7 +141,7 @@ class Facts:
     # --- questions --------------------------------------------------------------------------------
 
     def bears_out(self, step: PathStep) -> bool:
-        """Whether a step of a path says what really went on, all the time."""
+        """Whether a step of a path agrees with the spans during all its time."""
         return bool(getattr(self, f"_{step.doing.name.lower()}")(step))
 
     def _work(self, step: PathStep) -> bool:
@@ -190,7 +188,7 @@ class Facts:
         )
 
     def _begun(self, point: Point, said: float) -> float:
-        """When a point was reached; of the root's, when the constraint was said."""
+        """The time when a point was reached; for the root, the time of the constraint."""
         reached = (
             time
             for time, fact in self.said
@@ -212,7 +210,7 @@ class Facts:
         )
 
     def _locked(self, step: PathStep) -> bool:
-        """Somebody had a lock; or one was wanted, and not granted."""
+        """Whether the module held a lock, or a claim of the resource was pending."""
         had = any(
             one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock")
         )
@@ -242,8 +240,8 @@ class Facts:
         return self._lives(step)
 
     def _unknown(self, step: PathStep) -> bool:
-        """Of what was over nothing is unknown; nobody was at work for it who would have been the
-        reason, and it stood in no queue.
+        """A step of unknown cause: no handler that could be the reason worked, and the task stood
+        in no queue.
         """
         stood = any(one.covers(step) for one in self.of("queue", step.message_id))
         return self._lives(step) and not stood and not any(self.at_work_under(step))
@@ -252,7 +250,7 @@ class Facts:
         return any(one.covers(step) for one in self.of("life", step.message_id))
 
     def under(self, task: int) -> set[int]:
-        """A task, and all that is under it."""
+        """The ids of a task and its descendants."""
         found = {task}
         for _, fact in self.said:
             if (
@@ -264,14 +262,14 @@ class Facts:
         return found
 
     def at_work_under(self, step: PathStep) -> Iterator[Seen]:
-        """The handlers that worked all the time for a task, and waited for nothing."""
+        """The handlers that worked for a task during the whole step, without a wait."""
         below = self.under(step.message_id)
         runs = (one for one in self.of("run") if one.who in below and one.covers(step))
         return (run for run in runs if not any(self._own_waits(run, step)))
 
     def is_own_will(self, time: float) -> bool:
-        """Whether somebody did something at a time of whom nothing is known that he did before had
-        to be over.
+        """Whether a module acted at a time, with no known earlier run or wait that it had to end
+        first.
         """
         for when, fact in self.said:
             if when != time or not isinstance(fact, facts.Received | facts.Claimed):
@@ -286,7 +284,7 @@ class Facts:
         return False
 
     def ends(self, task: int) -> float:
-        """When a task ended, or (inf) that it did not."""
+        """The time when a task ended; inf if it did not."""
         bits = 0
         for time, fact in self.said:
             if isinstance(fact, facts.Reached) and fact.task == task:

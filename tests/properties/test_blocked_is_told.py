@@ -1,6 +1,4 @@
-"""In random lives of handlers that block: the journal says of every wait that goes on, and of no
-other.
-"""
+"""The journal records every open wait, and no other, in random lives of handlers that block."""
 
 from central.player import point
 from hypothesis import given, settings
@@ -49,7 +47,7 @@ steps = st.lists(
 
 
 class Told(Folding, Blocking):
-    """Handlers that ask in all ways, for long or briefly; the journal is folded as it goes."""
+    """Handlers that block in all ways, long or brief; the journal is folded after every event."""
 
     handled = {  # noqa: RUF012
         "a": ("goal walk", "query where", "multi-query all"),
@@ -63,7 +61,7 @@ class Told(Folding, Blocking):
         self.declare("user", "query missing")
 
     def compare(self) -> None:
-        """What central knows of waits is what the journal tells."""
+        """The waits of central are the open waits of the journal."""
         waits = [wait for run in self.history.handlings for wait in run.waits]
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
         told = sorted(wait.awaited for wait in waits if wait.end is None)
@@ -114,7 +112,7 @@ class Told(Folding, Blocking):
             self.send(name, message, origin=origin, blocking=what == "ask", brief=brief)
 
     def end(self, what: str, b: int, c: int) -> None:
-        """Somebody waits no longer, or is lost."""
+        """A wait is given up, or a slot is lost."""
         connections = self.central.registry.connections.values()
         if what == "give up":
             for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:

@@ -1,6 +1,6 @@
-"""No cause comes later than its effect: nobody is told of a failure after he gave up or ended, and
-nothing fails of what failed later; in stories, in chains of failures, and in what is said to have
-become of failures.
+"""No cause is later than its effect. No module receives a failure after it gave up or ended, and no
+failure follows from a later one. This holds in stories, in chains of failures and in the fates of
+failures.
 """
 
 import re
@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"\{(\d+)\}")
 
 
 class Answers:
-    """What was answered or failed by which event, as central tells it."""
+    """The answers and failures of each event, according to central."""
 
     def __init__(self, run: Run, entries: list[facts.Entry]) -> None:
         times = dict(zip(run.numbers, run.times, strict=True))
@@ -36,8 +36,8 @@ class Answers:
         self.failed = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Failed)}
 
     def is_told(self, query: Message, time: float) -> bool:
-        """Whether an answer, or the failure of its monitor, came of its failure, while whoever
-        asked still ran.
+        """Whether the failure of a query led to an answer, or to the failure of its monitor, while
+        the asker still ran.
         """
         if query.role is Role.CONDITION:
             return (time, query.about) in self.failed
@@ -49,7 +49,7 @@ def _has_ended(failed: Failing, time: float) -> bool:
 
 
 def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
-    """Of everything that failed."""
+    """Check every story, failure chain and fate of a run."""
     answers = Answers(run, entries)
     for message in run.messages.values():
         for one in story(run, message.id):
@@ -78,7 +78,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
 
 
 def _assert_known(run: Run, text: str, moment: float) -> None:
-    """A text names nothing that was not there yet."""
+    """A text names no message that was sent later."""
     named = [
         run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages
     ]
@@ -86,7 +86,9 @@ def _assert_known(run: Run, text: str, moment: float) -> None:
 
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:
-    """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
+    """A receiver of a failure had not ended or given up. A failure without a receiver causes no
+    other.
+    """
     told = told_to(run, failed, time)
     if told.startswith(Fate.UNTOLD.words):
         assert not went_on(run, failed, time)

@@ -1,10 +1,10 @@
-"""Random lives of handlers that block: what is called a deadlock would never have ended, and none
-is overlooked.
+"""Reported deadlocks would never end, and no deadlock is overlooked, in random lives of handlers
+that block.
 
-Each life is lived twice, the second time by a central that does not look for deadlocks. In that
-one, at the moment of the first refusal, everything that can go on does: whoever was refused must
-wait still. In some lives central looks at so little at a time that its searches go on while
-everything changes.
+Each life is lived twice, the second time by a central that does not look for deadlocks. At the
+first refusal, every handler of the second life that can return does so. The refused wait must still
+be open then. In some lives central searches so few edges at a time that the tree changes during a
+search.
 """
 
 from collections.abc import Iterator
@@ -51,7 +51,7 @@ steps = st.lists(
 
 
 CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await", 0, 32, 0)]
-"""A coroutine asks its own resource something, which a handler nested in it has locked."""
+"""A coroutine queries its own resource, which a handler nested in it has locked."""
 
 
 @given(steps)
@@ -87,7 +87,7 @@ def test_deadlock_search_ends_when_lock_request_is_withdrawn() -> None:
 
 @contextmanager
 def looks_at(edges: int) -> Iterator[None]:
-    """Central looks at so few edges in one event."""
+    """Limit the edges that central searches in one event."""
     usual = deadlocks.PATIENCE, deadlocks.SLICE
     deadlocks.PATIENCE = deadlocks.SLICE = edges
     try:
@@ -97,12 +97,12 @@ def looks_at(edges: int) -> Iterator[None]:
 
 
 def look_to_the_end(player: Player) -> None:
-    """Let central finish what it looks at, and what follows from that."""
+    """Let central finish its searches and their consequences."""
     for _ in range(10_000):
         if player.central.next_look is None:
             return
         player.tick(0.25)
-    raise AssertionError("central never stops to look")
+    raise AssertionError("the search of central never ends")
 
 
 def check(taken: Steps) -> None:
@@ -117,23 +117,23 @@ def check(taken: Steps) -> None:
             fact.failure == "deadlock" for fact in looking.facts_of("failed")
         ):
             still = all_waits(looking)
-            before = Blocking(looks=False)  # what was due to be looked at came first in this event
+            before = Blocking(looks=False)  # a due search came first in this event
             for earlier in taken[:index]:
                 before.do(*earlier)
                 before.time += 1.0
-            refused = waits_for_ever(blind) - still or waits_for_ever(before) - still
+            refused = endless_waits(blind) - still or endless_waits(before) - still
             assert refused or not looking.refused, f"{looking.refused} would have ended"
             return
     for _ in range(100):
         looking.go_on()
         look_to_the_end(looking)
-    assert not all_waits(looking), f"{all_waits(looking)} will never end, and nobody has said so"
+    assert not all_waits(looking), f"{all_waits(looking)} will never end, but were not reported"
 
 
 def all_waits(player: Player) -> set[tuple[bytes, int]]:
     return {(slot.id, number) for slot in player.central.blocked for number in slot.waits}
 
 
-def waits_for_ever(player: Blocking) -> set[tuple[bytes, int]]:
+def endless_waits(player: Blocking) -> set[tuple[bytes, int]]:
     player.go_on()
     return all_waits(player)

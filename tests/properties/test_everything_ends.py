@@ -1,6 +1,6 @@
-"""Random lives full of trouble come to an end: when each handler has returned, all are resumed and
-time has passed, nothing is left. No wait for ever is overlooked, whoever keeps what others need,
-and what makes a robot safe gets in.
+"""Random lives full of trouble end. When all handlers have returned, all tasks are resumed and time
+has passed, nothing is left. No endless wait is overlooked, and termination messages get past every
+lock.
 """
 
 from central.player import Player, point
@@ -37,11 +37,11 @@ STEPS = (
 )
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000
-QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
+QUIET = 6  # rounds without an event: central may search for deadlocks slowly
 
 
 class Troubled(Blocking):
-    """Modules that block, fail, and have their failures handled by others that block."""
+    """Modules that block and fail; their failures are handled by modules that block, too."""
 
     handled = HANDLED | {name: HANDLED.get(name, ()) + menders for name, menders in MENDERS.items()}
 
@@ -50,7 +50,7 @@ class Troubled(Blocking):
         self.declare("operator", "command park", "command move", "goal step")
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
-        """One handler, the user or the operator does something."""
+        """One handler, the user or the operator acts."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
         who = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
@@ -82,9 +82,7 @@ class Troubled(Blocking):
                 super().do(what, a, b, c)
 
     def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
-        """The operator has something checked, by whoever blocks, too; what waits already as
-        well.
-        """
+        """The operator taps tasks or messages, queued ones as well; the listener may block."""
         condition = (
             Condition.BEFORE_HANDLING,
             Condition.BEFORE_HANDLING,
@@ -95,10 +93,10 @@ class Troubled(Blocking):
 
 
 class Mixed(Life):
-    """Lives of all constructs together, in which modules come and go."""
+    """Lives of all constructs, with modules that join and leave."""
 
     def end(self) -> None:
-        """In the end each message has a handler, and each resource a slot."""
+        """At the end each message has a handler, and each resource a slot."""
         for module in [*self.central.registry.modules.values()]:
             if any(not resource.slots for resource in module.resources.values()):
                 for connection in [*module.connections.values()]:
@@ -110,8 +108,8 @@ class Mixed(Life):
 
 
 def come_to_an_end(player: Player) -> None:
-    """Each handler returns, all are resumed, monitors end, who has locked something outside of a
-    task lets go, and time passes, until nothing more comes: then nothing may be left.
+    """Let all handlers return, resume all tasks, end all monitors, release all locks outside of
+    tasks, and let time pass. Nothing may be left then.
     """
     central, quiet, rounds = player.central, 0, 0
     while quiet < QUIET and rounds < ROUNDS:
@@ -130,7 +128,7 @@ def come_to_an_end(player: Player) -> None:
         quiet, rounds = 0 if free else quiet + 1, rounds + 1
     waits = [(slot.id, number) for slot in central.blocked for number in slot.waits]
     left = {task: [*(task.children or {}).values()] for task in central.tree.tasks.values()}
-    assert (left, waits) == ({}, []), "will never end, and nobody has said so"
+    assert (left, waits) == ({}, []), "will never end, but was not reported"
     assert not central.claims, "claims are left"
     assert rounds < ROUNDS, "there is no end"
 
@@ -142,8 +140,8 @@ KEPT_FOR_A_RETRY = [
     ("raise", 0, 0, 1),
     ("retry", 0, 0, 0),
 ]
-"""A task that is to be handled again, after its exception handler, keeps the resource of that
-handler.
+"""A task that waits for a retry, after its exception handler, holds the lock of that handler's
+resource.
 """
 
 

@@ -1,6 +1,4 @@
-"""The states of tasks as the journal tells of them are those that central knows, and they keep the
-rules.
-"""
+"""The folded states of tasks are those of central, and keep the rules of their life cycles."""
 
 from typing import Any
 
@@ -29,7 +27,7 @@ operation = st.tuples(st.sampled_from(OPERATIONS + ["ask", "say"] * 6), *[small]
 
 
 class LivingPlayer(Folding):
-    """Compares the states of all living tasks; some handlers have wishes."""
+    """Compares the states of all living tasks; some handlers have options."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -56,7 +54,7 @@ class LivingPlayer(Folding):
 
 
 class AskedLife(Life):
-    """Clients ask things of tasks, and their handlers tell of them."""
+    """Clients request changes of tasks, and handlers report changes."""
 
     def ask_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = list(self.central.tree.tasks.values())

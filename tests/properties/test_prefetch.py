@@ -1,6 +1,4 @@
-"""A slot that has messages ahead of the one that it handles: every run is one that could have
-happened without.
-"""
+"""Slots with prefetched messages: every run could have happened without them."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -37,7 +35,7 @@ HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | header
 
 
 class ToldLate:
-    """Shows what slots get when their turn comes, as if they had nothing ahead."""
+    """Shows a delivery when its slot starts it, as if nothing were prefetched."""
 
     def __init__(self, central: Central) -> None:
         self.central = central
@@ -59,8 +57,8 @@ class ToldLate:
 
 
 class PrefetchPlayer(JudgedPlayer):
-    """Each slot takes messages ahead, and gives back at once what is recalled: the oracle, which
-    knows nothing of that, finds everything as ever.
+    """Each slot takes prefetched messages, and returns recalled ones at once. The oracle knows
+    nothing of prefetching, and must agree.
     """
 
     prefetch = 3
@@ -87,7 +85,7 @@ class PrefetchPlayer(JudgedPlayer):
         return effects
 
     def _together(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
-        """The slot has handled some of what it has ahead, too, and says all at once."""
+        """Let the slot reply to some prefetched messages in the same packet."""
         slot = self.central.registry.connections[event.connection]
         others = (
             list(slot.resource.ahead)[: round(event.time) % 3] if slot.resource is not None else []
@@ -106,8 +104,8 @@ class PrefetchPlayer(JudgedPlayer):
 
     @staticmethod
     def _gives_back_before(event: Any, slot: Connection) -> bool:
-        """Whether what a slot has ahead would come too late if it gave that back later: when it
-        claims something itself, and when handlers come or go.
+        """Whether a slot must return its prefetched messages before an event: its own claim, or a
+        change of handlers.
         """
         if slot.resource is None or not slot.resource.ahead or isinstance(event, Tick):
             return False
@@ -120,12 +118,12 @@ class PrefetchPlayer(JudgedPlayer):
         unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
-        self.central._receive(event, effects)  # timers that are due have an event of their own
+        self.central._receive(event, effects)  # due timers have an event of their own
         return effects
 
 
 class PrefetchLife(JudgedLife):
-    """Most of what is sent may be ahead, and is sent to few."""
+    """Most sent messages may be prefetched, and have few handlers."""
 
     player_class = PrefetchPlayer
 
@@ -138,9 +136,7 @@ class PrefetchLife(JudgedLife):
         return super().sent_name(b) if b % 4 == 0 else SENT[b // 4 % len(SENT)]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        """Half of the wiretaps are of what may be ahead all the same: they listen when it is sent,
-        or over.
-        """
+        """Half of the taps have conditions that allow prefetching: sending, or the end of handling."""
         if a % 2:
             super().tap_(a // 2, b, c, d)
             return
@@ -179,4 +175,4 @@ def test_prefetch_lives_cover_recalls_taps_and_joined_replies() -> None:
         most, recalls = max(most, life.player.out.most), recalls + life.player.out.recalls
         joined, tapped = joined + life.player.joined, tapped + life.player.out.tapped
     what = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
-    pytest.fail(f"{what}: these lives test nothing")
+    pytest.fail(f"{what}: these lives do not cover prefetching")

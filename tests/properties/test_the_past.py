@@ -1,6 +1,4 @@
-"""What records that go on say of an earlier moment is what was known then: after every event of a
-random life.
-"""
+"""A view of the past equals the view that was recorded then, after every event of a random life."""
 
 from typing import Any
 
@@ -32,13 +30,11 @@ FIELDS = (
     "suspension",
 )
 _NO_TIME = 1e-6
-"""Seconds: states that last no longer are not told of."""
+"""Seconds: shorter states are not shown."""
 
 
 def seen(at: RunAt) -> Any:
-    """What can be seen of a moment. Whether the run went on after a failure is told as far as the
-    journal goes.
-    """
+    """The view of a moment. The continuation after a failure is excluded, as later facts decide it."""
     tree = [
         click.unstyle(line).replace(HANDLED, "failed")
         for line in tree_lines(at, whole_outline(at), with_data=True)
@@ -54,7 +50,7 @@ def seen(at: RunAt) -> Any:
 
 
 def told(at: RunAt) -> dict[int, list[str]]:
-    """The stories of all messages as they were then."""
+    """The stories of all messages at that moment."""
     known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
     stories = {
         number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment]
@@ -67,14 +63,14 @@ def told(at: RunAt) -> dict[int, list[str]]:
 
 
 class WatchedPlayer(FoldedPlayer):
-    """Folds every entry, and notes what is seen."""
+    """Folds every entry, and records the views."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seen: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
 
     def compare(self) -> None:
-        """What is known now is what the records say."""
+        """The view of now equals the records."""
         at, run = RunAt(self.history), self.history
         for task in at.tasks.values():
             assert all(

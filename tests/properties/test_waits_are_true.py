@@ -1,6 +1,6 @@
-"""Folding the journal gives the live tree; and what the tools say that a task waits for, knowing
-the journal alone, is what central's own graph of needs says: for every moment of every task that
-lives, after every event of random lives.
+"""The folded journal is the live tree. The waits that the tools find in the journal are those of
+central's own graph of needs. This holds for every moment of every living task, after every event of
+random lives.
 """
 
 from collections.abc import Iterable
@@ -45,21 +45,19 @@ from tca_wire.vocabulary import Condition, MessageClass
 from tca_wire.waits import NAMED, WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""Of moments that begin something the tools name the one of the constraint, central the one at
-which that is decided.
-"""
+"""For starts, the tools name the moment of the constraint, central the moment that decides it."""
 OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
 
 
 class LivePlayer(FoldedPlayer):
-    """Looks whether the fold gives the live tree."""
+    """Checks that the fold is the live tree."""
 
     def compare(self) -> None:
         assert_tree(self.central, self.history)
 
 
 class ComparedPlayer(LivePlayer):
-    """After every event central and the tools are asked."""
+    """Compares the waits of central and the tools after every event."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,13 +72,13 @@ class ComparedPlayer(LivePlayer):
                     self.compared += 1
                     assert_same(self.central, at, task, int(moment))
             if not task.is_running:
-                assert reasons(at, at.tasks[task.id]), f"no reason why {task} does not go on"
+                assert reasons(at, at.tasks[task.id]), f"{task} has no reason to wait"
             assert_ends(at, task.id)
 
 
 def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
-    """The points of other tasks that have to come first. What is suspended is told with its
-    constraints, too.
+    """Compare the points of other tasks that must come first. For a suspended task the tools name
+    its constraints, too.
     """
     true = outside(central, task, moment)
     kept = keeping(at, Node(task.id, moment))
@@ -91,20 +89,21 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     for points in (true, told):
         points.difference_update(planned(points))
     extra = told - true - planned(recovery) if not task.suspended else set()
-    if task.retrying:  # a listener before it is handled again: central needs its end, which comes after what it holds
+    # Central needs the end of a listener before a retry; the tools name the earlier moment.
+    if task.retrying:
         extra -= {(number, END_HANDLING) for number, last in true if last == END_ACHIEVING}
     assert not extra, f"{task} before {moment}: {extra}"
     assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
 
 
 def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
-    """The ends of planning of what is to be achieved: they come first."""
+    """The ends of planning of tasks whose achievement is awaited; they come first."""
     return {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
 
 
 def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
-    """What central says that a moment of a task needs of other tasks, by way of its own moments;
-    but for what would do as well as something else: until when a monitor watches is in no journal.
+    """The points of other tasks that a moment needs, directly or through own moments, according to
+    central. Alternatives are left out: no journal has the end of a monitor.
     """
     way, found = [Place(task, moment)], set[tuple[int, int]]()
     for place in way:  # grows while it is walked
@@ -118,9 +117,7 @@ def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
 
 
 def assert_ends(at: RunAt, number: int) -> None:
-    """The ends are what can be reached and leads nowhere else; or circles, if there is no such
-    thing.
-    """
+    """The ends are the reachable nodes without a further wait; or circles, if none exist."""
     way = reached(at, [next_node(at, number)])
     last = {node.number for node in way if steps(at, node)[1] or not steps(at, node)[0]}
     found = Ends.at(at).of(number)
@@ -129,7 +126,7 @@ def assert_ends(at: RunAt, number: int) -> None:
 
 
 def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
-    """All that waits lead to."""
+    """All nodes that the waits lead to."""
     way = list(start)
     seen = set(way)
     for node in way:  # grows while it is walked
@@ -140,7 +137,7 @@ def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
 
 
 def assert_lists(history: History) -> None:
-    """At each moment of the run, the wait lists have what was kept then."""
+    """At each moment of the run, the wait lists contain the holds of that moment."""
     for time in history.times[:: max(len(history.times) // 20, 1)]:
         at = RunAt(history, time)
         for number, task in at.tasks.items():
@@ -168,7 +165,7 @@ def test_tool_waits_match_needs_graph_in_long_life(seed: int) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@example(122582)  # a failure is raised on a task that is to be retried, whose handler then fails
+@example(122582)  # a failure is raised on a retried task whose handler then fails
 @settings(max_examples=lives(1, soak=24))
 def test_folded_journal_matches_live_tree_in_long_life(seed: int) -> None:
     Life(LivePlayer()).go_on(seed, lives(1_000, soak=5_000))
@@ -187,7 +184,7 @@ def assert_tree(central: Central, history: History) -> None:
         assert bool(folded.handling) == task.is_running
         if (
             folded.parent != ROOT and not task.killed and not task.retrying
-        ):  # one at the top has those under it, too
+        ):  # a top-level task has failures of its subtasks, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
             assert not task.failure or folded.is_dealt_with == task.is_dealt_with
         assert folded.is_queued == (task.queues is not None)
@@ -212,7 +209,7 @@ def test_retried_task_is_queued_in_folded_history() -> None:
 
 @pytest.fixture
 def player() -> ComparedPlayer:
-    """Legs with two slots handle moves and lifts; nobody handles steps and later."""
+    """Legs with two slots handle move, lift and walk; step and later have no handler."""
     player = ComparedPlayer()
     player.module("legs", "command move", "command lift", "goal walk", capacity=2)
     player.module("expert", "exception handler recover", capacity=2)
@@ -282,7 +279,7 @@ def test_task_queued_for_retry_does_not_wait_for_new_subtask(
 ) -> None:
     walk = player.task("user", "walk")
     player.task("user", "move", flags=Flags.NONE)  # takes the other slot
-    player.task("user", "lift", flags=Flags.NONE)  # and waits for one
+    player.task("user", "lift", flags=Flags.NONE)  # is queued
     player.task("user", "step", under=walk)
     player.reply("legs/1")
     retry(player, walk)
@@ -298,7 +295,7 @@ def test_retried_monitor_waits_for_its_earlier_setup(player: ComparedPlayer) -> 
     player.reply("legs/1")
     assert len(player.central.tree.tasks) == 2
     player.reply("legs/2")
-    retry(player, careful)  # it begins at once
+    retry(player, careful)  # restarts at once
 
 
 def test_suspended_monitor_on_retry_waits_for_exception_handler(
@@ -341,7 +338,9 @@ def test_retry_spares_killed_foreign_monitor(player: ComparedPlayer, is_later: b
         retry(player, guard)
     player.request("user", headers.Kill, TaskId(spared))
     if not is_later:
-        player.task("user", "move", under=guard, flags=Flags.NONE)  # the retry waits for this alone
+        player.task(
+            "user", "move", under=guard, flags=Flags.NONE
+        )  # the only task that the retry waits for
         retry(player, guard)
     player.task("user", "later", under=guard)
     assert player.central.tree.tasks[TaskId(spared)].killed
@@ -415,7 +414,7 @@ def test_failed_task_waits_for_handler_of_its_own_failure(
     player.request("user", headers.Raise, TaskId(walk), "cold")
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.resolve("expert/2")
-    player.reply("expert/2")  # the second one has ended
+    player.reply("expert/2")  # handles the raised failure
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.resolve("expert/1")
     player.reply("expert/1")
@@ -465,7 +464,7 @@ class Told(Blocking):
         )
 
     def awaited(self, place: Place) -> set[int]:
-        """The other tasks that the graph names, from point to point of the task itself."""
+        """The other tasks that the graph names, through the points of the task itself."""
         places, found = [place], set[int]()
         for own in places:  # grows while it is walked
             for one in (one for group in needs(self.central, own) for one in group or ()):
