@@ -157,8 +157,8 @@ class Life:
                         self.seconds(d % 5),
                     )
                 )
-        attended = list(self.central.dispatcher.running.values())
-        origin = attended[a % len(attended)].given_as if attended and b % 2 else 0
+        running = list(self.central.dispatcher.running.values())
+        origin = running[a % len(running)].given_as if running and b % 2 else 0
         self.player.send(
             senders[a % len(senders)],
             self.sent_name(b),
@@ -193,18 +193,18 @@ class Life:
         return Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
 
     def reply_(self, a: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.running.values())
-        if attended:
-            delivery = attended[a % len(attended)]
+        running = list(self.central.dispatcher.running.values())
+        if running:
+            delivery = running[a % len(running)]
             assert delivery.slot
             if a % 3 and delivery.role is Role.EXCEPTION:
                 self.player.resolve(delivery.slot.id.decode(), delivery.given_as)
             self.player.reply(delivery.slot.id.decode(), delivery.given_as, value=a)
 
     def fail_(self, a: int, b: int, c: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.running.values())
-        if attended:
-            delivery = attended[a % len(attended)]
+        running = list(self.central.dispatcher.running.values())
+        if running:
+            delivery = running[a % len(running)]
             assert delivery.slot
             failure, kinds = (
                 FAILURES[b % 2],
@@ -307,9 +307,9 @@ class Life:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, waited_for=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
-        attended, origin = list(self.central.dispatcher.running.values()), 0
-        if attended and d % 3 == 2:  # sent by a handler, under any task or under its cause
-            handled = attended[b % len(attended)]
+        running, origin = list(self.central.dispatcher.running.values()), 0
+        if running and d % 3 == 2:  # sent by a handler, under any task or under its cause
+            handled = running[b % len(running)]
             origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
             parent = living[c % len(living)] if living and a % 4 else parent
         elif parent and d % 3:  # sent by the parent's handler, running or returned
@@ -433,7 +433,7 @@ class Life:
         self.player.receive(name, headers.Await(number, blocking=b % 3 > 0))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
-        modules, attended = (
+        modules, running = (
             self.central.registry.modules.values(),
             list(self.central.dispatcher.running.values()),
         )
@@ -442,8 +442,8 @@ class Life:
             return
         senders, resource, origin = self.connections(), resources[b % len(resources)], 0
         name = senders[a % len(senders)]
-        if attended and c % 4:  # for a running handler
-            handled = attended[a % len(attended)]
+        if running and c % 4:  # for a running handler
+            handled = running[a % len(running)]
             assert handled.slot
             name, origin = handled.slot.id.decode(), handled.given_as
         timeout = self.seconds(d % 5) if c % 3 == 0 else -1

@@ -19,7 +19,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Party
 
 LIFE_CYCLES = {"lift": PAUSABLE, "step": BASIC}
-WISHES: list[dict[str, Any]] = [
+HANDLER_OPTIONS: list[dict[str, Any]] = [
     {},
     {"takes": ["update", "cancel"]},
     {"takes": ["cancel"], "accepts": True},
@@ -29,7 +29,7 @@ WISHES: list[dict[str, Any]] = [
 """The options of a module's handlers; each run of a module has the next ones."""
 
 
-class Asked(NamedTuple):
+class AskedChange(NamedTuple):
     """A requested change, with the state of the task just before it."""
 
     task: TaskId
@@ -57,7 +57,7 @@ class LifeOfStates(Life):
     def __init__(self, player: Player | None = None) -> None:
         player = player or Player()
         player.life_cycles |= {name: cycle.text for name, cycle in LIFE_CYCLES.items()}
-        self.asked: Asked | None = None
+        self.asked: AskedChange | None = None
         super().__init__(player)
         self.observing = player.numbers["user"] + 1
         player.request("user", Observe)
@@ -73,20 +73,20 @@ class LifeOfStates(Life):
         name = f"{module}{self.generation}"
         self.player.hello(name)
         messages = [self.player.declared(words) for words in self.modules[module]]
-        handlers = [HandlerFormat(one.name, name, **self.wishes_of(one)) for one in messages]
+        handlers = [HandlerFormat(one.name, name, **self.handler_options(one)) for one in messages]
         self.player.request(name, headers.Register, messages, handlers)
         for slot in range(2):
             self.player.hello(f"{name}/{slot + 1}", name, name)
 
-    def wishes_of(self, message: Any) -> dict[str, Any]:
+    def handler_options(self, message: Any) -> dict[str, Any]:
         if not message.message_class.is_task:
             return {}
-        wishes: dict[str, Any] = dict(WISHES[self.generation % len(WISHES)])
-        if message.name == "lift" and "takes" in wishes:
-            wishes["takes"] = [*wishes["takes"], "pause"]
+        options: dict[str, Any] = dict(HANDLER_OPTIONS[self.generation % len(HANDLER_OPTIONS)])
+        if message.name == "lift" and "takes" in options:
+            options["takes"] = [*options["takes"], "pause"]
         if message.name == "step":
-            wishes = {"accepts": "accepts" in wishes}
-        return wishes | {"busy": self.busy[self.generation % len(self.busy)]}
+            options = {"accepts": "accepts" in options}
+        return options | {"busy": self.busy[self.generation % len(self.busy)]}
 
     def give_up_(self, a: int, *_: int) -> None:
         number = 1 + a % self.player.numbers["user"]
@@ -159,7 +159,7 @@ class LifeOfStates(Life):
         ]
         assert len(answers) == 1, "each request is answered once"
         found = [fact for entry in self.player.entries[entries:] for fact in entry.facts]
-        self.asked = Asked(
+        self.asked = AskedChange(
             number,
             name,
             seen,

@@ -61,7 +61,7 @@ from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
 STEPS = (
-    oracle_failures.pass_over_all,
+    oracle_failures.skip_stranded,
     oracle_monitors.start_all,
     oracle_slots.give,
     oracle_locks.end_deadlocks,
@@ -82,7 +82,7 @@ class Oracle:
         seen = world.seen = Seen(effects)
         world.time = max(world.time, event.time)
         world.step += 1
-        oracle_rules.let_time_pass(world, self._settle)
+        oracle_rules.pass_time(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
         elif (
@@ -106,10 +106,10 @@ class Oracle:
             if isinstance(fact, facts.Reached):
                 self.reached[fact.task] = self.reached.get(fact.task, 0) | fact.moments
         for task in world.nodes:
-            mine, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
-            if mine != theirs:
+            ours, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
+            if ours != theirs:
                 raise Disagreement(
-                    f"task {task} has reached {_words(mine)}; central says {_words(theirs)}"
+                    f"task {task} has reached {_words(ours)}; central says {_words(theirs)}"
                 )
         for task in self.reached.keys() - world.nodes.keys():
             if (theirs := self.reached.pop(task)) != 63:
@@ -129,16 +129,16 @@ class Oracle:
                 self.queued[fact.id] = fact.message_id
             elif isinstance(fact, facts.Unqueued | facts.Delivered):
                 self.queued.pop(fact.id, None)
-        mine = {node.id for node in self.world.nodes.values() if node.waiting}
+        ours = {node.id for node in self.world.nodes.values() if node.waiting}
         theirs = self.world.nodes.keys() & self.queued.values()
-        if mine != theirs:
-            raise Disagreement(f"tasks that wait for a slot: {mine}; central says {theirs}")
+        if ours != theirs:
+            raise Disagreement(f"tasks that wait for a slot: {ours}; central says {theirs}")
 
     def _compare_waits(self, seen: Seen) -> None:
         world = self.world
         answered = {
             (name, header.number)
-            for name, header in seen.told
+            for name, header in seen.transmitted
             if isinstance(header, headers.Answer)
         }
         for key, (node, moment) in list(world.waits.items()):
@@ -156,12 +156,12 @@ class Oracle:
                 self.claimed[fact.id] = isinstance(fact, facts.Granted)
             elif isinstance(fact, facts.ClaimEnded):
                 del self.claimed[fact.id]
-        mine = {claim.id: claim.granted for claim in self.world.claims}
-        if mine != self.claimed:
-            raise Disagreement(f"claims (True: granted): {mine}; central says {self.claimed}")
+        ours = {claim.id: claim.granted for claim in self.world.claims}
+        if ours != self.claimed:
+            raise Disagreement(f"claims (True: granted): {ours}; central says {self.claimed}")
         answered = {
             (name, header.number)
-            for name, header in seen.told
+            for name, header in seen.transmitted
             if isinstance(header, headers.Answer)
         }
         granted = {fact.id for fact in seen.facts if isinstance(fact, facts.Granted)}
@@ -215,7 +215,7 @@ class Oracle:
         else:
             oracle_slots.wait(self.world, job)
 
-    def _own_origin(self, connection: str, origin: int) -> int:
+    def _checked_origin(self, connection: str, origin: int) -> int:
         """The delivery whose handler asks; 0 if that handler is another module's."""
         modules = self.world.modules
         owners = [
@@ -240,7 +240,7 @@ class Oracle:
                 if parent.killed:
                     oracle_rules.make(world, header.message, Role.TERMINATION, parent, parent)
                 else:
-                    parent.parting.append(header.message)
+                    parent.termination_messages.append(header.message)
             return
         if header.if_handled and not oracle_slots.is_served(world, header.message):
             return
@@ -252,7 +252,7 @@ class Oracle:
         job = Job(
             birth.id, header.message, kind, connection, module, header.number, header.priority
         )
-        job.origin = self._own_origin(connection, header.origin)
+        job.origin = self._checked_origin(connection, header.origin)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -277,12 +277,12 @@ class Oracle:
             connection,
             module,
             priority=header.priority,
-            run=world.gone[module],
+            run=world.ended_runs[module],
         )
         if kind.is_monitor:
-            oracle_monitors.born(node, header.watch)
-            node.is_guest = oracle_monitors.is_guest(
-                world, parent, self._own_origin(connection, header.origin)
+            oracle_monitors.init_watch(node, header.watch)
+            node.is_foreign = oracle_monitors.is_foreign(
+                world, parent, self._checked_origin(connection, header.origin)
             )
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
@@ -343,7 +343,7 @@ class Oracle:
             oracle_failures.retry(self.world, job)
         else:
             job.returned = True
-            oracle_locks.warn(self.world, job)
+            oracle_locks.raise_lock_lost(self.world, job)
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)
@@ -413,7 +413,9 @@ class Oracle:
             *(node.attached for node in [world.root, *world.nodes.values()]),
         ]:
             attached[:] = [one for one in attached if one.id != header.id]
-        oracle_taps.let_go(world, header.id, world.modules[connection], for_all=header.for_all)
+        oracle_taps.remove_holder(
+            world, header.id, world.modules[connection], for_all=header.for_all
+        )
         if header.for_all and header.id in world.nodes:
             oracle_monitors.end(world, world.nodes[header.id])
 

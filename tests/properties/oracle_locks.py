@@ -47,39 +47,39 @@ def lock(world: World, connection: str, header: headers.Lock) -> None:
 
 def busy_slots(world: World, resource: tuple[str, str]) -> set[str]:
     """The busy slots of a resource."""
-    mine = {slot for slot, its_resource in world.slots.items() if its_resource == resource}
-    return mine - oracle_slots.free_slots(world).get(resource, set())
+    ours = {slot for slot, its_resource in world.slots.items() if its_resource == resource}
+    return ours - oracle_slots.free_slots(world).get(resource, set())
 
 
-def owner(world: World, resource: tuple[str, str]) -> Claim | None:
+def granted_claim(world: World, resource: tuple[str, str]) -> Claim | None:
     """The granted claim of a resource."""
     return next(
         (claim for claim in world.claims if claim.resource == resource and claim.granted), None
     )
 
 
-def in_line(world: World, resource: tuple[str, str]) -> list[Claim]:
+def pending_claims(world: World, resource: tuple[str, str]) -> list[Claim]:
     """The pending claims of a resource without a granted one."""
     return (
         []
-        if owner(world, resource)
+        if granted_claim(world, resource)
         else [claim for claim in world.claims if claim.resource == resource]
     )
 
 
-def lets_in(world: World, job: Job, resource: tuple[str, str]) -> bool:
+def admits(world: World, job: Job, resource: tuple[str, str]) -> bool:
     """Whether neither a lock nor a reservation keeps a message out."""
-    claim = owner(world, resource)
+    claim = granted_claim(world, resource)
     return claim is None or (claim.reserves and claim.module == job.module)
 
 
 def is_locked(world: World, resource: tuple[str, str]) -> bool:
     """Whether a resource is locked rather than reserved."""
-    claim = owner(world, resource)
+    claim = granted_claim(world, resource)
     return claim is not None and not claim.reserves
 
 
-def may_have_it(world: World, claim: Claim) -> bool:
+def may_be_granted(world: World, claim: Claim) -> bool:
     """Whether the claimed resource is empty, except for the claim's sender."""
     return busy_slots(world, claim.resource) <= {claim.sender}
 
@@ -127,10 +127,10 @@ def unlock(world: World, header: headers.Unlock) -> None:
     world.claims = [claim for claim in world.claims if claim not in taken]
     for claim in taken:
         if isinstance(claim.holder, Node) and not claim.holder.slot:
-            warn(world, claim.holder)
+            raise_lock_lost(world, claim.holder)
 
 
-def warn(world: World, node: Node) -> None:
+def raise_lock_lost(world: World, node: Node) -> None:
     """Central raises "lock lost" on a task whose claim was taken away, unless it has failed
     already.
     """

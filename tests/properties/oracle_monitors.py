@@ -40,7 +40,7 @@ class Watch:
         return self.began is not None and not self.is_over
 
 
-def born(node: Node, options: WatchOptions | None) -> None:
+def init_watch(node: Node, options: WatchOptions | None) -> None:
     """A new task is a monitor."""
     node.watch = Watch(options or WatchOptions())
     node.watches_over = (
@@ -48,13 +48,13 @@ def born(node: Node, options: WatchOptions | None) -> None:
     )
 
 
-def is_guest(world: World, parent: Node, origin: int) -> bool:
+def is_foreign(world: World, parent: Node, origin: int) -> bool:
     """Whether a new monitor under a task is foreign: its sender was not caused by the handling of
     that task.
     """
     seen: list[Job] = []
     while not origin or origin != parent.given_as:
-        one = _at_work(world, origin)
+        one = _running_delivery(world, origin)
         while isinstance(one, Node) or (one is not None and one.role):
             cause = _cause(world, one, parent)
             if cause is parent:
@@ -78,10 +78,10 @@ def _cause(world: World, one: Job, parent: Node) -> Job | None:
     if one.role in (Role.CONDITION, Role.SET_UP, Role.ACTION, Role.CANCEL):
         return one.about
     assert isinstance(one, Node)
-    return None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+    return None if one.role is Role.EXCEPTION or one.is_foreign else one.parent
 
 
-def _at_work(world: World, delivery: int) -> Job | None:
+def _running_delivery(world: World, delivery: int) -> Job | None:
     return next((one for one in world.everything() if one.slot and one.given_as == delivery), None)
 
 
@@ -103,7 +103,7 @@ def start_all(world: World) -> bool:
 
 
 def _start(world: World, node: Node) -> None:
-    if node.returned or _is_at_its_end(world, node):
+    if node.returned or _has_reached_until(world, node):
         oracle_rules.fire_before_end(world, node)
     oracle_rules.started(world, node)
     if node.returned:
@@ -114,7 +114,7 @@ def _start(world: World, node: Node) -> None:
     oracle_taps.happened(world, node, {Condition.WHILE_HANDLING})
     if options.duration:
         oracle_rules.set_alarm(world, options.duration, node, watch=watch)
-    if _is_at_its_end(world, node):
+    if _has_reached_until(world, node):
         end(world, node)
     elif node.kind is MessageClass.DEMON_MONITOR:
         _send(world, node, 0, Role.SET_UP)
@@ -124,7 +124,7 @@ def _start(world: World, node: Node) -> None:
         _test(world, node)
 
 
-def _is_at_its_end(world: World, node: Node) -> bool:
+def _has_reached_until(world: World, node: Node) -> bool:
     until = node.watch.options.until
     return until is not None and oracle_rules.is_past(
         oracle_rules.place(world, until.task, until.moment)
@@ -140,7 +140,7 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
     if kind.is_task:
         oracle_rules.make(world, message, role, node, node)
     else:
-        made = world.seen.take_made(message, role, 0, node.id)
+        made = world.seen.take_made_id(message, role, 0, node.id)
         job = Job(
             made,
             message,
@@ -165,7 +165,7 @@ def _test_later(world: World, node: Node) -> None:
     oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
 
 
-def rings(world: World, alarm: Alarm) -> None:
+def on_alarm(world: World, alarm: Alarm) -> None:
     """The time of a monitor is over, or its next test is due. A suspended monitor does not test."""
     node, watch = alarm.node, alarm.watch
     if not watch.is_on:
@@ -210,7 +210,7 @@ def _test(world: World, node: Node) -> None:
         ]
         _test_later(world, node)
     query = world.parts[node.message][0]
-    made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
+    made = world.seen.take_made_id(query, Role.CONDITION, 0, node.id)
     is_listener = node.role is Role.LISTENER
     node.watch.condition = Job(
         made,
@@ -281,7 +281,7 @@ def stop(world: World, node: Node) -> None:
             _send(world, node, 2, Role.CANCEL)
 
 
-def end_what_is_to_end(world: World) -> bool:
+def end_due_monitors(world: World) -> bool:
     """End the monitors at their end point, and those whose parent has nothing else left. Returns
     whether there were any.
     """
@@ -289,13 +289,13 @@ def end_what_is_to_end(world: World) -> bool:
     to_end = [
         node
         for node in world.nodes.values()
-        if node.watch and node.watch.is_on and _is_at_its_end(world, node)
+        if node.watch and node.watch.is_on and _has_reached_until(world, node)
     ]
     for parent in world.nodes.values():
         children = world.children(parent)
         if parent.returned and all(child.watches_over for child in children):
             to_end += [child for child in children if not child.watch.is_over]
-            to_kill += [child for child in children if _would_wait(world, child)]
+            to_kill += [child for child in children if _is_held_before_start(world, child)]
     for node in to_end:
         if node not in to_kill:
             end(world, node)
@@ -304,7 +304,7 @@ def end_what_is_to_end(world: World) -> bool:
     return bool(to_end or to_kill)
 
 
-def _would_wait(world: World, node: Node) -> bool:
+def _is_held_before_start(world: World, node: Node) -> bool:
     """Whether a monitor has not begun and is held."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
     is_held = oracle_rules.is_checked(node) or any(

@@ -71,7 +71,7 @@ class Node(Job):
     resolved: bool = False  # of an exception handler: its failure is dealt with if it ends well
     attached: list["Attachment"] = field(default_factory=list)
     calls: dict[int, int] = field(default_factory=dict)  # by attachment, for this task
-    parting: list[str] = field(default_factory=list)
+    termination_messages: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
     fired: set[int] = field(default_factory=set)  # taps fired before one of its moments
     unheard: set[int] = field(default_factory=set)  # taps of *fired* with an unhandled listener
@@ -79,7 +79,7 @@ class Node(Job):
     listeners: list["Node"] = field(default_factory=list)  # that are killed with it
     watch: Any = None  # of a monitor
     watches_over: bool = False  # ends with the last other subtask of its parent
-    is_guest: bool = False  # a monitor sent by neither its parent's handler nor its effects
+    is_foreign: bool = False  # a monitor sent by neither its parent's handler nor its effects
     asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
 
     @property
@@ -224,7 +224,7 @@ class Seen:
         self.facts = [
             fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts
         ]
-        self.told = [
+        self.transmitted = [
             (effect.connection.decode(), effect.header)
             for effect in effects
             if isinstance(effect, Transmit)
@@ -236,16 +236,20 @@ class Seen:
         self.made = [birth for birth in births if birth.sender == "central"]
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
         slots = [
-            connection for connection, header in self.told if isinstance(header, headers.Deliver)
+            connection
+            for connection, header in self.transmitted
+            if isinstance(header, headers.Deliver)
         ]
         next_slot = iter(slots)
         self.given = [
             (fact, next(next_slot) if isinstance(fact, facts.Delivered) else "")
             for fact in self.facts
-            if is_turn(fact)
+            if is_delivery_or_grant(fact)
         ]
         refused = [
-            (name, header) for name, header in self.told if isinstance(header, headers.Refused)
+            (name, header)
+            for name, header in self.transmitted
+            if isinstance(header, headers.Refused)
         ]
         self.deadlocked = [
             (name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK
@@ -263,10 +267,11 @@ class Seen:
 
     def is_accepted_as(self, number: int) -> bool:
         return any(
-            isinstance(header, headers.Accepted) and header.id == number for _, header in self.told
+            isinstance(header, headers.Accepted) and header.id == number
+            for _, header in self.transmitted
         )
 
-    def take_made(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
+    def take_made_id(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
         """Take the id of a message that central must have made."""
         fired = [
             fact.listener
@@ -274,13 +279,13 @@ class Seen:
             if isinstance(fact, facts.TapFired) and fact.tap == tap
         ]
         for birth in self.made:
-            is_it = (birth.message, birth.role, birth.parent, birth.about) == (
+            matches = (birth.message, birth.role, birth.parent, birth.about) == (
                 message,
                 role,
                 parent,
                 about,
             )
-            if is_it and (birth.id in fired or not tap):
+            if matches and (birth.id in fired or not tap):
                 self.made.remove(birth)
                 return birth.id
         raise Disagreement(
@@ -293,16 +298,16 @@ def is_deadlock(fact: object) -> bool:
     if isinstance(fact, facts.ClaimEnded):
         return fact.why.startswith(f"{Refusal.DEADLOCK}: ")
     if isinstance(fact, facts.Failed):
-        return fact.failure == Refusal.DEADLOCK and fact.is_beside
+        return fact.failure == Refusal.DEADLOCK and fact.is_unattached
     return isinstance(fact, facts.RequestRefused) and fact.refusal is Refusal.DEADLOCK
 
 
 def is_lock_lost(fact: object) -> TypeGuard[facts.Failed]:
     """Whether a fact raises the loss of a lock on its task."""
-    return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_beside
+    return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_unattached
 
 
-def is_turn(fact: object) -> bool:
+def is_delivery_or_grant(fact: object) -> bool:
     """Whether a fact delivers, grants, ends a deadlock or raises a lost lock."""
     return (
         isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact) or is_lock_lost(fact)
@@ -324,7 +329,7 @@ class World:
         self.root = Node(0, "root", MessageClass.GOAL, past=set(STARTS))
         self.nodes: dict[int, Node] = {}  # tasks that have not ended, oldest first
         self.jobs: list[Job] = []  # messages other than tasks
-        self.gone: Counter[str] = Counter()  # ended runs, by module
+        self.ended_runs: Counter[str] = Counter()  # ended runs, by module
         self.last: dict[Family, Node] = {}  # the newest task that flags refer to
         self.pairs: list[Pair] = []
         self.alarms: list[Alarm] = []
@@ -335,10 +340,10 @@ class World:
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
-        self.came_to_nothing: set[int] = set()  # the killed ones of *ended*
+        self.killed_tasks: set[int] = set()  # the killed ones of *ended*
         self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
         self.spared: set[Node] = set()  # unhandled exception handlers that may wait
-        self.news = False  # a wiretap has sent something
+        self.has_sent = False  # a wiretap has sent something
         self.seen = Seen([])
 
     def node(self, task: int) -> Node | None:

@@ -97,7 +97,7 @@ def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, A
     return pairs
 
 
-def bequeath(world: World, killed: Node) -> None:
+def pass_on_leaders(world: World, killed: Node) -> None:
     """Followers of a killed task wait for its own leaders instead."""
     for pair in [
         pair
@@ -151,7 +151,9 @@ def add(world: World, node: Node, parent: Node) -> None:
         node.past = {SP, EP}
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
     world.nodes[node.id] = node
-    if (parent.killed or (parent.again and not (node.role or node.is_guest))) and not node.survives:
+    if (
+        parent.killed or (parent.again and not (node.role or node.is_foreign))
+    ) and not node.survives:
         oracle_failures.kill(world, node)
 
 
@@ -166,7 +168,7 @@ def make(
     prepare: Callable[[Node], None] = lambda _: None,
 ) -> Node:
     """A task that central makes; it may start before its parent."""
-    task = world.seen.take_made(message, role, parent.id, about.id, tap)
+    task = world.seen.take_made_id(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
@@ -190,7 +192,7 @@ def _end(world: World, node: Node) -> None:
     del world.nodes[node.id]
     world.ended.add(node.id)
     if node.killed:
-        world.came_to_nothing.add(node.id)
+        world.killed_tasks.add(node.id)
     oracle_locks.end_for(world, node)
     key = family(node)
     if world.last.get(key) is node:
@@ -209,7 +211,7 @@ def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
     world.alarms.append(Alarm(world.time + seconds, world.step, node, **what))
 
 
-def let_time_pass(world: World, settle: Callable[[], None]) -> None:
+def pass_time(world: World, settle: Callable[[], None]) -> None:
     """Handle all due timers in order, and settle after each. At equal times, the timer set first
     comes first. The order of timers set in one event is open.
     """
@@ -221,7 +223,7 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
             if alarm.ending is not None:
                 oracle_failures.kill_scope(world, alarm.ending)
             elif alarm.watch is not None:
-                oracle_monitors.rings(world, alarm)
+                oracle_monitors.on_alarm(world, alarm)
             elif (
                 alarm.moment is not None
                 and not alarm.node.killed
@@ -246,7 +248,7 @@ def _next_due(world: World) -> float:
 def settle(world: World) -> None:
     """Reach all points that may be reached."""
     world.round += 1
-    while _pass(world) or _kill_what_is_to_end(world) or oracle_monitors.end_what_is_to_end(world):
+    while _pass(world) or _carry_out_due_kills(world) or oracle_monitors.end_due_monitors(world):
         pass
 
 
@@ -259,10 +261,10 @@ def _pass(world: World) -> bool:
         children.setdefault(node.parent.id, []).append(node)
     moved = False
     for node in list(world.nodes.values()):
-        mine = children.get(node.id, [])
-        if _advance(world, node, held, mine) or _consider_start(world, node, held, mine):
+        ours = children.get(node.id, [])
+        if _advance(world, node, held, ours) or _consider_start(world, node, held, ours):
             moved = True
-        if node.id not in world.nodes or oracle_taps.take_news(world):
+        if node.id not in world.nodes or oracle_taps.consume_has_sent(world):
             return True  # the tasks have changed
     return moved
 
@@ -296,7 +298,7 @@ def _is_ready(
     if node.again and (
         node.slot
         or node.asking & set(world.nodes.values())
-        or not all(child.is_guest for child in children)
+        or not all(child.is_foreign for child in children)
     ):
         return False
     if is_checked(node):
@@ -384,7 +386,7 @@ def reach(world: World, node: Node, moments: set[Moment]) -> None:
         oracle_taps.reached(world, node, moments)
 
 
-def _kill_what_is_to_end(world: World) -> bool:
+def _carry_out_due_kills(world: World) -> bool:
     """Carry out the kills whose point is reached."""
     due = [ending for ending in world.endings if is_past(ending.after)]
     for ending in due:

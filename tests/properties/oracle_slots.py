@@ -102,24 +102,24 @@ def _choices(world: World) -> Choices:
     free = free_slots(world)
     choices: Choices = {}
     for resource in dict.fromkeys([*free, *(claim.resource for claim in world.claims)]):
-        claims = oracle_locks.in_line(world, resource)
+        claims = oracle_locks.pending_claims(world, resource)
         rivals: list[Job | Claim] = [*claims]
         rivals += [
             job
-            for job, mine in waiting
-            if resource in mine and oracle_locks.lets_in(world, job, resource)
+            for job, ours in waiting
+            if resource in ours and oracle_locks.admits(world, job, resource)
         ]
         for one in rivals:
             if any(_is_before(other, one) for other in rivals):
                 continue
-            if isinstance(one, Claim) and oracle_locks.may_have_it(world, one):
+            if isinstance(one, Claim) and oracle_locks.may_be_granted(world, one):
                 choices[one] = {}
             elif not isinstance(one, Claim) and resource in free:
                 choices.setdefault(one, {}).update(dict.fromkeys(free[resource], False))
-    return choices | _called_back(world, choices, waiting)
+    return choices | _nested_queries(world, choices, waiting)
 
 
-def _called_back(
+def _nested_queries(
     world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
 ) -> Choices:
     """Nested queries: a slot that waits for an answer may itself handle the query. No other slot is
@@ -127,7 +127,7 @@ def _called_back(
     happen.
     """
     asked = [
-        job for job, mine in waiting if job.kind.has_reply and world.slots.get(job.sender) in mine
+        job for job, ours in waiting if job.kind.has_reply and world.slots.get(job.sender) in ours
     ]
     return {
         job: {job.sender: True} | choices.get(job, {})
@@ -231,12 +231,12 @@ def give_up(world: World, sender: str, number: int) -> None:
     ]:
         world.collectors.remove(collector)
         world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
-    mine = [
+    ours = [
         job
         for job in world.jobs
         if (job.sender, job.number) == (sender, number) and job.kind.has_reply
     ]
-    world.jobs = [job for job in world.jobs if job not in mine or job.slot or job.target]
+    world.jobs = [job for job in world.jobs if job not in ours or job.slot or job.target]
 
 
 # --- modules come and go --------------------------------------------------------------------------
@@ -244,8 +244,8 @@ def give_up(world: World, sender: str, number: int) -> None:
 
 def remove_handler(world: World, message: str, module: str) -> None:
     """A module no longer handles a message; copies for this module alone fail."""
-    gone = [one for one in world.handlers.get(message, []) if one.module == module]
-    for handler in gone:
+    removed = [one for one in world.handlers.get(message, []) if one.module == module]
+    for handler in removed:
         world.handlers[message].remove(handler)
         for job in list(world.jobs):
             if job.message == message and job.target == (module, handler.resource) and job.waiting:
@@ -285,7 +285,7 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     world.slots.pop(connection, None)
     if is_last:
         oracle_locks.module_left(world, module)
-        world.gone[module] += 1
+        world.ended_runs[module] += 1
     if is_last or not _has_work(world, module):
         world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]

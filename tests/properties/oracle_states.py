@@ -8,7 +8,7 @@ retry and end.
 from collections.abc import Iterable
 from typing import Any
 
-from properties.life_of_states import LIFE_CYCLES, Asked
+from properties.life_of_states import LIFE_CYCLES, AskedChange
 
 from tca_central.life_cycles.changes import MOST_ASKED
 from tca_wire.journal import facts
@@ -21,7 +21,7 @@ Seen = tuple[str, str, int]
 """A transition, its target state and its number."""
 
 
-class Followed:
+class TrackedTask:
     """A task with its state and its changes."""
 
     def __init__(self, cycle: LifeCycle, goal: bytes) -> None:
@@ -33,7 +33,7 @@ class Followed:
         self.newest_of_client = 0
         self.delivery = 0
         self.deciding = 0  #: the exception handler for the failure of its handler
-        self.is_given = False
+        self.is_delivered = False
         self.reached = 0
         self.is_killed = self.is_over = self.has_failed = self.is_retried = False
 
@@ -69,7 +69,7 @@ class Reference:
     """The states of all tasks."""
 
     def __init__(self) -> None:
-        self.tasks: dict[int, Followed] = {}
+        self.tasks: dict[int, TrackedTask] = {}
         #: handlers that accept tasks themselves, as module and message
         self.accepts: set[tuple[str, str]] = set()
         self.names: dict[int, str] = {}
@@ -77,7 +77,7 @@ class Reference:
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def ask(self, asked: Asked) -> None:
+    def ask(self, asked: AskedChange) -> None:
         """Apply a request, and check its answer."""
         task = self.tasks.get(asked.task)
         if task is None:
@@ -99,10 +99,10 @@ class Reference:
         assert asked.answer.id == (task.serial if is_taken else 0), (asked, task.changes)
 
     @staticmethod
-    def is_ignored(asked: Asked) -> bool:
+    def is_ignored(asked: AskedChange) -> bool:
         return isinstance(asked.answer, headers.Accepted) and asked.answer.id == 0
 
-    def refusal(self, task: Followed, asked: Asked) -> Refusal | None:
+    def refusal(self, task: TrackedTask, asked: AskedChange) -> Refusal | None:
         """The refusal that a request must get; None if it is accepted or ignored."""
         if asked.serial > task.serial:
             return Refusal.PROTOCOL  # its sender has missed changes
@@ -126,7 +126,7 @@ class Reference:
             return Refusal.PROTOCOL  # the handler would not receive it
         return None
 
-    def chosen(self, task: Followed, asked: Asked) -> tuple[Transition | None, bool]:
+    def chosen(self, task: TrackedTask, asked: AskedChange) -> tuple[Transition | None, bool]:
         """The requested transition, and whether it comes before the clients' requests that the
         server has not seen. It then starts at the state before them, if possible there. A result
         that is possible now comes last.
@@ -138,12 +138,12 @@ class Reference:
         return before, True
 
     @staticmethod
-    def unseen(task: Followed, asked: Asked) -> list[tuple[Transition, int, bytes]]:
+    def unseen(task: TrackedTask, asked: AskedChange) -> list[tuple[Transition, int, bytes]]:
         if asked.by is Party.CLIENT or asked.serial < 0:
             return []
         return [one for one in task.open if one[1] > asked.serial]
 
-    def by_client(self, task: Followed, row: Transition, asked: Asked) -> None:
+    def by_client(self, task: TrackedTask, row: Transition, asked: AskedChange) -> None:
         if len(task.open) >= MOST_ASKED:
             task.open = [one for one in task.open if task.leads_to_an_answer(one[0].target)]
         task.take(row.name, row.target)
@@ -170,7 +170,7 @@ class Reference:
         else:
             self.killed_by_wish.add(asked.task)
 
-    def by_server(self, task: Followed, asked: Asked) -> None:
+    def by_server(self, task: TrackedTask, asked: AskedChange) -> None:
         unseen, (row, is_first) = self.unseen(task, asked), self.chosen(task, asked)
         if row is None:
             return  # it comes too late
@@ -195,11 +195,11 @@ class Reference:
             task.open = []
             task.take(row.name, row.target)
         for one, number, body in unseen if is_first else ():
-            again = task.row(task.state, one.name, Party.CLIENT)
-            if again is not None:
-                task.take(again.name, again.target)
+            row_again = task.row(task.state, one.name, Party.CLIENT)
+            if row_again is not None:
+                task.take(row_again.name, row_again.target)
                 task.open = [kept for kept in task.open if kept[1] != number] + [
-                    (again, number, body)
+                    (row_again, number, body)
                 ]
 
     # --- what other facts imply -------------------------------------------------------------------
@@ -216,7 +216,7 @@ class Reference:
                 case facts.Caught() | facts.Recovered() | facts.Unhandled() if (
                     fact.task in self.tasks
                 ):
-                    self.searched(self.tasks[fact.task], fact, returned)
+                    self.search_ended(self.tasks[fact.task], fact, returned)
                 case facts.StateChanged() if fact.by is Party.CENTRAL and fact.task in returned:
                     self.answer_by_central(self.tasks[fact.task], fact)
                 case facts.HandlerAdded() if fact.accepts:
@@ -226,13 +226,13 @@ class Reference:
                 ):
                     cycle = LIFE_CYCLES.get(fact.message, GENERAL)
                     self.tasks[fact.id], self.names[fact.id] = (
-                        Followed(cycle, fact.body),
+                        TrackedTask(cycle, fact.body),
                         fact.message,
                     )
                 case facts.Queued() | facts.Delivered() if fact.message_id in self.tasks:
                     self.given(fact)
                 case facts.Unqueued():
-                    self.taken_back(fact.id)
+                    self.recalled(fact.id)
                 case facts.Failed() if not fact.is_beside and fact.id in self.tasks:
                     self.tasks[fact.id].has_failed = True
                 case facts.Retried() | facts.Killed() | facts.Reached() if fact.task in self.tasks:
@@ -252,22 +252,22 @@ class Reference:
         its handler never began.
         """
         task = self.tasks[fact.message_id]
-        if task.delivery and (fact.id != task.delivery or task.is_given):
+        if task.delivery and (fact.id != task.delivery or task.is_delivered):
             self.restart(task)
-        task.delivery, task.is_given = fact.id, isinstance(fact, facts.Delivered)
-        is_new = task.is_given and task.state == task.cycle.initial
+        task.delivery, task.is_delivered = fact.id, isinstance(fact, facts.Delivered)
+        is_new = task.is_delivered and task.state == task.cycle.initial
         if is_new and (fact.module, self.names[fact.message_id]) not in self.accepts:
             task.take(task.cycle.accepted.name, task.cycle.accepted.target)
 
-    def taken_back(self, delivery: int) -> None:
+    def recalled(self, delivery: int) -> None:
         """A delivered task is recalled before its handler began, and is not queued again now."""
         for task in self.tasks.values():
-            if task.delivery == delivery and task.is_given and not task.is_over:
+            if task.delivery == delivery and task.is_delivered and not task.is_over:
                 self.restart(task)
-                task.is_given = False
+                task.is_delivered = False
 
     @staticmethod
-    def restart(task: Followed) -> None:
+    def restart(task: TrackedTask) -> None:
         """A task is queued again."""
         task.open, task.newest_of_client = [], 0
         is_to_end = task.name_of(task.state, Effect.STOP)  # a kill follows
@@ -276,8 +276,10 @@ class Reference:
             task.take("restarted", task.cycle.initial)
 
     @staticmethod
-    def searched(
-        task: Followed, fact: facts.Caught | facts.Recovered | facts.Unhandled, returned: set[int]
+    def search_ended(
+        task: TrackedTask,
+        fact: facts.Caught | facts.Recovered | facts.Unhandled,
+        returned: set[int],
     ) -> None:
         """The search for an exception handler continues or ends. A failure raised beside the
         handler does not end the handling.
@@ -290,7 +292,7 @@ class Reference:
             task.has_failed = False
             returned.add(fact.task)
 
-    def answer_by_central(self, task: Followed, fact: facts.StateChanged) -> None:
+    def answer_by_central(self, task: TrackedTask, fact: facts.StateChanged) -> None:
         """The handler has returned without an answer to a client's request: central answers it."""
         (row, number, body), task.open = task.open[-1], []
         assert row.target == task.state, (row, number)
@@ -300,7 +302,7 @@ class Reference:
         task.take(fact.transition, "running")
 
     @staticmethod
-    def apply_other(task: Followed, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
+    def apply_other(task: TrackedTask, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
         """Something happens to a task that does not change its state."""
         match fact:
             case facts.Retried():

@@ -109,14 +109,14 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 def fire_again(world: World, node: Node) -> None:
     """An unstarted task is retried: its *before* taps fire again."""
-    again = to_come(world, node)
+    again = taps_to_repeat(world, node)
     if again:
         node.fired -= again
         if node.waiting:
             node.waiting, node.arrival = False, None
 
 
-def to_come(world: World, node: Node) -> set[int]:
+def taps_to_repeat(world: World, node: Node) -> set[int]:
     """The taps that fire again at a retry: before handling, and before moments that are not
     reached.
     """
@@ -141,14 +141,14 @@ def happened(world: World, job: Job, what: set[Condition]) -> None:
         what = what | {Condition.BEFORE_HANDLING}
     for tap in taps_of(world, job):
         if tap.condition in what:
-            world.news = True
+            world.has_sent = True
             _fire(world, tap, job)
 
 
-def take_news(world: World) -> bool:
+def consume_has_sent(world: World) -> bool:
     """Whether a tap has fired since the last call."""
-    news, world.news = world.news, False
-    return news
+    has_sent, world.has_sent = world.has_sent, False
+    return has_sent
 
 
 def is_heard(world: World, tap: Tap) -> bool:
@@ -162,18 +162,18 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         return None
     tap.has_fired = True
     if not kind.is_task:
-        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
+        made = world.seen.take_made_id(tap.listener, Role.LISTENER, 0, job.id, tap.id)
         heard = Job(
             made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap
         )
         oracle_slots.send_statement(world, heard)
         return None
     is_alive = isinstance(job, Node) and job.id in world.nodes and not _ends_first(world, tap, job)
-    is_beside = (
+    is_unattached = (
         kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
         and tap.condition not in CHILDREN
     )
-    watches_it = is_beside and tap.condition in ALIVE and isinstance(job, Node)
+    watches_it = is_unattached and tap.condition in ALIVE and isinstance(job, Node)
     is_child = is_alive and (tap.condition in CHILDREN or watches_it)
     options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
@@ -187,10 +187,10 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     def prepare(listener: Node) -> None:
         listener.tap = tap
         if kind.is_monitor:
-            oracle_monitors.born(listener, options)
-        listener.watches_over = listener.watches_over and is_beside
-        listener.is_guest = (
-            is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
+            oracle_monitors.init_watch(listener, options)
+        listener.watches_over = listener.watches_over and is_unattached
+        listener.is_foreign = (
+            is_child and is_unattached and tap.condition not in oracle_monitors.OF_HANDLING
         )
 
     parent = job if is_child and isinstance(job, Node) else world.root
@@ -229,22 +229,22 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
     same = [
         one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)
     ]
-    mine = next((one for one in same if one.watch == header.watch), None)
-    if mine is None:
+    ours = next((one for one in same if one.watch == header.watch), None)
+    if ours is None:
         added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-        mine = Tap(added.id, header.condition, header.listener, header.watch)
-        taps.append(mine)
-    mine.holders.add(module)
+        ours = Tap(added.id, header.condition, header.listener, header.watch)
+        taps.append(ours)
+    ours.holders.add(module)
     for other in same:
-        if other is not mine and module in other.holders:
-            let_go(world, other.id, module)
+        if other is not ours and module in other.holders:
+            remove_holder(world, other.id, module)
     if (
         header.at_once
-        and not mine.has_fired
+        and not ours.has_fired
         and _has_happened(world.nodes[header.task], header.condition)
     ):
-        world.news = True
-        _fire(world, mine, world.nodes[header.task])
+        world.has_sent = True
+        _fire(world, ours, world.nodes[header.task])
 
 
 def _has_happened(node: Node, condition: Condition) -> bool:
@@ -266,7 +266,7 @@ def _has_happened(node: Node, condition: Condition) -> bool:
 
 def _tap_ended(world: World, header: headers.Tap) -> None:
     """Tap an ended task: the listener is sent once, now, for a past event."""
-    killed, condition = header.task in world.came_to_nothing, header.condition
+    killed, condition = header.task in world.killed_tasks, header.condition
     is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
     if header.task not in world.ended or not is_so or condition in WHILE:
         raise Disagreement(f"central takes {header}, which never comes")
@@ -275,7 +275,7 @@ def _tap_ended(world: World, header: headers.Tap) -> None:
     _fire(world, Tap(added.id, header.condition, header.listener, header.watch), node)
 
 
-def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
+def remove_holder(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
     """A module removes its tap. The tap ends with its last module, or at once *for all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:

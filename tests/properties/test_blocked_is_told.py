@@ -46,7 +46,7 @@ steps = st.lists(
 )
 
 
-class Told(Folding, Blocking):
+class JournaledLife(Folding, Blocking):
     """Handlers that block in all ways, long or brief; the journal is folded after every event."""
 
     handled = {  # noqa: RUF012
@@ -64,10 +64,10 @@ class Told(Folding, Blocking):
         """The waits of central are the open waits of the journal."""
         waits = [wait for run in self.history.handlings for wait in run.waits]
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
-        told = sorted(wait.awaited for wait in waits if wait.end is None)
+        journaled = sorted(wait.awaited for wait in waits if wait.end is None)
         connections = self.central.registry.connections.values()
         open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
-        assert told == sorted(awaited(one, number) for one, number in open_waits)
+        assert journaled == sorted(awaited(one, number) for one, number in open_waits)
 
     def do(self, what: str, a: int, b: int, c: int) -> None:
         free, brief = self.free(), c % 2 == 0
@@ -80,12 +80,12 @@ class Told(Folding, Blocking):
         if what.startswith("ask"):
             self.ask(name, origin, what, b, brief=brief)
         elif what == "fetch":
-            if went_on := [
+            if unblocked := [
                 number
                 for number, due in slot.outstanding.items()
                 if isinstance(due, Delivery | Collector)
             ]:
-                self.receive(name, headers.Await(went_on[b % len(went_on)]))
+                self.receive(name, headers.Await(unblocked[b % len(unblocked)]))
         elif what == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
@@ -148,4 +148,4 @@ def awaited(slot: Connection, number: int) -> int:
 @given(steps)
 @settings(max_examples=lives(45, soak=2_000))
 def test_journal_records_every_wait(taken: Steps) -> None:
-    Told().live(taken)
+    JournaledLife().live(taken)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from properties.blocking import Steps
 from properties.folded import FoldedPlayer
 from properties.life import Life, Operations, operations
-from properties.test_blocked_is_told import Told, steps
+from properties.test_blocked_is_told import JournaledLife, steps
 from sampling import lives
 
 from tca_tools.analysis.failures import failures
@@ -31,9 +31,13 @@ class Answers:
 
     def __init__(self, run: Run, entries: list[facts.Entry]) -> None:
         times = dict(zip(run.numbers, run.times, strict=True))
-        said = [(times[entry.number], fact) for entry in entries for fact in entry.facts]
-        self.answered = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Answered)}
-        self.failed = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Failed)}
+        timed_facts = [(times[entry.number], fact) for entry in entries for fact in entry.facts]
+        self.answered = {
+            (time, fact.id) for time, fact in timed_facts if isinstance(fact, facts.Answered)
+        }
+        self.failed = {
+            (time, fact.id) for time, fact in timed_facts if isinstance(fact, facts.Failed)
+        }
 
     def is_told(self, query: Message, time: float) -> bool:
         """Whether the failure of a query led to an answer, or to the failure of its monitor, while
@@ -109,5 +113,5 @@ def test_no_cause_is_later_than_its_effect(taken: Operations) -> None:
 @given(steps)
 @settings(max_examples=lives(30, soak=2_000))
 def test_no_cause_is_later_than_its_effect_when_handlers_block(taken: Steps) -> None:
-    life = Told().live(taken)
+    life = JournaledLife().live(taken)
     assert_causes_come_first(life.history, life.entries)

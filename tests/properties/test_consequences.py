@@ -6,6 +6,7 @@ is done, repeatedly. The waiting task must get there, with nothing else done.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from central.player import Player, before, point
@@ -104,26 +105,26 @@ class Life(Blocking):
     def do(self, what: str, a: int, b: int, c: int) -> None:
         free, tasks = self.free(), list(self.central.tree.tasks.values())
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
         origin = delivery.given_as if delivery else 0
-        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+        if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         if what == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
-            self.resolve(who, origin)
+            self.resolve(sender, origin)
         if what == "send":
             self._send(delivery, a, b, c)
         elif what == "plan ahead":
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
-            planned = self.task(who, "walk", under=parent, origin=origin)
+            planned = self.task(sender, "walk", under=parent, origin=origin)
             begun = before(point(planned, AWAITED[b % 8]), point(-1, Moment.START_PLANNING))
             self.send(
-                who, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
+                sender, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
             )
         elif what.startswith("ask"):
             name = "all" if what == "ask all" else self.questions[b % len(self.questions)]
-            self.send(who, name, origin=origin, blocking=True)
+            self.send(sender, name, origin=origin, blocking=True)
         elif what == "fail" and delivery:
-            self.fail(who, "slipped", origin)
+            self.fail(sender, "slipped", origin)
         elif what == "retry" and tasks:
             self.request("operator", headers.Retry, TaskId(tasks[b % len(tasks)].id), body=b"\x08")
         elif what == "give up":
@@ -133,14 +134,14 @@ class Life(Blocking):
             if slots and c % 4 == 0:
                 self.lose(slots[b % len(slots)].id.decode())
         elif what == "lock":
-            self.request(who, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
+            self.request(sender, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
         else:
             super().do(what, a, b, c)
 
     def _send(self, delivery: Delivery | None, a: int, b: int, c: int) -> None:
         """Send a task; sometimes one with a constraint to or from another."""
         tasks = list(self.central.tree.tasks.values())
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
         origin = delivery.given_as if delivery else 0
         parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
         constraints = []
@@ -153,7 +154,7 @@ class Life(Blocking):
             constraints.append(before(one, other, LATER * (b % 5 == 4)))
         name = self.names[b % len(self.names)]
         self.send(
-            who,
+            sender,
             name,
             under=parent,
             origin=origin,
@@ -173,7 +174,7 @@ class Life(Blocking):
             self.receive(slot.id.decode(), headers.GiveUp(number))
 
 
-class Again(Player):
+class Replay(Player):
     """A replay of a life that continues in another way."""
 
     def __init__(self, life: Life) -> None:
@@ -219,7 +220,7 @@ class Again(Player):
             return
         at = self.at
         message, wanted = at.run.messages.get(end.number), at.run.claims.get(end.number)
-        places = []
+        places: list[Any] = []
         if wanted:
             places = [wanted]
         elif message:
@@ -277,51 +278,51 @@ def may_be_released(central: Central) -> list[ModuleClaim]:
 
 
 def assert_ends_necessary(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
-    again, named = Again(life), {end.number for end in ends}
-    circles, killed = Ends.at(again.at), len(again.facts(Killed))
-    done = list(do_the_rest(again, ends, named))
-    left = [node for node in nodes if not again.has_reached(node)]
-    if len(again.facts(Killed)) == killed:  # a kill, by a failed exception handler, ends waits too
+    replay, named = Replay(life), {end.number for end in ends}
+    ends_before, killed = Ends.at(replay.at), len(replay.facts(Killed))
+    done = list(do_the_rest(replay, ends, named))
+    left = [node for node in nodes if not replay.has_reached(node)]
+    if len(replay.facts(Killed)) == killed:  # a kill, by a failed exception handler, ends waits too
         assert left == nodes, (
-            f"{set(nodes) - set(left)} waited for {ends}, but this was enough: {done} {circles}"
+            f"{set(nodes) - set(left)} waited for {ends}, but this was enough: {done} {ends_before}"
         )
 
 
-def do_the_rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
+def do_the_rest(replay: Replay, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
     """Do everything that the ends do not name."""
-    central, kinds = again.central, {end.kind for end in ends}
+    central, kinds = replay.central, {end.kind for end in ends}
     held = [one for one in may_be_released(central) if one.id not in named]
     held = [one for one in held if one.holder is None or one.holder.message_id not in named]
     for run in [one for one in may_return(central) if one.message_id not in named]:
-        again.answer(run)
+        replay.answer(run)
         yield run
     for claim in held:
         if claim.is_granted:
-            again.release(claim)
+            replay.release(claim)
             yield claim
     if WaitKind.RESUME not in kinds:
         for task in [one for one in central.tree.tasks.values() if one.suspended]:
-            again.request("operator", headers.Suspend, TaskId(task.id), resume=True)
+            replay.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             yield f"{task} resumed"
     if WaitKind.HANDLER not in kinds:
         for name in ("later", "never"):
-            again.take(name)
+            replay.take(name)
     if WaitKind.DELAY not in kinds:
-        again.tick(LONG)
+        replay.tick(LONG)
         yield "time"
 
 
 def assert_ends_sufficient(life: Life, node: Node) -> None:
-    again, told = Again(life), []
+    replay, named_ends = Replay(life), []
     for _ in range(ROUNDS):
-        if again.has_reached(node):
+        if replay.has_reached(node):
             return
-        ends = Ends.at(again.at).of_node(node)
+        ends = Ends.at(replay.at).of_node(node)
         if ends[0].kind in (WaitKind.CIRCLE, WaitKind.CONDITION):
             return
-        told.append(ends)
-        again.act(ends[0])
-    pytest.fail(f"{node} was not reached by the named ends: {told[:20]}")
+        named_ends.append(ends)
+        replay.act(ends[0])
+    pytest.fail(f"{node} was not reached by the named ends: {named_ends[:20]}")
 
 
 @example(
@@ -377,7 +378,7 @@ def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
     life = Life()
     for step in taken:
         life.do(*step)
-    at = Again(life).at
+    at = Replay(life).at
     waiting: dict[tuple[End, ...], list[Node]] = {}
     for task in life.central.tree.tasks.values():
         for moment in Moment:

@@ -58,35 +58,35 @@ CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await
 @example(CALLED_BACK)
 @settings(max_examples=lives(45, soak=5_000))
 def test_reported_deadlocks_are_exactly_the_endless_waits(taken: Steps) -> None:
-    check(taken)
+    assert_deadlocks_are_exact(taken)
 
 
 @given(steps, st.integers(1, 6))
 @settings(max_examples=lives(40, soak=5_000))
-def test_interrupted_deadlock_search_finds_the_same_deadlocks(taken: Steps, few: int) -> None:
-    with looks_at(few):
-        check(taken)
+def test_interrupted_deadlock_search_finds_the_same_deadlocks(taken: Steps, edges: int) -> None:
+    with limited_search(edges):
+        assert_deadlocks_are_exact(taken)
 
 
 def test_deadlock_search_ends_when_lock_request_is_withdrawn() -> None:
     player = Blocking(looks=True)
-    with looks_at(1):
+    with limited_search(1):
         for _ in range(2):
             player.do("send", 0, 0, 0)
         free = player.free()[0]
         assert free.slot is not None
-        who = free.slot.id.decode()
-        number = player.number(who)
-        player.receive(who, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
+        sender = free.slot.id.decode()
+        number = player.number(sender)
+        player.receive(sender, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
         player.time += 0.25
         player.tick(0.0)
         assert player.central.scan is not None
-        player.receive(who, headers.GiveUp(number))
-        look_to_the_end(player)
+        player.receive(sender, headers.GiveUp(number))
+        finish_search(player)
 
 
 @contextmanager
-def looks_at(edges: int) -> Iterator[None]:
+def limited_search(edges: int) -> Iterator[None]:
     """Limit the edges that central searches in one event."""
     usual = deadlocks.PATIENCE, deadlocks.SLICE
     deadlocks.PATIENCE = deadlocks.SLICE = edges
@@ -96,7 +96,7 @@ def looks_at(edges: int) -> Iterator[None]:
         deadlocks.PATIENCE, deadlocks.SLICE = usual
 
 
-def look_to_the_end(player: Player) -> None:
+def finish_search(player: Player) -> None:
     """Let central finish its searches and their consequences."""
     for _ in range(10_000):
         if player.central.next_look is None:
@@ -105,7 +105,7 @@ def look_to_the_end(player: Player) -> None:
     raise AssertionError("the search of central never ends")
 
 
-def check(taken: Steps) -> None:
+def assert_deadlocks_are_exact(taken: Steps) -> None:
     looking, blind = Blocking(looks=True), Blocking(looks=False)
     for index, step in enumerate(taken):
         looking.do(*step)
@@ -126,7 +126,7 @@ def check(taken: Steps) -> None:
             return
     for _ in range(100):
         looking.go_on()
-        look_to_the_end(looking)
+        finish_search(looking)
     assert not all_waits(looking), f"{all_waits(looking)} will never end, but were not reported"
 
 

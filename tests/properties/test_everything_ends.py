@@ -15,7 +15,10 @@ from tca_wire.packets.parts import Attachment
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role, Scope
 
-MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
+EXCEPTION_HANDLERS = {
+    "b": ("exception handler mend",),
+    "d": ("exception handler save", "command park"),
+}
 FAILURES = ("slipped", "timeout", "deadlock", "")
 STEPS = (
     ["send"] * 5
@@ -43,7 +46,9 @@ QUIET = 6  # rounds without an event: central may search for deadlocks slowly
 class Troubled(Blocking):
     """Modules that block and fail; their failures are handled by modules that block, too."""
 
-    handled = HANDLED | {name: HANDLED.get(name, ()) + menders for name, menders in MENDERS.items()}
+    handled = HANDLED | {
+        name: HANDLED.get(name, ()) + menders for name, menders in EXCEPTION_HANDLERS.items()
+    }
 
     def __init__(self) -> None:
         super().__init__(looks=True)
@@ -52,12 +57,17 @@ class Troubled(Blocking):
     def do(self, what: str, a: int, b: int, c: int) -> None:
         """One handler, the user or the operator acts."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
-        who = free[a % len(free)] if free else None
+        delivery = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
         match what:
-            case "fail" if who is not None and who.slot is not None:
-                is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
-                self.fail(who.slot.id.decode(), FAILURES[c % 3], who.given_as, reissue=is_reissued)
+            case "fail" if delivery is not None and delivery.slot is not None:
+                is_reissued = delivery.role is Role.EXCEPTION and b % 2 == 0
+                self.fail(
+                    delivery.slot.id.decode(),
+                    FAILURES[c % 3],
+                    delivery.given_as,
+                    reissue=is_reissued,
+                )
             case "raise" if task:
                 self.request("operator", headers.Raise, task, FAILURES[c % 3])
             case "retry" if task:
@@ -104,10 +114,10 @@ class Mixed(Life):
         for name in self.modules:
             self.join(name)
         self.player.module("late", "command later")
-        come_to_an_end(self.player)
+        assert_everything_ends(self.player)
 
 
-def come_to_an_end(player: Player) -> None:
+def assert_everything_ends(player: Player) -> None:
     """Let all handlers return, resume all tasks, end all monitors, release all locks outside of
     tasks, and let time pass. Nothing may be left then.
     """
@@ -149,7 +159,7 @@ resource.
 @example(KEPT_FOR_A_RETRY)
 @settings(max_examples=lives(40, soak=10_000))
 def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
-    come_to_an_end(Troubled().live(taken))
+    assert_everything_ends(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))

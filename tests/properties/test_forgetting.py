@@ -23,7 +23,7 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Scope
 
 END = Moment.END_ACHIEVING
-PASSING = (
+TRANSIENT_CLASSES = (
     Delivery,
     Recovery,
     Tapping,
@@ -40,13 +40,13 @@ PASSING = (
 """Classes whose objects belong to living tasks and messages only."""
 
 
-def held(central: Central) -> Counter[str]:
+def retained_objects(central: Central) -> Counter[str]:
     """The number of reachable objects of these classes, without those of the root, which never
     ends.
     """
     found, root = Counter[str](), central.tree.root
     for one in reachable(central):
-        if isinstance(one, PASSING) and one not in (
+        if isinstance(one, TRANSIENT_CLASSES) and one not in (
             root,
             root.recovery,
             root.tapping,
@@ -63,10 +63,10 @@ def held(central: Central) -> Counter[str]:
 def test_central_retains_no_object_of_ended_life(taken: Operations) -> None:
     life = Life().live(taken)
     end_life(life)
-    assert not held(life.central)
+    assert not retained_objects(life.central)
 
 
-class Long:
+class LongTask:
     """A task that runs for weeks, and short tasks beside it."""
 
     def __init__(self) -> None:
@@ -103,47 +103,47 @@ class Long:
         return self.player.task("user", "guard", flags=Flags.NONE, watch=watch)
 
 
-def kill_after_it(long: Long) -> None:
+def kill_after_it(long: LongTask) -> None:
     task = long.move()
     long.ask(headers.Kill, TaskId(task), "", Scope.TASK, long.end)
     long.returns(task)
 
 
-def kill_with_delay(long: Long) -> None:
+def kill_with_delay(long: LongTask) -> None:
     task = long.move()
     long.ask(headers.Kill, TaskId(task), "", Scope.TASK, point(task, END), 1e6)
     long.ask(headers.Kill, TaskId(task), "", Scope.DESCENDANTS, None, 1e6)
     long.returns(task)
 
 
-def deadlines(long: Long) -> None:
+def deadlines(long: LongTask) -> None:
     task = long.move(deadline=1e6)
     long.ask(headers.Deadline, point(task, END), 1e5)
     long.returns(task)
 
 
-def monitor_until_its_end(long: Long) -> None:
+def monitor_until_its_end(long: LongTask) -> None:
     monitor = long.guard()
     long.ask(headers.EndMonitor, TaskId(monitor))
 
 
-def killed_monitor_until_its_end(long: Long) -> None:
+def killed_monitor_until_its_end(long: LongTask) -> None:
     monitor = long.guard(duration=1e6)
     long.ask(headers.Kill, TaskId(monitor))
 
 
-def kill_of_follower(long: Long) -> None:
+def kill_of_follower(long: LongTask) -> None:
     task = long.move(constraints=(before(long.end, point(-1, Moment.START_ACHIEVING)),))
     long.ask(headers.Kill, TaskId(task))
 
 
-def kill_of_delayed_task(long: Long) -> None:
+def kill_of_delayed_task(long: LongTask) -> None:
     later = before(point(0, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 1e6)
     task = long.move(constraints=(later,))
     long.ask(headers.Kill, TaskId(task))
 
 
-def overlapping_leaders(long: Long) -> None:
+def overlapping_leaders(long: LongTask) -> None:
     """The long task always waits for one of them."""
     task = long.move(constraints=(before(point(-1, END), long.end),))
     older = [other for other in long.player.central.tree.tasks if long.task < other < task]
@@ -151,12 +151,12 @@ def overlapping_leaders(long: Long) -> None:
         long.returns(other)
 
 
-def wait_given_up(long: Long) -> None:
+def wait_given_up(long: LongTask) -> None:
     long.ask(headers.AwaitPoint, long.end)
     long.player.receive("user", headers.GiveUp(long.player.numbers["user"]))
 
 
-def kill_and_deadline_without_effect(long: Long) -> None:
+def kill_and_deadline_without_effect(long: LongTask) -> None:
     """Requests without effect: a kill of no descendants, a deadline of a reached point."""
     long.ask(headers.Kill, TaskId(long.task), "", Scope.DESCENDANTS, None, 1.0)
     long.ask(headers.Deadline, point(long.task, Moment.START_HANDLING), 1.0)
@@ -179,11 +179,16 @@ def kill_and_deadline_without_effect(long: Long) -> None:
     ],
     ids=lambda do_beside: do_beside.__name__,
 )
-def test_central_retains_little_beside_long_task(do_beside: Callable[[Long], None]) -> None:
-    long = Long()
+def test_central_retains_little_beside_long_task(do_beside: Callable[[LongTask], None]) -> None:
+    long = LongTask()
     for _ in range(300):
         do_beside(long)
-    few = 100  # void entries are removed in batches
+    most_retained = 100  # void entries are removed in batches
     task = long.player.central.tree.tasks[TaskId(long.task)]
-    assert held(long.player.central).total() < few, held(long.player.central)
-    assert len(task.leaders or ()) + len(task.followers or ()) + len(task.waiters or ()) < few
+    assert retained_objects(long.player.central).total() < most_retained, retained_objects(
+        long.player.central
+    )
+    assert (
+        len(task.leaders or ()) + len(task.followers or ()) + len(task.waiters or ())
+        < most_retained
+    )

@@ -29,12 +29,12 @@ def every_handler_is_quick() -> Iterator[None]:
         yield
 
 
-SENT = ("note", "pose", "all", "where")
+PREFETCHABLE = ("note", "pose", "all", "where")
 LISTENING = (Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED)
 HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | headers.Bye
 
 
-class ToldLate:
+class DeliveryAtStart:
     """Shows a delivery when its slot starts it, as if nothing were prefetched."""
 
     def __init__(self, central: Central) -> None:
@@ -66,25 +66,25 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher.messages_ahead._out = ToldLate(self.central)
+        self.out = dispatcher._out = dispatcher.messages_ahead._out = DeliveryAtStart(self.central)
         self.joined = 0
 
     def _judged(self, event: Any) -> list[Effect]:
         effects = []
         if isinstance(event, RequestReceived) and isinstance(event.header, headers.Reply):
-            event = self._together(event, event.header)
+            event = self._joined_replies(event, event.header)
         for slot in list(self.central.registry.connections.values()):
-            if self._gives_back_before(event, slot):
-                effects += self._give_back(slot, event.time)
+            if self._must_return_prefetched(event, slot):
+                effects += self._return_prefetched(slot, event.time)
         effects += self.central.handle(event)
         while self.out.recalled:
-            effects += self._give_back(self.out.recalled.pop(), event.time)
+            effects += self._return_prefetched(self.out.recalled.pop(), event.time)
         check_invariants(self.central)
         self.note(effects)
         self.oracle.judge(event, effects)
         return effects
 
-    def _together(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
+    def _joined_replies(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
         """Let the slot reply to some prefetched messages in the same packet."""
         slot = self.central.registry.connections[event.connection]
         others = (
@@ -103,7 +103,7 @@ class PrefetchPlayer(JudgedPlayer):
         )
 
     @staticmethod
-    def _gives_back_before(event: Any, slot: Connection) -> bool:
+    def _must_return_prefetched(event: Any, slot: Connection) -> bool:
         """Whether a slot must return its prefetched messages before an event: its own claim, or a
         change of handlers.
         """
@@ -114,7 +114,7 @@ class PrefetchPlayer(JudgedPlayer):
             return is_own and isinstance(event.header, headers.Lock)
         return True
 
-    def _give_back(self, slot: Connection, time: float) -> list[Effect]:
+    def _return_prefetched(self, slot: Connection, time: float) -> list[Effect]:
         unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
@@ -133,7 +133,7 @@ class PrefetchLife(JudgedLife):
         self.player.module(f"{module}{self.generation}", *self.modules[module], pool=pool)
 
     def sent_name(self, b: int) -> str:
-        return super().sent_name(b) if b % 4 == 0 else SENT[b // 4 % len(SENT)]
+        return super().sent_name(b) if b % 4 == 0 else PREFETCHABLE[b // 4 % len(PREFETCHABLE)]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
         """Half of the taps have conditions that allow prefetching: sending, or the end of handling."""
@@ -145,7 +145,14 @@ class PrefetchLife(JudgedLife):
             ("note", "pose", "lift", "watch")[c % 4],
         )
         options = self.watch_options(d, b, c) if listener == "watch" else None
-        self.request(headers.Tap, condition, listener, SENT[b % len(SENT)], TaskId(0), options)
+        self.request(
+            headers.Tap,
+            condition,
+            listener,
+            PREFETCHABLE[b % len(PREFETCHABLE)],
+            TaskId(0),
+            options,
+        )
 
     def join_(self, a: int, *others: int) -> None:
         if len(self.connections()) < 10:
@@ -174,5 +181,5 @@ def test_prefetch_lives_cover_recalls_taps_and_joined_replies() -> None:
         assert isinstance(life.player, PrefetchPlayer)
         most, recalls = max(most, life.player.out.most), recalls + life.player.out.recalls
         joined, tapped = joined + life.player.joined, tapped + life.player.out.tapped
-    what = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
-    pytest.fail(f"{what}: these lives do not cover prefetching")
+    counts = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
+    pytest.fail(f"{counts}: these lives do not cover prefetching")

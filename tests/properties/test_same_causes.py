@@ -25,17 +25,17 @@ from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
-ITS_OWN = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
+OWN_WAITS = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
 """Waits that no other task causes: for a condition, the own handler, or time."""
 ENDS = END_HANDLING | END_ACHIEVING
 
 
-class AskedPlayer(FoldedPlayer):
+class ComparingPlayer(FoldedPlayer):
     """Asks central and the tools after every event why each task waits."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.same = self.spared = 0
+        self.compared = self.idle_cases = 0
 
     def compare(self) -> None:
         at, last = RunAt(self.history), CentralEnds(self.central, 1_000_000)
@@ -72,7 +72,7 @@ class AskedPlayer(FoldedPlayer):
 
     def assert_same(self, task: Task, by_central: list[WaitFor], by_tools: list[WaitFor]) -> None:
         if by_central and by_tools:
-            self.same += 1
+            self.compared += 1
             assert first(by_central, task) == first(by_tools, task), (
                 f"{task}: {by_central} and {by_tools}"
             )
@@ -87,7 +87,7 @@ class AskedPlayer(FoldedPlayer):
             for one in living.values()
             if is_idle(living, one) and one is not task and one.above(task.id)
         ]
-        self.spared += bool(idle)
+        self.idle_cases += bool(idle)
         asked = [
             one.watch.condition
             for one in idle
@@ -100,24 +100,26 @@ class AskedPlayer(FoldedPlayer):
         """All direct and indirect causes of a wait, except through an idle monitor under its
         parent.
         """
-        way: list[Node] = [next_of(task)]
+        path: list[Node] = [next_of(task)]
         if RunAt(self.history).tasks[task.id].state is TaskState.RECOVERING:
-            way.append(
+            path.append(
                 Place(task, END_ACHIEVING)
             )  # its exception handler decides, perhaps before its handling
-        seen = set(way)
-        for node in way:  # grows while it is walked
+        seen = set(path)
+        for node in path:  # grows while it is walked
             for one in (
                 one for group in self.groups(node) for one in group or () if one not in seen
             ):
                 if not (
-                    isinstance(node, Place) and isinstance(one, Place) and self.is_spared(node, one)
+                    isinstance(node, Place)
+                    and isinstance(one, Place)
+                    and self.is_via_idle_monitor(node, one)
                 ):
-                    way.append(one)
+                    path.append(one)
                     seen.add(one)
         found = (
             node.task if isinstance(node, Place) else getattr(node, "delivery", None)
-            for node in way
+            for node in path
         )
         return {one.message_id for one in found if one is not None}
 
@@ -132,7 +134,7 @@ class AskedPlayer(FoldedPlayer):
             before = predecessors(self.central.tree, node) if not node.task.killed else ()
             yield from ([one] for one in before if not one.task.reached & one.moment)
 
-    def is_spared(self, node: Place, other: Place) -> bool:
+    def is_via_idle_monitor(self, node: Place, other: Place) -> bool:
         """Whether a node needs only the end of an idle monitor, without a constraint."""
         is_led = any(number == other.task.id for _, number, _ in node.task.leaders or ())
         is_under = other.task is not node.task and other.task.above(node.task.id) is not None
@@ -144,18 +146,20 @@ def is_idle(living: dict[int, Task], one: Task) -> bool:
     if not one.is_watcher or one.parent is None or one.parent.id == ROOT:
         return False
     leaders = [
-        (living[number], its)
-        for moment, number, its in one.leaders or ()
+        (living[number], moment_of_leader)
+        for moment, number, moment_of_leader in one.leaders or ()
         if moment & ENDS and number in living
     ]
-    return bool(one.killed) or all(leader is one or leader.reached & its for leader, its in leaders)
+    return bool(one.killed) or all(
+        leader is one or leader.reached & moment_of_leader for leader, moment_of_leader in leaders
+    )
 
 
 def causes(central: Central, waits: list[WaitFor]) -> list[WaitFor]:
     """The waits for other tasks, without failures raised beside a running handler."""
     living = central.tree.tasks
     deciding = {number for number, one in living.items() if one.role is Role.EXCEPTION}
-    return [wait for wait in waits if wait.kind not in ITS_OWN and wait.number not in deciding]
+    return [wait for wait in waits if wait.kind not in OWN_WAITS and wait.number not in deciding]
 
 
 def first(waits: list[WaitFor], task: Task) -> int:
@@ -202,8 +206,8 @@ class WatchedLife(Life):
     )
 
 
-def live(seed: int) -> AskedPlayer:
-    player = AskedPlayer()
+def live(seed: int) -> ComparingPlayer:
+    player = ComparingPlayer()
     WatchedLife(player).go_on(seed, 300)
     return player
 
@@ -223,5 +227,5 @@ def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
 
 def test_watched_life_compares_enough_waits() -> None:
     player = live(2)
-    assert player.same > 100
-    assert player.spared > 100
+    assert player.compared > 100
+    assert player.idle_cases > 100

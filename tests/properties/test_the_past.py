@@ -33,7 +33,7 @@ _NO_TIME = 1e-6
 """Seconds: shorter states are not shown."""
 
 
-def seen(at: RunAt) -> Any:
+def view_at(at: RunAt) -> Any:
     """The view of a moment. The continuation after a failure is excluded, as later facts decide it."""
     tree = [
         click.unstyle(line).replace(HANDLED, "failed")
@@ -49,7 +49,7 @@ def seen(at: RunAt) -> Any:
     )  # fmt: skip
 
 
-def told(at: RunAt) -> dict[int, list[str]]:
+def stories_at(at: RunAt) -> dict[int, list[str]]:
     """The stories of all messages at that moment."""
     known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
     stories = {
@@ -57,8 +57,8 @@ def told(at: RunAt) -> dict[int, list[str]]:
         for number in known
     }
     return {
-        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in told]
-        for number, told in stories.items()
+        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in stories_at]
+        for number, stories_at in stories.items()
     }
 
 
@@ -67,7 +67,7 @@ class WatchedPlayer(FoldedPlayer):
 
     def __init__(self) -> None:
         super().__init__()
-        self.seen: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
+        self.view_at: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
 
     def compare(self) -> None:
         """The view of now equals the records."""
@@ -77,18 +77,18 @@ class WatchedPlayer(FoldedPlayer):
                 getattr(task, name) == getattr(run.tasks[task.id], name) for name in FIELDS
             ), task
             assert bool(task.queueing) == run.tasks[task.id].is_queued
-        stories = told(at) if len(run.times) % 3 == 0 else None
-        if run.time not in self.seen:
-            self.seen[run.time] = seen(at), stories
+        stories = stories_at(at) if len(run.times) % 3 == 0 else None
+        if run.time not in self.view_at:
+            self.view_at[run.time] = view_at(at), stories
 
 
 def check(player: WatchedPlayer) -> None:
     times = player.history.times
-    for moment, (before, stories) in player.seen.items():
+    for moment, (recorded, stories) in player.view_at.items():
         at, place = RunAt(player.history, moment), times.index(moment) + 1
-        assert seen(at) == before
+        assert view_at(at) == recorded
         if stories is not None and place < len(times) and times[place] - moment > _NO_TIME:
-            now = told(at)
+            now = stories_at(at)
             assert {number: now[number] for number in stories} == stories
 
 

@@ -80,7 +80,7 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     """Compare the points of other tasks that must come first. For a suspended task the tools name
     its constraints, too.
     """
-    true = outside(central, task, moment)
+    true = foreign_needs(central, task, moment)
     kept = keeping(at, Node(task.id, moment))
     told, recovery = (
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
@@ -101,25 +101,25 @@ def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
     return {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
 
 
-def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
+def foreign_needs(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
     """The points of other tasks that a moment needs, directly or through own moments, according to
     central. Alternatives are left out: no journal has the end of a monitor.
     """
-    way, found = [Place(task, moment)], set[tuple[int, int]]()
-    for place in way:  # grows while it is walked
+    path, found = [Place(task, moment)], set[tuple[int, int]]()
+    for place in path:  # grows while it is walked
         needed = [group[0] for group in needs(central, place) if group and len(group) == 1]
         for node in (node for node in needed if isinstance(node, Place)):
             if node.task is not task:
                 found.add((node.task.id, int(node.moment) & ENDS))
-            elif node not in way:
-                way.append(node)
+            elif node not in path:
+                path.append(node)
     return found
 
 
 def assert_ends(at: RunAt, number: int) -> None:
     """The ends are the reachable nodes without a further wait; or circles, if none exist."""
-    way = reached(at, [next_node(at, number)])
-    last = {node.number for node in way if steps(at, node)[1] or not steps(at, node)[0]}
+    path = reached(at, [next_node(at, number)])
+    last = {node.number for node in path if steps(at, node)[1] or not steps(at, node)[0]}
     found = Ends.at(at).of(number)
     assert {end.number for end in found if end.kind is not WaitKind.CIRCLE} == last
     assert list(found) == sorted(set(found))
@@ -127,11 +127,11 @@ def assert_ends(at: RunAt, number: int) -> None:
 
 def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
     """All nodes that the waits lead to."""
-    way = list(start)
-    seen = set(way)
-    for node in way:  # grows while it is walked
+    path = list(start)
+    seen = set(path)
+    for node in path:  # grows while it is walked
         new = [one for one in steps(at, node)[0] if one not in seen]
-        way += new
+        path += new
         seen.update(new)
     return seen
 
@@ -441,7 +441,7 @@ def test_killed_task_is_not_held_by_plan_first(
     player.request("user", headers.Kill, TaskId(walk))
 
 
-class Told(Blocking):
+class ComparedBlocking(Blocking):
     def compare(self) -> None:
         ends = CentralEnds(self.central, 100_000)
         for task in self.central.tree.tasks.values():
@@ -478,7 +478,7 @@ class Told(Blocking):
 @given(blocking_steps)
 @settings(max_examples=lives(40, soak=500))
 def test_waits_of_central_match_its_needs_graph(taken: Steps) -> None:
-    life = Told(looks=True)
+    life = ComparedBlocking(looks=True)
     for step in taken:
         life.do(*step)
         life.compare()
