@@ -298,13 +298,13 @@ def is_deadlock(fact: object) -> bool:
     if isinstance(fact, facts.ClaimEnded):
         return fact.why.startswith(f"{Refusal.DEADLOCK}: ")
     if isinstance(fact, facts.Failed):
-        return fact.failure == Refusal.DEADLOCK and fact.is_unattached
+        return fact.failure == Refusal.DEADLOCK and fact.is_beside
     return isinstance(fact, facts.RequestRefused) and fact.refusal is Refusal.DEADLOCK
 
 
 def is_lock_lost(fact: object) -> TypeGuard[facts.Failed]:
     """Whether a fact raises the loss of a lock on its task."""
-    return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_unattached
+    return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_beside
 
 
 def is_delivery_or_grant(fact: object) -> bool:

@@ -169,11 +169,11 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         oracle_slots.send_statement(world, heard)
         return None
     is_alive = isinstance(job, Node) and job.id in world.nodes and not _ends_first(world, tap, job)
-    is_unattached = (
+    is_beside = (
         kind in (MessageClass.POLLING_MONITOR, MessageClass.DEMON_MONITOR)
         and tap.condition not in CHILDREN
     )
-    watches_it = is_unattached and tap.condition in ALIVE and isinstance(job, Node)
+    watches_it = is_beside and tap.condition in ALIVE and isinstance(job, Node)
     is_child = is_alive and (tap.condition in CHILDREN or watches_it)
     options = tap.watch or WatchOptions()
     if isinstance(job, Node) and tap.condition in WHILE:
@@ -188,9 +188,9 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         listener.tap = tap
         if kind.is_monitor:
             oracle_monitors.init_watch(listener, options)
-        listener.watches_over = listener.watches_over and is_unattached
+        listener.watches_over = listener.watches_over and is_beside
         listener.is_foreign = (
-            is_child and is_unattached and tap.condition not in oracle_monitors.OF_HANDLING
+            is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
         )
 
     parent = job if is_child and isinstance(job, Node) else world.root

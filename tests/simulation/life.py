@@ -1,4 +1,4 @@
-"""One life of a town: faults, then none, then everything has come to its end; or a promise is
+"""One life of a town: first with faults, then without, until everything has ended; or a promise is
 broken.
 """
 
@@ -19,15 +19,15 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 
 HEALED_WITHIN = 300.0
-"""Seconds, without faults, after which everything is over."""
+"""The limit, in seconds without faults, until everything must have ended."""
 LAST_WORDS = 3.0
-"""Seconds in which what is on its way arrives."""
+"""Seconds for the last packets to arrive."""
 NEVER = float("inf")
 _CHILD_OF_SEED = 0x9E3779B97F4A7C15
 
 
 class Life:
-    """A town from a seed."""
+    """The life of a town, determined by its seed."""
 
     def __init__(
         self, seed: int, options: Options | None = None, tell: Callable[[str], None] | None = None
@@ -53,7 +53,7 @@ class Life:
             self.programs[f"user{number}"] = User(f"user{number}", self.options, self.outside)
 
     def run(self) -> "Life":
-        """Live to the end. Raises Broken, or what else goes wrong."""
+        """Run the life. Raises Broken, or another error of the code under test."""
         with self.daemon.disk:
             return self._run()
 
@@ -113,7 +113,7 @@ class Life:
             self._end(self.clockwork.dice.choice(alive))
 
     def _end(self, name: str) -> None:
-        """A process ends at once, and is started again."""
+        """A process crashes, and is restarted."""
         self.processes[name].crash()
         self.clockwork.after(self.clockwork.between(0.05, self.options.away), self._start, name)
 
@@ -130,7 +130,7 @@ class Life:
             self._come_again(name, process)
 
     def _come_again(self, name: str, process: Process) -> None:
-        """Start a module that leaves when it has."""
+        """Restart a leaving module after its end."""
         if process.is_alive:
             self.clockwork.after(0.3, self._come_again, name, process)
         elif self.processes[name] is process:
@@ -199,7 +199,7 @@ class Life:
         return left, waiting, strangers, gone
 
     def _judge(self) -> None:
-        """What must be true in the end."""
+        """Check the final state of the life."""
         core, outside = self.daemon.core, self.outside
         assert core is not None
         check_invariants(core)
@@ -235,7 +235,7 @@ class Life:
             )
 
     def _judge_informs(self) -> None:
-        """What did not arrive was counted."""
+        """Check that lost informs were counted."""
         outside = self.outside
         alive = {
             thread.session for process in self.processes.values() for thread in process.threads
@@ -253,5 +253,5 @@ class Life:
             + outside.counts["lost by module"]
         )
         if missing > counted and not self.options.is_lossy:
-            raise Broken(f"{missing} informs did not arrive, and {counted} are known to be lost")
+            raise Broken(f"{missing} informs did not arrive, but {counted} were counted as lost")
         outside.counts["informs missing"] += missing

@@ -1,4 +1,4 @@
-"""Lives of a simulated town, each decided by its seed: whatever breaks, no promise does."""
+"""Lives of a simulated town, each determined by its seed, keep every promise in spite of faults."""
 
 import os
 import random
@@ -11,7 +11,7 @@ from simulation.life import Life
 
 
 def live(seeds: range) -> dict[str, int]:
-    """What happened in these lives, counted."""
+    """Run lives, and count their events."""
     counts: dict[str, int] = {}
     for seed in seeds:
         life = Life(seed)

@@ -1,6 +1,6 @@
-"""Chaos on real processes: a thousand kills of central, in lives of a robot under load.
+"""Chaos with real processes: a thousand kills of central, in lives of a robot under load.
 
-One life more, by itself: ``python -m tests.chaos --seed 7``.
+Run one more life: ``python -m tests.chaos --seed 7``.
 """
 
 import time
