@@ -1,6 +1,4 @@
-"""The search itself: what it takes for known, what it checks, in which order, and what it says of
-it.
-"""
+"""The search: equal states, checks, order and reports."""
 
 import contextlib
 import re
@@ -8,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, found, good, walking
+from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, assert_good, counterexample, walking
 from explore.test_good import polled
 
 import tca_tools.explore as tca
@@ -32,8 +30,10 @@ from tca_tools.explore.search.snapshot import Snapshots
 from tca_wire.messages.declarations import Command
 
 
-def strangers(*properties: tca.Property, names: tuple[str, str] = ("one", "other")) -> tca.Scenario:
-    """Two who do not know each other, each with a command that takes no time."""
+def independent_users(
+    *properties: tca.Property, names: tuple[str, str] = ("one", "other")
+) -> tca.Scenario:
+    """Two independent users, each with a command that takes no time."""
     scenario = tca.Scenario("strangers", *properties)
     for name in names:
         command = Command(name)
@@ -42,7 +42,7 @@ def strangers(*properties: tca.Property, names: tuple[str, str] = ("one", "other
     return scenario
 
 
-def at_once(world: tca.World) -> bool:
+def both_running(world: tca.World) -> bool:
     return len(world.tasks) == 2 and not any(task.is_over for task in world.tasks)
 
 
@@ -58,15 +58,17 @@ def other_first(world: tca.World) -> bool:
 
 
 @pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
-@pytest.mark.parametrize("may_be", [at_once, other_first])
+@pytest.mark.parametrize("may_be", [both_running, other_first])
 def test_memory_of_property_is_part_of_state(names: tuple[str, str], may_be: Any) -> None:
-    """Both are done in the end, whether they were under way at once or not; whichever way is tried
-    first.
-    """
-    found(strangers(eventually(may_be), names=names))
-    found(strangers(eventually(nothing), names=names))
-    good(strangers(eventually(lambda world: at_once(world) or one_by_one(world)), names=names))
-    found(strangers(before(may_be, both_over), names=names))
+    """Both commands end, overlapping or not, whichever order is tried first."""
+    counterexample(independent_users(eventually(may_be), names=names))
+    counterexample(independent_users(eventually(nothing), names=names))
+    assert_good(
+        independent_users(
+            eventually(lambda world: both_running(world) or one_by_one(world)), names=names
+        )
+    )
+    counterexample(independent_users(before(may_be, both_over), names=names))
 
 
 def nothing(_: tca.World) -> bool:
@@ -74,12 +76,12 @@ def nothing(_: tca.World) -> bool:
 
 
 def both_over(world: tca.World) -> bool:
-    """The last one ends."""
+    """The last command ends."""
     return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
 
 
 def test_count_of_property_is_part_of_state() -> None:
-    """The note is sent once or twice, and that is all that tells the runs from each other."""
+    """The note is sent once or twice; nothing else distinguishes the runs."""
     scenario = tca.Scenario("counting")
     scenario.module("ear").handles(NOTE)(lambda _: None)
 
@@ -89,19 +91,19 @@ def test_count_of_property_is_part_of_state() -> None:
             me.inform(NOTE)
         me.inform(NOTE)
 
-    good(scenario, at_most_in_all(2, sent(NOTE)))
-    found(scenario, at_most_in_all(1, sent(NOTE)))
+    assert_good(scenario, at_most_in_all(2, sent(NOTE)))
+    counterexample(scenario, at_most_in_all(1, sent(NOTE)))
 
 
 def test_exploration_checks_invariants_of_central(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A queue that miscounts does nothing wrong that could be seen from outside."""
+    """A queue that miscounts is not visible from outside."""
     real = Queue.mark_void
 
     def left(self: Queue[Any]) -> None:
         real(self)
         self.waiting += 1
 
-    good(walking(never_stuck()))
+    assert_good(walking(never_stuck()))
     monkeypatch.setattr(Queue, "mark_void", left)
     result = tca.explore(walking(never_stuck()), check=check_invariants)
     assert result.violation is not None
@@ -118,32 +120,30 @@ def test_first_state_is_judged() -> None:
 
 def test_last_states_are_judged_at_the_limit() -> None:
     states = tca.explore(walking(never_stuck())).states
-    good(walking(never_stuck()), limit=states)
+    assert_good(walking(never_stuck()), limit=states)
     result = tca.explore(walking(never_stuck()), limit=states - 1)
     assert result.is_complete is False
     assert "not known" in tca.report(result)
 
 
 def test_exploration_counts_states_steps_and_ends() -> None:
-    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of
-    nine.
-    """
-    result = tca.explore(strangers(never_stuck()))
+    """Two commands, each sent and returned, in all orders: a grid of nine states."""
+    result = tca.explore(independent_users(never_stuck()))
     assert (result.states, result.steps, result.ends, result.longest) == (9, 12, 1, 4)
     assert result.vacuous == ()
 
 
 def test_watch_callback_receives_progress() -> None:
-    told: list[tuple[int, int]] = []
+    progress: list[tuple[int, int]] = []
     result = tca.explore(
-        walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go))
+        walking(never_stuck()), watch=lambda states, to_go: progress.append((states, to_go))
     )
-    assert told
-    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in told)
-    assert told == sorted(told, key=lambda one: one[0])
+    assert progress
+    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in progress)
+    assert progress == sorted(progress, key=lambda one: one[0])
 
 
-# --- going on from a snapshot ---------------------------------------------------------------------
+# --- snapshots ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_play_snapshot_and_replay_give_the_same_states(
 
 
 def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A walk whose snapshots all together would not fit."""
+    """A walk with more snapshots than memory."""
     made: list[int] = []
     real = Snapshots.save
 
@@ -178,12 +178,12 @@ def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(made) == result.states
     made.clear()
     monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
-    good(walking(never_stuck()))
+    assert_good(walking(never_stuck()))
     assert 0 < len(made) < result.states
 
 
 def test_snapshot_is_loaded_into_independent_copies() -> None:
-    """And what is done to one copy does nothing to another, or to the play."""
+    """Actions on one copy affect neither another copy nor the play."""
     play, snapshots = Play(walking()), Snapshots()
     snapshot = snapshots.save(play)
     one, other = snapshots.load(snapshot), snapshots.load(snapshot)
@@ -196,7 +196,7 @@ def test_snapshot_is_loaded_into_independent_copies() -> None:
     assert other.world.items
 
 
-# --- the nearest comes first ----------------------------------------------------------------------
+# --- order of the search --------------------------------------------------------------------------
 
 
 def test_shorter_of_two_counterexamples_is_shown() -> None:
@@ -222,17 +222,17 @@ def test_shorter_of_two_counterexamples_is_shown() -> None:
 
 
 def test_ended_run_is_judged_before_continuing_one() -> None:
-    """A run that ends in a state shows more, in fewer words, than one that goes on from it."""
+    """A run that ends in a state has a shorter counterexample than one that continues."""
     result = tca.explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
 
 
-# --- what tells states from each other ------------------------------------------------------------
+# --- equality of states ---------------------------------------------------------------------------
 
 
 def ended_long_ago(me: tca.Script) -> object:
-    """When the step has ended nothing of it is left but its result."""
+    """Only the result of the ended step is left."""
     step = me.command(STEP)
     me.goal(REST).wait()
     return step.result()
@@ -255,7 +255,7 @@ def was_decided(me: tca.Script) -> object:
 def test_state_keeps_value_that_is_sent_later(
     later: Callable[[tca.Script], object], result: int
 ) -> None:
-    """In between, nothing else tells the runs from each other."""
+    """Nothing else distinguishes the runs before the note."""
     scenario = tca.Scenario("told later")
     legs = scenario.module("legs")
     legs.handles(STEP)(lambda task: task.choose(1, 2))
@@ -263,12 +263,12 @@ def test_state_keeps_value_that_is_sent_later(
     legs.handles(REST)(lambda _: None)
     legs.handles(NOTE)(lambda _: None)
     scenario.module("user").does(lambda me: me.inform(NOTE, later(me)))
-    found(scenario, never(sent(NOTE, result)))
+    counterexample(scenario, never(sent(NOTE, result)))
 
 
 def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
-    """What may still happen is part of the state: a step that may be killed once, on legs that may
-    be lost once.
+    """A step that may be killed once, on legs that may be lost once. The remaining faults are part
+    of the state.
     """
     scenario = tca.Scenario("still to come", *properties)
     scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
@@ -285,10 +285,10 @@ def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
 
 @pytest.mark.soak
 def test_state_keeps_remaining_losses_and_kills() -> None:
-    found(lost_or_killed(never_stuck(), never(killed_and_over)))
-    found(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
+    counterexample(lost_or_killed(never_stuck(), never(killed_and_over)))
+    counterexample(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
     properties = at_most_in_all(1, killed_and_over), at_most_in_all(2, ended_badly)
-    good(lost_or_killed(never_stuck(), *properties))
+    assert_good(lost_or_killed(never_stuck(), *properties))
 
 
 def killed_and_over(world: tca.World) -> list[tca.Seen]:
@@ -301,7 +301,7 @@ def ended_badly(world: tca.World) -> list[tca.Seen]:
 
 @pytest.mark.parametrize("seconds", [1.0, 2.0])
 def test_state_keeps_remaining_delay(seconds: float) -> None:
-    """Between the first command and the second there is nothing but a time that was chosen."""
+    """Only the chosen delay distinguishes the runs before the step."""
     scenario = tca.Scenario("how long")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -309,11 +309,11 @@ def test_state_keeps_remaining_delay(seconds: float) -> None:
     def story(me: tca.Script) -> None:
         me.command(STEP, delay=1.0 if me.choose("soon", "late") == "soon" else 2.0)
 
-    found(scenario, never(lambda world: world.passed == seconds))
-    good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
+    counterexample(scenario, never(lambda world: world.passed == seconds))
+    assert_good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
 
 
-# --- what people read: a line, or the shortest counterexample -------------------------------------
+# --- reports: one line, or the shortest counterexample ---------------------------------------------
 
 
 SHORTEST = """\
@@ -340,14 +340,12 @@ walking: NOT rest achieved before walk achieved
 
 
 def test_shortest_counterexample_is_shown() -> None:
-    shown = found(walking(before(achieved(REST), achieved(WALK)), steps=1))
+    shown = counterexample(walking(before(achieved(REST), achieved(WALK)), steps=1))
     assert re.sub(r" \(after \d+ states\)", "", shown) + "\n" == SHORTEST
 
 
 def test_no_shorter_counterexample_exists() -> None:
-    """The same scenario without the property: nothing in reach of three actions is the end of a
-    walk.
-    """
+    """Without the property, no walk ends within three actions."""
     result = tca.explore(walking(never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
@@ -370,7 +368,7 @@ def test_result_is_unknown_at_the_limit() -> None:
 
 
 def stuck() -> tca.Result:
-    """A handler waits for a task that only it could handle."""
+    """A handler waits for a task that needs the same handler."""
     scenario = tca.Scenario("a short circuit", never_stuck())
 
     @scenario.module("planner").handles(WALK)

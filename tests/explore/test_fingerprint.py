@@ -1,6 +1,4 @@
-"""States that are taken for the same are the same: whatever can happen next leads to the same
-states again.
-"""
+"""States with equal fingerprints have equal successors."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
@@ -56,7 +54,7 @@ Path = tuple[Action, ...]
 
 
 def busy() -> Scenario:
-    """Everything that modules do, with pools, priorities, nested queries and decisions."""
+    """Most actions of modules, with pools, priorities, nested queries and choices."""
     scenario = Scenario("busy")
     for name in ("legs", "more legs"):
         legs = scenario.module(name, may_be_lost=int(name == "legs"), comes_back=True)
@@ -96,20 +94,18 @@ def killing() -> Scenario:
     return scenario
 
 
-def tries_again(task: Task) -> None:
+def retries(task: Task) -> None:
     task.trouble.failing.retry()
 
 
 def watched() -> Scenario:
-    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits
-    that end in time.
-    """
+    """Wiretaps, a monitor, a deadline with a retry, later kills, termination messages and timeouts."""
     scenario = Scenario("watched")
     planner, feet = (
         scenario.module("planner"),
         scenario.module("legs", may_be_lost=1, comes_back=True),
     )
-    scenario.module("expert").handles(HIGHER)(tries_again)
+    scenario.module("expert").handles(HIGHER)(retries)
     scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
     scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
     scenario.module("dock").handles(RECHARGE)(lambda _: None)
@@ -167,24 +163,22 @@ def play(scenario: Scenario, path: Path) -> Play:
     return played
 
 
-def following(
+def successors(
     path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
 ) -> Iterator[tuple[Path, Play, bytes]]:
-    """What follows, each with its state; and what properties see of that is what they saw of an
-    equal one.
-    """
+    """The successors of a play, each with its state. Properties must see equal states as equal."""
     for action in played().actions():
         after = played()
         after.perform(action)
         key, order = recognised(after, (), detail)
-        after.world.forget()  # as the next action does first
+        after.world.forget()  # as before the next action
         view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
         yield (*path, action), after, key
 
 
 def seen_in(world: World) -> object:
-    """All that a property can see, with names for ids."""
+    """Everything that a property can see, with names for ids."""
     names: list[Name] = []
 
     def name(one: Name) -> int:
@@ -216,7 +210,7 @@ def test_equal_states_have_equal_successors(
     merged = 0
     for path, snapshot, key in paths:
         following_here = set()
-        for longer, after, reached in following(
+        for longer, after, reached in successors(
             path, partial(snapshots.load, snapshot), detail, views
         ):
             following_here.add(reached)
@@ -229,7 +223,7 @@ def test_equal_states_have_equal_successors(
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_explored_world_matches_central(name: str) -> None:
-    """What properties see of a task, and central's own idea of it, in the states of some runs."""
+    """The world of properties agrees with central about every task, in random runs."""
     scenario = SCENARIOS[name][0]()
     for seed in range(8):
         played, choices = Play(scenario), Random(seed)
@@ -264,8 +258,10 @@ def test_explored_world_matches_central(name: str) -> None:
                 assert seen.failure == failure, seen
 
 
-def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario, Action, Action]:
-    """Two who do not know each other send a step and a note; and what each of them does first."""
+def two_users(
+    one: Callable[[Script], object], *, capacity: int = 1
+) -> tuple[Scenario, Action, Action]:
+    """Two independent users that send a step and a note, with the first action of each."""
     scenario = Scenario("two")
     feet = scenario.module("legs", capacity=capacity)
     feet.handles(STEP)(lambda _: None)
@@ -281,16 +277,14 @@ def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["s
 
 
 def test_independent_sends_commute_to_one_state() -> None:
-    """Which of two modules that do not know each other sends first does not matter once both have
-    sent.
-    """
-    scenario, first, second = two(lambda me: [me.command(STEP).wait()])
+    """The order of sends by two independent modules does not matter afterwards."""
+    scenario, first, second = two_users(lambda me: [me.command(STEP).wait()])
     ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
     assert len(ends) == 1
 
 
 def test_slot_identity_matters_only_with_names() -> None:
-    scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
+    scenario, step, note = two_users(lambda me: [me.command(STEP)], capacity=2)
     ways = [
         (step, note, Action(ActionKind.STEP, "legs/2")),
         (note, step, Action(ActionKind.STEP, "legs/1")),
@@ -302,7 +296,7 @@ def test_slot_identity_matters_only_with_names() -> None:
 
 
 def test_age_of_message_matters_only_with_names() -> None:
-    scenario, step, note = two(lambda me: [me.command(STEP)])
+    scenario, step, note = two_users(lambda me: [me.command(STEP)])
     first, second = play(scenario, (step, note)), play(scenario, (note, step))
     assert fingerprint(first, ()) == fingerprint(second, ())
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
@@ -325,7 +319,7 @@ def test_memories_of_properties_separate_states() -> None:
 
 
 def test_fingerprint_tables_name_existing_attributes() -> None:
-    """An attribute of central that was renamed would silently be taken in again."""
+    """A renamed attribute of central would silently become part of the state."""
     central = Central()
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
     module = Module("legs", "legs", "run", "")

@@ -1,11 +1,20 @@
-"""\"Good\" holds for every run, whatever properties look at; and a property that says nothing is
-named.
-"""
+"""The answer "good" holds for every run, whatever the properties look at. Vacuous ones are named."""
 
 from typing import Any
 
 import pytest
-from explore.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, found, good, steps_once, walking
+from explore.scenarios import (
+    LIFT,
+    NOTE,
+    REST,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    steps_once,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_module import Outcome, PollingMonitor, Query, this
@@ -34,7 +43,7 @@ GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 
 def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) -> tca.Scenario:
-    """Heating takes 1 s or 3 s, pouring begins 3 s after that."""
+    """Heating takes 1 s or 3 s; pouring starts 3 s later."""
     scenario = tca.Scenario("tea", *properties)
     scenario.module("kettle", capacity=2).handles(STEP)(lambda _: None)
 
@@ -61,16 +70,14 @@ def is_late(world: tca.World) -> list[tca.Seen]:
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
 def test_property_of_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
-    """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one
-    that counts.
-    """
+    """The same state is reached after 4 s and after 6 s, in either order of the search."""
     result = tca.explore(tea(never(is_late), order=order))
     assert result.violation is not None, tca.report(result)
     assert "3 s pass" in tca.report(result)
 
 
 def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is looked at every second, for ever; each look is another step of whoever looks."""
+    """A battery is polled every second for ever; each poll is a step of its handler."""
     scenario = tca.Scenario("polled", *properties)
     scenario.module("battery", capacity=readers).handles(IS_LOW)(lambda _: False)
 
@@ -83,8 +90,8 @@ def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
 
 
 def test_property_of_time_is_judged_after_all_states_are_known() -> None:
-    good(polled(never_stuck()))
-    found(polled(never(lambda world: world.now > 5)))
+    assert_good(polled(never_stuck()))
+    counterexample(polled(never(lambda world: world.now > 5)))
 
 
 def test_property_of_time_is_unknown_in_endless_scenario() -> None:
@@ -102,15 +109,15 @@ def test_within_holds_up_to_its_seconds(
 
 
 def test_within_reports_elapsed_time() -> None:
-    text = found(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
+    text = counterexample(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
     assert "tea: NOT step begun with data='pour' within 4.5 s of walk sent" in text
     assert "=> here 6 s have passed" in text
 
 
 def test_within_measures_time_that_passes_in_the_same_action() -> None:
-    """The pouring starts at 3 s + 3 s, with the passing of time itself."""
-    good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
-    found(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+    """The pouring starts at 3 s + 3 s, as time passes."""
+    assert_good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+    counterexample(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
 
 
 def test_within_fails_when_run_ends_first() -> None:
@@ -119,9 +126,11 @@ def test_within_fails_when_run_ends_first() -> None:
 
 
 def test_within_keeps_scenario_finite() -> None:
-    good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
-    found(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
-    found(polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1)))
+    assert_good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
+    counterexample(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
+    counterexample(
+        polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1))
+    )
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -159,7 +168,7 @@ def test_messages_have_no_order() -> None:
 
 
 def test_id_reveals_nothing_as_text_or_hash() -> None:
-    """Neither as text, nor by the order of a set."""
+    """Neither its text nor the order of a set identifies an id."""
     texts: set[str] = set()
 
     def looks(world: tca.World) -> bool:
@@ -167,7 +176,7 @@ def test_id_reveals_nothing_as_text_or_hash() -> None:
         assert len({seen.id for seen in world.messages}) == len(world.messages)
         return len({hash(seen.id) for seen in world.messages}) > 1
 
-    good(walking(never(looks)))
+    assert_good(walking(never(looks)))
     assert texts == {"walk an id", "rest an id", "step an id"}
 
 
@@ -181,8 +190,8 @@ def test_property_finds_relatives_of_task() -> None:
             and (task not in world.children(parent) or parent.message != WALK.name)
         ]
 
-    good(walking(never(is_orphan)))
-    found(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
+    assert_good(walking(never(is_orphan)))
+    counterexample(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
 
 
 def test_property_sees_constraints_that_hold_task() -> None:
@@ -194,16 +203,16 @@ def test_property_sees_constraints_that_hold_task() -> None:
             for _, _, leader in world.held(task)
         )
 
-    found(walking(never(waits_for_the_first)))
+    counterexample(walking(never(waits_for_the_first)))
 
 
 def test_property_sees_connected_modules() -> None:
     result = tca.explore(walking(never(lambda world: "legs" not in world.modules), may_be_lost=1))
     assert result.violation is not None
-    good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
+    assert_good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
 
 
-# --- what says nothing ----------------------------------------------------------------------------
+# --- vacuous properties ---------------------------------------------------------------------------
 
 
 def test_vacuous_property_is_named() -> None:
@@ -224,44 +233,44 @@ def test_vacuous_property_is_named() -> None:
 
 
 def test_property_met_at_once_is_not_vacuous() -> None:
-    """Also where what comes second comes only after what must come first."""
+    """Even where the second event only follows the first."""
     assert not tca.explore(
         walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))
     ).vacuous
 
 
-# --- runs that go on for ever ---------------------------------------------------------------------
+# --- endless runs --------------------------------------------------------------------------------
 
 
 WATCHED = Detail(names=True)
 
 
-def needed(play: Play) -> set[tuple[str, str]]:
-    """What can happen, and need happen some time."""
+def required_actions(play: Play) -> set[tuple[str, str]]:
+    """The possible actions that must happen some time."""
     return {(action.kind, action.name) for action in play.actions() if not action.is_optional}
 
 
-def goes_round(result: tca.Result) -> tuple[Action, ...]:
-    """The way round, which has been gone twice."""
+def fair_circle(result: tca.Result) -> tuple[Action, ...]:
+    """Return the circle of a violation, after two passes through it."""
     assert result.violation is not None, tca.report(result)
     circle = result.violation.circle
     assert circle
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = recognised(play, (), WATCHED)[0], needed(play)
+    start, left_out = recognised(play, (), WATCHED)[0], required_actions(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
-            left_out = (left_out & needed(play)) - {(action.kind, action.name)}
+            left_out = (left_out & required_actions(play)) - {(action.kind, action.name)}
         assert recognised(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
 
-def beside_a_clock(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is looked at every second for ever; and somebody walks."""
+def beside_polling(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
+    """A battery is polled every second for ever, beside a walk."""
     scenario = polled(*properties, readers=readers)
     scenario.module("planner").handles(WALK)(walk)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -273,14 +282,14 @@ def hangs(task: tca.Task) -> None:
     task.hang()
 
 
-def is_watched_over(task: tca.Task) -> None:
+def starts_monitor(task: tca.Task) -> None:
     task.monitor(GAUGE, period=1.0, waited_for=True)
 
 
 @pytest.mark.parametrize("never_met", [eventually(achieved(WALK)), never_stuck()])
 def test_endless_activity_does_not_hide_missing_event(never_met: tca.Property) -> None:
-    result = tca.explore(beside_a_clock(hangs, never_met))
-    assert len(goes_round(result)) == 2, "a second passes, and the question is answered"
+    result = tca.explore(beside_polling(hangs, never_met))
+    assert len(fair_circle(result)) == 2, "a second passes, and the question is answered"
     text = tca.report(result)
     assert "1 s pass" in text.partition("and then again and again:\n")[2]
     assert text.endswith("=> this can go on for ever, and it never happens") or (
@@ -290,13 +299,13 @@ def test_endless_activity_does_not_hide_missing_event(never_met: tca.Property) -
 
 
 def test_fair_run_beside_endless_activity_is_good() -> None:
-    """That a script which can go on never does, or that time stands still, is no run."""
-    result = good(beside_a_clock(steps_once, eventually(achieved(WALK)), never_stuck()))
+    """Runs in which a ready script never continues, or time stands still, do not count."""
+    result = assert_good(beside_polling(steps_once, eventually(achieved(WALK)), never_stuck()))
     assert result.longest is None
 
 
 def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
-    """A note that its handler may send again; and one who walks, on the same legs."""
+    """A note that its handler may send again, and a step on the same legs."""
     scenario = tca.Scenario("ping", *properties)
     legs = scenario.module("legs")
     legs.handles(NOTE)(note)
@@ -306,24 +315,22 @@ def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
     return scenario
 
 
-def again(task: tca.Task) -> None:
+def repeats(task: tca.Task) -> None:
     task.inform(NOTE)
 
 
-def again_or_not(task: tca.Task) -> None:
+def may_repeat(task: tca.Task) -> None:
     if task.choose("again", "enough") == "again":
         task.inform(NOTE)
 
 
 def test_queued_command_gets_its_turn() -> None:
-    result = good(ping(again, never_stuck(), eventually(achieved(STEP))))
+    result = assert_good(ping(repeats, never_stuck(), eventually(achieved(STEP))))
     assert result.longest is None
 
 
 def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
-    """The legs are asked by two in turn, again and again, and each question may go before a
-    step.
-    """
+    """Two queries alternate on the legs, and each may overtake a step."""
     scenario = tca.Scenario("starving", *properties)
     legs, ear = scenario.module("legs"), scenario.module("ear")
     legs.handles(STEP)(lambda _: None)
@@ -343,46 +350,42 @@ def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
 
 
 def test_no_slot_starves_in_fair_run() -> None:
-    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no
-    excuse.
-    """
+    """The battery is polled in the slot that the step does not use; both slots must advance."""
     scenario = tca.Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
     legs = scenario.module("legs", capacity=2)
     legs.handles(IS_LOW)(lambda _: False)
     legs.handles(STEP)(lambda _: None)
     scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
     scenario.module("walker").does(lambda me: [me.command(STEP)])
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.soak
 def test_starved_command_is_found() -> None:
-    """Each of the others has its turn all the time, so it is no accident. Where nobody goes first,
-    all have theirs.
-    """
+    """Every other action has its turn, so the run is fair. With equal priorities all have turns."""
     result = tca.explore(starving(1, never_stuck()))
     assert result.violation is not None, tca.report(result)
     assert "all the while:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
     assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
-    good(starving(0, never_stuck(), eventually(achieved(STEP))))
-    found(starving(1, eventually(achieved(STEP))))
+    assert_good(starving(0, never_stuck(), eventually(achieved(STEP))))
+    counterexample(starving(1, eventually(achieved(STEP))))
 
 
 def test_choice_may_be_repeated_for_ever() -> None:
-    """No choice need ever be made."""
+    """A fair run need not make every choice."""
     only_again = ping(
-        again_or_not, eventually(lambda world: not world.messages and world.modules == ())
+        may_repeat, eventually(lambda world: not world.messages and world.modules == ())
     )
-    assert "nothing further need happen" in found(only_again)
-    result = tca.explore(ping(again_or_not, eventually(over)))
+    assert "nothing further need happen" in counterexample(only_again)
+    result = tca.explore(ping(may_repeat, eventually(has_ended)))
     assert result.violation is not None
     assert "chooses again" in tca.report(result).partition("again and again:")[2]
-    good(ping(again_or_not, never_stuck()))
+    assert_good(ping(may_repeat, never_stuck()))
 
 
-def over(world: tca.World) -> list[tca.Seen]:
-    """The last note has been handled, and sent no other."""
+def has_ended(world: tca.World) -> list[tca.Seen]:
+    """The last note was handled without another."""
     notes = [seen for seen in world.messages if seen.message == NOTE.name]
     return [seen for seen in notes if seen.is_over and len(notes) == 1]
 
@@ -393,15 +396,13 @@ def test_world_needs_no_central() -> None:
 
 @pytest.mark.soak
 def test_fair_circle_polls_both_gauges() -> None:
-    result = tca.explore(beside_a_clock(hangs, eventually(achieved(WALK)), readers=2))
-    assert {action.name for action in goes_round(result)} == {"", "battery/1", "battery/2"}
+    result = tca.explore(beside_polling(hangs, eventually(achieved(WALK)), readers=2))
+    assert {action.name for action in fair_circle(result)} == {"", "battery/1", "battery/2"}
 
 
 @pytest.mark.soak
 def test_fair_circle_includes_both_independent_pairs() -> None:
-    """Each pair could go on for ever without the other: that would be no accident, and is not
-    shown.
-    """
+    """A circle of one pair alone would be unfair, and is not shown."""
     scenario = tca.Scenario("ball", eventually(achieved(WALK)))
     for name in ("here", "there"):
         ball: Any = type(NOTE)(f"ball {name}")
@@ -409,21 +410,19 @@ def test_fair_circle_includes_both_independent_pairs() -> None:
         scenario.module(f"{name} begins").does(lambda me, ball=ball: me.inform(ball))
     scenario.module("planner").handles(WALK)(hangs)
     scenario.module("walker").does(lambda me: [me.goal(WALK)])
-    assert {action.name for action in goes_round(tca.explore(scenario))} == {"here/1", "there/1"}
+    assert {action.name for action in fair_circle(tca.explore(scenario))} == {"here/1", "there/1"}
 
 
 def test_optional_action_may_be_omitted_for_ever() -> None:
-    """That a module can be lost all the time does not mean that it is."""
+    """A module that may be lost need not be lost."""
     scenario = polled(eventually(lambda world: "battery" not in world.modules))
     scenario.modules["battery"].may_be_lost = 1
-    circle = goes_round(tca.explore(scenario))
+    circle = fair_circle(tca.explore(scenario))
     assert {action.kind for action in circle} == {ActionKind.TIME, ActionKind.STEP}
 
 
 def test_intermittent_action_may_be_omitted_for_ever() -> None:
-    """A step that is done each time before its deadline: time need not pass, for in between nothing
-    is due.
-    """
+    """A step always ends before its deadline, so time need not pass."""
     scenario = tca.Scenario("in time", eventually(begun(LIFT)))
 
     @scenario.module("ear").handles(NOTE)
@@ -437,33 +436,31 @@ def test_intermittent_action_may_be_omitted_for_ever() -> None:
     scenario.module("legs").handles(STEP)(lambda _: None)
     scenario.module("arm").handles(LIFT)(lambda _: None)
     scenario.module("pinger").does(lambda me: me.inform(NOTE))
-    assert {action.name for action in goes_round(tca.explore(scenario))} == {"ear/1", "legs/1"}
+    assert {action.name for action in fair_circle(tca.explore(scenario))} == {"ear/1", "legs/1"}
 
 
 @pytest.mark.soak
 def test_goal_with_endless_subtask_is_not_stuck() -> None:
-    """It is what is under it that goes on, or is stuck."""
-    assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None
+    """Only its subtask continues, or is stuck."""
+    assert assert_good(beside_polling(starts_monitor, never_stuck())).longest is None
 
 
 @pytest.mark.soak
 def test_stuck_subtask_is_named_instead_of_its_goal() -> None:
-    scenario = beside_a_clock(steps_once, never_stuck())
+    scenario = beside_polling(steps_once, never_stuck())
     scenario.modules["legs"].may_be_lost = 1
     result = tca.explore(scenario)
-    goes_round(result)
+    fair_circle(result)
     assert "this can go on for ever, and all the while:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
 
 
-# --- what is counted ------------------------------------------------------------------------------
+# --- counts ----------------------------------------------------------------------------------------
 
 
 def test_at_most_counts_end_before_start_in_one_action() -> None:
-    """As in ``tca check``, with the same words: legs with one slot have begun one step at a
-    time.
-    """
+    """As in ``tca check``: legs with one slot start one step at a time."""
     one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
-    good(walking(*one_at_a_time, steps=3))
-    found(walking(at_most(0, begun(STEP))))
-    found(walking(at_most(0, achieved(STEP))))
+    assert_good(walking(*one_at_a_time, steps=3))
+    counterexample(walking(at_most(0, begun(STEP))))
+    counterexample(walking(at_most(0, achieved(STEP))))

@@ -1,4 +1,4 @@
-"""How modules come, what they take, and what a scenario may say of them."""
+"""Modules of a scenario: how they join, their options, and the errors of a scenario."""
 
 import re
 from collections.abc import Callable
@@ -6,7 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from explore.scenarios import NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, walking
+from explore.scenarios import (
+    NOTE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_module import Condition, Goal, Module, PollingMonitor, Query, Variable
@@ -38,11 +48,11 @@ ANY: Any = 0.5  # of a wrong type
 TEXT: Any = "5"
 
 
-# --- watching, and pending limits -----------------------------------------------------------------
+# --- variables and pending limits -----------------------------------------------------------------
 
 
 def test_newest_value_of_watched_variable_is_handled() -> None:
-    """The newest value waits, those before it give way."""
+    """The newest value is queued and displaces the older ones."""
     scenario = tca.Scenario(
         "watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3))
     )
@@ -53,8 +63,8 @@ def test_newest_value_of_watched_variable_is_handled() -> None:
         for position in (1, 2, 3):
             me.set_variable(POSITION, position)
 
-    good(scenario)
-    found(scenario, eventually(handled(POSITION, 2)))
+    assert_good(scenario)
+    counterexample(scenario, eventually(handled(POSITION, 2)))
 
 
 @pytest.mark.parametrize("pending", [1, 2])
@@ -69,9 +79,9 @@ def test_pending_limit_displaces_oldest_messages(pending: int) -> None:
         for number in (1, 2, 3, 4):
             me.inform(NOTE, number)
 
-    good(scenario)
-    found(scenario, at_most(pending - 1, queued(NOTE)))
-    found(scenario, eventually(handled(NOTE, 2)))
+    assert_good(scenario)
+    counterexample(scenario, at_most(pending - 1, queued(NOTE)))
+    counterexample(scenario, eventually(handled(NOTE, 2)))
 
 
 def test_displaced_command_is_killed() -> None:
@@ -83,15 +93,15 @@ def test_displaced_command_is_killed() -> None:
         for number in range(3):
             me.command(STEP, number, sequential=False)
 
-    good(scenario)
-    assert "killed" in found(scenario, never(killed(STEP, 1)))
+    assert_good(scenario)
+    assert "killed" in counterexample(scenario, never(killed(STEP, 1)))
 
 
 # --- at_start and requires ------------------------------------------------------------------------
 
 
 def tapping(*properties: Any, **options: Any) -> tca.Scenario:
-    """A watcher taps each step before it handles anything."""
+    """A watcher taps each step, and starts before any other module."""
     scenario = tca.Scenario("tapping", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     watcher = scenario.module("watcher", **options)
@@ -106,14 +116,16 @@ def tapping(*properties: Any, **options: Any) -> tca.Scenario:
 
 
 def test_at_start_is_done_before_the_run() -> None:
-    good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
+    assert_good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
 
 
 @pytest.mark.soak
 def test_at_start_is_done_when_module_arrives_late() -> None:
-    """Then the step may come first; but whoever hears of a step has tapped it before."""
-    found(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
-    good(tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000)
+    """The step may start before the tap; a fired tap was added before."""
+    counterexample(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
+    assert_good(
+        tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000
+    )
     assert "watcher taps all step before handling with note" in tca.report(
         tca.explore(tapping(never(fired(NOTE)), arrives_late=True))
     )
@@ -129,7 +141,7 @@ def test_at_start_functions_run_in_order() -> None:
     guide.at_start(lambda module: module.inform(NOTE, 1))
     guide.at_start(lambda module: module.inform(NOTE, 2))
     scenario.module("user").does(lambda me: [me.query(WHERE)])
-    result = good(scenario, never_stuck())
+    result = assert_good(scenario, never_stuck())
     assert not result.vacuous
 
 
@@ -149,14 +161,14 @@ def test_error_in_at_start_is_scenario_error() -> None:
 
 @pytest.mark.soak
 def test_error_in_script_ends_only_that_script() -> None:
-    """Also of one that handles nothing, and has joined with one word."""
+    """The module handles nothing."""
     scenario = walking(never_stuck())
 
     @scenario.module("slipper").does
     def slip(_: tca.Script) -> None:
         raise SLIPPED(text="ice")
 
-    good(scenario)
+    assert_good(scenario)
 
 
 def test_module_without_handlers_may_use_at_start() -> None:
@@ -168,7 +180,7 @@ def test_module_without_handlers_may_use_at_start() -> None:
     mouth.does(lambda me: me.inform(NOTE, "later"))
     mouth.at_start(lambda module: module.inform(NOTE, "first"))
     scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
-    result = good(scenario)
+    result = assert_good(scenario)
     assert not result.vacuous
 
 
@@ -184,7 +196,7 @@ def test_module_waits_for_its_requirements() -> None:
         me.goal(REST)
 
     scenario.module("couch").handles(REST)(lambda _: None)
-    result = good(scenario)
+    result = assert_good(scenario)
     assert not result.vacuous
 
 
@@ -192,11 +204,11 @@ def test_modules_with_circular_requirements_are_stuck() -> None:
     scenario = tca.Scenario("a circle", never_stuck())
     scenario.module("legs", requires=[REST]).handles(STEP)(lambda _: None)
     scenario.module("couch", requires=[STEP]).handles(REST)(lambda _: None)
-    text = found(scenario)
+    text = counterexample(scenario)
     assert "legs waits until rest are handled" in text
 
 
-# --- what is refused ------------------------------------------------------------------------------
+# --- errors ----------------------------------------------------------------------------------------
 
 
 def locking(**lock: Any) -> tca.Scenario:
@@ -243,7 +255,7 @@ def test_lock_of_ambiguous_resource_must_name_module() -> None:
 
 
 def test_lock_of_known_resource_is_good() -> None:
-    good(locking(resource="planner"))
+    assert_good(locking(resource="planner"))
 
 
 def module() -> Any:
@@ -294,9 +306,7 @@ def test_invalid_scenario_argument_error_names_valid_ones(
 
 
 def test_unexplored_module_method_is_named() -> None:
-    """A call of the library's Module that is neither there nor refused by name would be a bare
-    AttributeError.
-    """
+    """A method of the library's Module that a scenario lacks must not raise a bare AttributeError."""
     module = tca.Scenario("s").module("m")
     for name in (
         name for name in dir(Module) if not name.startswith("_") and name not in dir(module)
@@ -339,7 +349,7 @@ def test_script_that_counts_its_runs_is_refused(changes: str) -> None:
         tca.explore(scenario)
 
 
-# --- what properties name must be there -----------------------------------------------------------
+# --- names in properties --------------------------------------------------------------------------
 
 
 WAKE, STEPS = Goal("wake"), Goal("steps")
@@ -396,7 +406,7 @@ def test_property_may_name_a_monitor() -> None:
     scenario = tca.Scenario("polled", at_most(1, fired(GAUGE)), never_stuck())
     scenario.module("battery").handles(IS_LOW)(lambda _: False)
     scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,20 @@
-"""What central promises, in every order in which things can happen; and that broken rules are
-found.
-"""
+"""Promises of central hold in every order of events, and broken rules are found."""
 
 from typing import Any
 
 import pytest
-from explore.scenarios import HIGHER, NOTE, REST, STEP, WALK, WHERE, found, good, helped, walking
+from explore.scenarios import (
+    HIGHER,
+    NOTE,
+    REST,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    helped,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_central.model.resources import Resource
@@ -33,15 +42,15 @@ REST_LAST = before(achieved(WALK), achieved(REST))
 
 
 def test_no_task_starts_before_its_constraints() -> None:
-    good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
+    assert_good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
 
 
 def test_unconstrained_step_may_start_first() -> None:
-    found(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
+    counterexample(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
 
 
 def constrained(*properties: Any) -> tca.Scenario:
-    """Each flag once."""
+    """A scenario with each constraint flag once."""
     scenario = tca.Scenario("constrained", *properties)
     planner = scenario.module("planner", capacity=2)
 
@@ -67,7 +76,7 @@ def constrained(*properties: Any) -> tca.Scenario:
 
 
 def test_every_constraint_flag_holds() -> None:
-    good(
+    assert_good(
         constrained(
             before(planned(REST, 1), begun(REST, 2)),
             before(achieved(REST, 2), begun(REST, 3)),
@@ -91,14 +100,14 @@ def test_plan_first_goal_is_planned_before_its_steps() -> None:
     def story(me: tca.Script) -> None:
         me.goal(WALK, plan_first=True).wait()
 
-    good(scenario)
+    assert_good(scenario)
 
 
 # --- resources ------------------------------------------------------------------------------------
 
 
 def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
-    """Three (without *notes* two) who do not know each other want the legs at the same time."""
+    """Three independent users (two without *notes*) use the legs at the same time."""
     scenario = tca.Scenario("a crowd", *properties)
     feet = scenario.module("legs", capacity=capacity, **legs)
 
@@ -133,11 +142,11 @@ def test_resource_stays_within_capacity(capacity: int, notes: bool) -> None:
     scenario = crowd(
         at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes
     )
-    good(scenario)
+    assert_good(scenario)
 
 
 def test_resource_is_used_to_its_capacity() -> None:
-    found(crowd(at_most(1, handled_by("legs")), notes=False))
+    counterexample(crowd(at_most(1, handled_by("legs")), notes=False))
 
 
 @pytest.mark.soak
@@ -145,7 +154,7 @@ def test_resource_is_used_to_its_capacity() -> None:
 def test_resource_stays_within_capacity_when_slots_change(late_too: bool) -> None:
     legs = {"capacity": 1, "may_leave": True, "arrives_late": late_too}
     scenario = crowd(at_most(1, handled_by("legs")), notes=late_too, **legs)
-    good(scenario, limit=5000)
+    assert_good(scenario, limit=5000)
 
 
 # --- kills and losses -----------------------------------------------------------------------------
@@ -154,8 +163,8 @@ def test_resource_stays_within_capacity_when_slots_change(late_too: bool) -> Non
 def test_killed_subtree_releases_its_waiters() -> None:
     scenario = walking(eventually(achieved(REST)), never_stuck(), before(killed(WALK), never_true))
     scenario.may_kill(WALK)
-    good(scenario)
-    found(scenario, never(killed(STEP)))
+    assert_good(scenario)
+    counterexample(scenario, never(killed(STEP)))
 
 
 def never_true(_: object) -> bool:
@@ -163,22 +172,22 @@ def never_true(_: object) -> bool:
 
 
 def test_failed_step_ends_its_goal_and_releases_waiters() -> None:
-    good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
-    found(walking(eventually(achieved(WALK)), slips=True))
+    assert_good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
+    counterexample(walking(eventually(achieved(WALK)), slips=True))
 
 
 @pytest.mark.soak
 def test_lost_module_releases_waiters() -> None:
-    good(
+    assert_good(
         walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True)
     )
 
 
 def test_step_stays_queued_without_its_module() -> None:
-    assert "queued" in found(walking(never_stuck(), steps=1, may_be_lost=1))
+    assert "queued" in counterexample(walking(never_stuck(), steps=1, may_be_lost=1))
 
 
-# --- who waits for an exception handler is helped by somebody -------------------------------------
+# --- exception handlers of departed modules -----------------------------------------------------
 
 ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 
@@ -188,15 +197,17 @@ ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 def test_exception_handler_of_departed_module_is_skipped(
     may_leave: bool,
 ) -> None:
-    good(helped(*ALL_ENDS, may_leave=may_leave))
-    found(helped(never(killed(HIGHER)), may_leave=may_leave))
+    assert_good(helped(*ALL_ENDS, may_leave=may_leave))
+    counterexample(helped(never(killed(HIGHER)), may_leave=may_leave))
 
 
 def test_unskipped_exception_handler_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
-    assert "nobody handles 'higher', and the search does not go on" in found(helped(*ALL_ENDS))
+    assert "nobody handles 'higher', and the search does not go on" in counterexample(
+        helped(*ALL_ENDS)
+    )
 
 
 # --- locks and reservations -----------------------------------------------------------------------
@@ -205,8 +216,8 @@ GRIP = Command("grip")
 
 
 def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
-    """Two handlers that each need both of two resources; one locks *first* first, the other
-    *second*.
+    """Two handlers that lock both of two resources: one in the order legs, arm, the other in the
+    given order.
     """
     scenario = tca.Scenario("two arms", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -230,7 +241,7 @@ def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario
     return scenario
 
 
-def both(world: tca.World) -> bool:
+def one_holds_both(world: tca.World) -> bool:
     return len(world.held_by) == 2 and len({claim.sender for claim in world.held_by.values()}) == 1
 
 
@@ -243,16 +254,16 @@ def test_locks_in_opposite_order_may_deadlock() -> None:
 
 
 def test_locks_in_one_order_never_deadlock() -> None:
-    good(two_arms("legs", "arm", never_stuck()))
+    assert_good(two_arms("legs", "arm", never_stuck()))
 
 
 def test_property_sees_lock_holders() -> None:
-    found(two_arms("legs", "arm", never(both)))
+    counterexample(two_arms("legs", "arm", never(one_holds_both)))
 
 
 def reserved() -> tca.Result:
-    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say
-    that none of the user's comes between.
+    """The planner reserves the legs for its own steps during its walk. No step of the user may
+    start in between.
     """
     scenario = tca.Scenario("reserved", never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -283,7 +294,7 @@ def test_central_that_ignores_reservation_is_found(monkeypatch: pytest.MonkeyPat
 
 
 def test_lock_of_module_that_may_be_lost_is_valid() -> None:
-    """That it is gone is no mistake of the scenario."""
+    """A lost module is no error of the scenario."""
     scenario = tca.Scenario("a lost base", never_stuck())
     scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
 
@@ -293,7 +304,7 @@ def test_lock_of_module_that_may_be_lost_is_valid() -> None:
             pass
 
     scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
-    good(scenario)
+    assert_good(scenario)
 
 
 def test_property_that_raises_is_scenario_error() -> None:
@@ -302,7 +313,7 @@ def test_property_that_raises_is_scenario_error() -> None:
 
 
 def unlocked(*properties: tca.Property) -> tca.Result:
-    """An operator takes the legs from a planner, whether that has them just then or not."""
+    """An operator unlocks the legs, whether the planner holds the lock or not."""
     scenario = tca.Scenario("an operator unlocks", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
 

@@ -376,7 +376,7 @@ def _locks(hands: Hands) -> Steps:
 
 
 def _recovers(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
-    """Handle a failure: resolve, retry or reissue it."""
+    """Handle a failure: retry, reissue, fail, or do nothing."""
     trouble, dice = header.context, hands.dice
     assert isinstance(trouble, Trouble)
     yield hands.passes()
