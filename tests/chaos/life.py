@@ -94,15 +94,15 @@ class Life:
             self._pass(self.random.random() ** 2)
         if self.random.random() < 0.1:
             self._central.send_signal(signal.SIGSTOP)
-            self._tell("central stops")
+            self._log("central stops")
             self._pass(self.random.random() * 2)
             self._central.send_signal(signal.SIGCONT)
-            self._tell("central continues")
+            self._log("central continues")
             self.counts["stops of central"] += 1
             self._pass(self.random.random() * 0.3)
         self._check_central()
         self._central.close()
-        self._tell("central killed")
+        self._log("central killed")
         self.counts["kills of central"] += 1
         if self.random.random() < 0.2:
             self._pass(self.random.random())
@@ -117,7 +117,7 @@ class Life:
         until = time.monotonic() + HEALED
         while True:
             if log.exists() and b"listening on" in log.read_bytes()[self._logged :]:
-                self._tell("central listens")
+                self._log("central listens")
                 return
             self._check_central()
             if time.monotonic() > until:
@@ -132,7 +132,7 @@ class Life:
             for due, process in [one for one in self._resume if one[0] <= now]:
                 self._resume.remove((due, process))
                 process.send_signal(signal.SIGCONT)
-                self._tell(f"process {process.pid} continues")
+                self._log(f"process {process.pid} continues")
             for name in [name for name, due in self._doom.items() if due <= now]:
                 self._meets_fate(name)
             if now >= until:
@@ -148,20 +148,20 @@ class Life:
             process.send_signal(signal.SIGSTOP)
             self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
             self.counts["stops of modules"] += 1
-            self._tell(f"process {process.pid}, {name}, stops")
+            self._log(f"process {process.pid}, {name}, stops")
             return
         process.close()
         self.counts["kills of modules"] += 1
-        self._tell(f"process {process.pid}, {name}, killed")
+        self._log(f"process {process.pid}, {name}, killed")
         self._start_module(name)
         if self.random.random() < 0.3:
             guest = self._users.pop("guest")
             guest.close()
             self.counts["kills of users"] += 1
-            self._tell(f"process {guest.pid}, guest, killed")
+            self._log(f"process {guest.pid}, guest, killed")
             self._start_user("guest")
 
-    def _tell(self, what: str) -> None:
+    def _log(self, what: str) -> None:
         with (self.folder / "chronicle").open("a") as chronicle:
             print(time.strftime("%H:%M:%S"), f"{time.monotonic():.3f}", what, file=chronicle)
 
@@ -169,7 +169,7 @@ class Life:
 
     def _heal(self) -> None:
         """End the kills; then all tasks end, and all users are answered."""
-        self._tell("nothing more dies")
+        self._log("nothing more dies")
         self._doom.clear()
         while self._resume:
             self._pass(0.05)

@@ -230,7 +230,7 @@ class User:
             self.walk,
             self.grip,
             self.where,
-            self.tell,
+            self.inform,
             self.set,
         ]
         deeds += [
@@ -250,10 +250,10 @@ class User:
                 while not until.exists():
                     self.random.choice(deeds)(user, self._next())
                     while len(self.sent) > self.random.randrange(12):
-                        self.hear()
+                        self.await_oldest()
                     time.sleep(self.random.random() * 0.01)
                 while self.sent:
-                    self.hear()
+                    self.await_oldest()
         except NotSent as error:
             self.notebook.note("not sent", error.number)
         self.notebook.note("over")
@@ -267,7 +267,7 @@ class User:
         if self.random.random() < 0.5:
             self.notebook.note("taken", name, task.id)
 
-    def hear(self) -> None:
+    def await_oldest(self) -> None:
         """Wait for the oldest task."""
         name, task = self.sent.pop(0)
         self.notebook.note("awaits", name)
@@ -321,7 +321,7 @@ class User:
         assert len(set(replies)) == len(replies), replies
         self.notebook.note("answered", name, len(replies))
 
-    def tell(self, user: Client, name: str) -> None:
+    def inform(self, user: Client, name: str) -> None:
         """Send an inform."""
         user.inform(NOTE, name)
         self.notebook.note("told", name)

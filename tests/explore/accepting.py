@@ -20,12 +20,12 @@ EVENTUALLY = 1e6  # seconds: longer than every timer
 LONG = 100.0  # seconds: longer than the limits of requests
 
 BETWEEN = {
-    "loss of who handles it": "lose legs",
+    "loss of server": "lose legs",
     "failure and retry": "slip, kill step",
     "kills": "kill step, kill walk",
-    "loss of an outsider who asked": "lose operator",
+    "loss of operator": "lose operator",
     "suspension": "suspend walk, kill step",
-    "loss of who asked": "lose planner",
+    "loss of client": "lose planner",
 }
 """The disturbances of each scenario, possible at any moment. The order makes the pairs outside of
 soak runs cheap ones.

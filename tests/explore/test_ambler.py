@@ -168,7 +168,7 @@ def at_the_machine(world: tca.World) -> list[Any]:
     return [seen for seen in world.messages if seen.message in moves and seen.is_handled]
 
 
-def in_order(steps: int) -> list[Any]:
+def steps_in_order(steps: int) -> list[Any]:
     """Each move follows the move before it, and each step the step before it."""
     moves = [
         (message, left)
@@ -183,7 +183,7 @@ def checked_walk(steps: int) -> tca.Scenario:
         steps,
         at_most(1, steps_planned_ahead),
         at_most(1, at_the_machine),
-        *in_order(steps),
+        *steps_in_order(steps),
         never_stuck(),
     )
 
@@ -234,7 +234,7 @@ def orders(world: tca.World) -> Orders:
     return found
 
 
-def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
+def orders_of_real_walk(monkeypatch: pytest.MonkeyPatch) -> Orders:
     """The orders of a walk of three steps by the real modules. The third step is planned during the
     first.
     """
@@ -284,7 +284,7 @@ def test_ambler_scenario_sends_the_robots_messages(monkeypatch: pytest.MonkeyPat
         return True
 
     assert_good(checked_walk(3), always(is_noted))
-    real = really_walked(monkeypatch)
+    real = orders_of_real_walk(monkeypatch)
     assert {order[:2] for order in real} == {order[:2] for order in played}
     assert real <= played
     ahead = {

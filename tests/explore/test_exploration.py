@@ -86,7 +86,7 @@ def test_count_of_property_is_part_of_state() -> None:
     scenario.module("ear").handles(NOTE)(lambda _: None)
 
     @scenario.module("mouth").does
-    def tell(me: tca.Script) -> None:
+    def send_notes(me: tca.Script) -> None:
         if me.choose("once", "twice") == "twice":
             me.inform(NOTE)
         me.inform(NOTE)
@@ -384,15 +384,15 @@ def stuck() -> tca.Result:
 
 
 def test_stuck_tasks_and_waits_are_named() -> None:
-    *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
-    assert why == "  => nothing further need happen, and this is left:"
+    *_, reason, running, queued, handler_wait, user_wait = tca.report(stuck()).splitlines()[-6:]
+    assert reason == "  => nothing further need happen, and this is left:"
     assert (
-        second.strip()
+        running.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
     )
-    assert who.strip() == "walk {2} has not ended: nothing reached; queued"
-    assert what.strip() == "planner in walk {1} waits for end achieving of walk {2}"
-    assert whom.strip() == "user waits for end achieving of walk {1}"
+    assert queued.strip() == "walk {2} has not ended: nothing reached; queued"
+    assert handler_wait.strip() == "planner in walk {1} waits for end achieving of walk {2}"
+    assert user_wait.strip() == "user waits for end achieving of walk {1}"
 
 
 def test_assertion_in_central_is_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -187,13 +187,22 @@ def seen_in(world: World) -> object:
         return names.index(one)
 
     return (
-        [{key: name(value) if isinstance(value, Name) else value for key, value in vars(seen).items()}
-         for seen in world.messages],
+        [
+            {
+                key: name(value) if isinstance(value, Name) else value
+                for key, value in vars(seen).items()
+            }
+            for seen in world.messages
+        ],
         [[child.message for child in world.children(seen)] for seen in world.messages],
-        [[(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]
-         for seen in world.messages],
-        world.held_by, world.modules, world.passed,
-    )  # fmt: skip
+        [
+            [(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]
+            for seen in world.messages
+        ],
+        world.held_by,
+        world.modules,
+        world.passed,
+    )
 
 
 @pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
@@ -324,13 +333,29 @@ def test_fingerprint_tables_name_existing_attributes() -> None:
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
     module = Module("legs", "legs", "run", "")
     things = [
-        central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
-        central.dispatcher.messages_ahead, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        central,
+        central.tree,
+        central.registry,
+        central.agenda,
+        central.agenda.holds,
+        central.dispatcher,
+        central.tree.root,
+        resource,
+        central.dispatcher.messages_ahead,
+        message,
+        module,
+        Delivery(1, message, b"", None),
+        Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Tapping(),  # type: ignore[arg-type]
-        Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
-        FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
-    ]  # fmt: skip
+        central.clock,
+        central.clock.after(1, Due.TEST, None),
+        PendingDelay(central.tree.root, 1, None),  # type: ignore[arg-type]
+        Tapping(),
+        Watch(central.tree.root, WatchOptions(), []),
+        PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
+        FailureContext(*[None] * 5),  # type: ignore[arg-type]
+        AttachedHandler(1, "", message, 0, message, "legs"),
+    ]
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)
     assert isinstance(central.tree, TaskTree)

@@ -44,7 +44,7 @@ def explore_with_prefetch(make: Make) -> tca.Result:
 @pytest.mark.parametrize(
     "make", [*ahead.SMALL, *(pytest.param(make, marks=pytest.mark.soak) for make in ahead.LARGE)]
 )
-def test_outcomes_with_prefetch_equal_outcomes_without(make: Make) -> None:
+def test_prefetching_adds_no_outcome(make: Make) -> None:
     result = explore_with_prefetch(make)
     assert result.ok, tca.report(result)
 

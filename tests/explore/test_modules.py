@@ -75,7 +75,7 @@ def test_pending_limit_displaces_oldest_messages(pending: int) -> None:
     scenario.module("ear").handles(NOTE, pending=pending)(lambda _task, _number: None)
 
     @scenario.module("mouth").does
-    def tell(me: tca.Script) -> None:
+    def send_notes(me: tca.Script) -> None:
         for number in (1, 2, 3, 4):
             me.inform(NOTE, number)
 
@@ -262,26 +262,66 @@ def module() -> Any:
     return tca.Scenario("s").module("m")
 
 
-NONSENSE: list[Callable[[], object]] = [
-    *(lambda option=option: walking(**option)
-      for option in ({"may_be_lost": -1}, {"may_be_lost": True}, {"comes_back": "no"}, {"may_leave": 1},
-                     {"arrives_late": None}, {"capacity": 0}, {"capacity": 2.5}, {"capacity": 257}, {"requires": "step"})),
-    *(lambda option=option: module().handles(NOTE, **option)
-      for option in ({"pending": 0}, {"pool": 1}, {"pool": ""}, {"resource": ""}, {"direct": True})),
-    *(lambda call=call: call(ANY)
-      for call in (tca.Scenario, accepted, never, always, eventually, tca.Scenario("s").module, tca.Scenario("s").may_kill, tca.explore)),
-    lambda: module().resource("r", 0), lambda: module().resource(""), lambda: module().every(1.0),
-    lambda: module().goal(WALK), lambda: tca.Scenario(""), lambda: tca.Scenario("s", ANY),
-    lambda: tca.Scenario("s").may_kill(WALK, -1), lambda: tca.Scenario("s").may_suspend(WALK, ANY),
-    lambda: accepted("kill", by=" "), lambda: tca.explore(walking(), never(accepted("kill", by="legz"))),
-    lambda: at_most(-1, begun(WALK)), lambda: at_most_in_all(ANY, begun(WALK)),
-    *(lambda seconds=seconds: within(seconds, begun(WALK), begun(STEP))
-      for seconds in (-1, float("nan"), TEXT)),
-    lambda: tca.explore(walking(), ANY), lambda: tca.explore(walking(), limit=0),
-]  # fmt: skip
+INVALID_ARGUMENTS: list[Callable[[], object]] = [
+    *(
+        lambda option=option: walking(**option)
+        for option in (
+            {"may_be_lost": -1},
+            {"may_be_lost": True},
+            {"comes_back": "no"},
+            {"may_leave": 1},
+            {"arrives_late": None},
+            {"capacity": 0},
+            {"capacity": 2.5},
+            {"capacity": 257},
+            {"requires": "step"},
+        )
+    ),
+    *(
+        lambda option=option: module().handles(NOTE, **option)
+        for option in (
+            {"pending": 0},
+            {"pool": 1},
+            {"pool": ""},
+            {"resource": ""},
+            {"direct": True},
+        )
+    ),
+    *(
+        lambda call=call: call(ANY)
+        for call in (
+            tca.Scenario,
+            accepted,
+            never,
+            always,
+            eventually,
+            tca.Scenario("s").module,
+            tca.Scenario("s").may_kill,
+            tca.explore,
+        )
+    ),
+    lambda: module().resource("r", 0),
+    lambda: module().resource(""),
+    lambda: module().every(1.0),
+    lambda: module().goal(WALK),
+    lambda: tca.Scenario(""),
+    lambda: tca.Scenario("s", ANY),
+    lambda: tca.Scenario("s").may_kill(WALK, -1),
+    lambda: tca.Scenario("s").may_suspend(WALK, ANY),
+    lambda: accepted("kill", by=" "),
+    lambda: tca.explore(walking(), never(accepted("kill", by="legz"))),
+    lambda: at_most(-1, begun(WALK)),
+    lambda: at_most_in_all(ANY, begun(WALK)),
+    *(
+        lambda seconds=seconds: within(seconds, begun(WALK), begun(STEP))
+        for seconds in (-1, float("nan"), TEXT)
+    ),
+    lambda: tca.explore(walking(), ANY),
+    lambda: tca.explore(walking(), limit=0),
+]
 
 
-@pytest.mark.parametrize("make", NONSENSE)
+@pytest.mark.parametrize("make", INVALID_ARGUMENTS)
 def test_invalid_scenario_argument_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises((tca.ScenarioError, tca.BadProperty)):
         make()

@@ -112,7 +112,7 @@ def test_monitor_as_listener_ends_with_tapped_task(condition: Condition) -> None
     counterexample(scenario, never(sent(GAUGE)))
 
 
-def test_task_waits_for_action_of_monitor() -> None:
+def test_task_with_acting_monitor_ends() -> None:
     scenario = stepping(starting(BATTERY, period=1.0, maximum=1), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
     assert_good(scenario, eventually(achieved(STEP)), never_stuck())

@@ -457,7 +457,7 @@ def test_waiting_handler_is_woken_when_its_module_leaves(wait_name: str) -> None
         )
 
 
-def test_handler_that_returns_at_stop_may_end_without_failure() -> None:
+def test_handler_that_returns_after_stop_may_fail_module_lost() -> None:
     def returns(task: tca.Task) -> None:
         if task.cancelled:
             return

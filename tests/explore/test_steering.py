@@ -84,25 +84,28 @@ def test_while_and_after_taps_hold_nothing(condition: Condition) -> None:
 
 
 def test_tap_with_at_once_fires_exactly_once() -> None:
-    told = Inform("told")
+    notice = Inform("told")
 
     def tapped(*, at_once: bool) -> tca.Scenario:
         scenario = tca.Scenario("tapped at once")
         scenario.module("legs").handles(STEP)(scenarios.nothing)
-        scenario.module("log").handles(told)(scenarios.nothing)
+        scenario.module("log").handles(notice)(scenarios.nothing)
 
         @scenario.module("user").does
         def story(me: tca.Script) -> None:
             step = me.command(STEP)
             with contextlib.suppress(Refused):  # it has ended
-                me.tap(Condition.AFTER_ACHIEVED, step, told, at_once=at_once)
+                me.tap(Condition.AFTER_ACHIEVED, step, notice, at_once=at_once)
 
         return scenario
 
     assert_good(
-        tapped(at_once=True), at_most_in_all(1, sent(told)), eventually(sent(told)), never_stuck()
+        tapped(at_once=True),
+        at_most_in_all(1, sent(notice)),
+        eventually(sent(notice)),
+        never_stuck(),
     )
-    counterexample(tapped(at_once=False), eventually(sent(told)))
+    counterexample(tapped(at_once=False), eventually(sent(notice)))
 
 
 # --- failures -------------------------------------------------------------------------------------

@@ -221,7 +221,7 @@ MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
 }
 
 
-@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
+@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["no loss", "loss"])
 @pytest.mark.parametrize("name", MONITORS)
 def test_monitor_lasts_as_long_as_requested(name: str, battery: dict[str, Any]) -> None:
     """Or until it is killed, or the handler of its condition is lost."""
@@ -326,12 +326,12 @@ def second_begun_or_killed(world: tca.World) -> bool:
     return any(step.is_begun or step.is_killed for step in messages_with(world, STEP, data=2))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "loss"])
 def test_constraint_added_later_holds(legs: dict[str, Any]) -> None:
     assert_holds(two_steps(constrained, **legs), before(has_ended(STEP, 1), begun(STEP, 2)))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "loss"])
 def test_delayed_step_starts_after_its_delay(legs: dict[str, Any]) -> None:
     assert_holds(
         two_steps(with_delay, **legs),
@@ -344,7 +344,7 @@ def test_delayed_step_starts_after_its_delay(legs: dict[str, Any]) -> None:
     )
 
 
-@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["kill", "loss"])
 def test_command_with_higher_priority_is_first(legs: dict[str, Any]) -> None:
     assert_holds(two_steps(with_priority, **legs), before(second_begun_or_killed, begun(STEP, 1)))
 
@@ -355,7 +355,7 @@ def test_command_with_higher_priority_is_first(legs: dict[str, Any]) -> None:
         ({}, killed(STEP), "killed"),
         pytest.param(LOST, failed(STEP), "failed", marks=pytest.mark.soak),
     ],
-    ids=["a kill", "a loss"],
+    ids=["kill", "loss"],
 )
 def test_wait_for_moment_returns_outcome_of_task(
     legs: dict[str, Any], ends: Any, word: str
@@ -372,7 +372,7 @@ def test_wait_for_moment_returns_outcome_of_task(
     )
 
 
-@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["kill", "loss"])
 def test_retained_task_is_known_until_released(legs: dict[str, Any]) -> None:
     def plan(task: tca.Task) -> None:
         step = task.command(STEP, 1)
@@ -439,7 +439,7 @@ def suspend_and_resume(_: Any, step: TaskRef) -> None:
     step.resume()
 
 
-def kill_all_under_the_walk(_: Any, step: TaskRef) -> None:
+def kill_descendants_of_parent(_: Any, step: TaskRef) -> None:
     if (walk := step.parent()) is not None:
         walk.kill(scope=Scope.DESCENDANTS)
 
@@ -450,10 +450,10 @@ REQUESTS = {
     "kill after its handling": Request(
         "kill", lambda _, step: step.kill(after=step.handling.end), gone, EVENTUALLY
     ),
-    "kill of all beside it": Request(
+    "kill of siblings": Request(
         "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
-    "kill of all under the task above": Request("kill", kill_all_under_the_walk, gone),
+    "kill of all descendants of the parent": Request("kill", kill_descendants_of_parent, gone),
     "on termination": Request(
         "on_termination", lambda _, step: step.on_termination(LIFT), ended_safely, EVENTUALLY
     ),
@@ -470,7 +470,7 @@ REQUESTS = {
 @pytest.mark.parametrize(("name", "between"), one_in(6, REQUESTS, BETWEEN))
 def test_accepted_request_about_task_is_kept(name: str, between: str) -> None:
     request = REQUESTS[name]
-    ends_it = between in ("loss of who asked", "loss of who handles it")
+    ends_it = between in ("loss of client", "loss of server")
     is_timed = 0 < request.seconds < EVENTUALLY and not ends_it
     scenario = robot(name, request.ask, BETWEEN[between] + ", last" * is_timed)
     properties = [within(request.seconds, accepted(request.call), request.kept)]

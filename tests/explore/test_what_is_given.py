@@ -34,10 +34,10 @@ POSITION: Variable[int] = Variable("position", int)
 # --- messages -------------------------------------------------------------------------------------
 
 
-def note_result(me: tca.Script, what: Callable[[tca.Script], Any]) -> None:
+def note_result(me: tca.Script, request: Callable[[tca.Script], Any]) -> None:
     """Note the result."""
     try:
-        me.inform(NOTE, str(what(me)))
+        me.inform(NOTE, str(request(me)))
     except (QueryFailed, Timeout, Refused) as error:
         me.inform(NOTE, type(error).__name__)
 
@@ -51,11 +51,11 @@ def given_up(me: tca.Script) -> str:
 ASKED: dict[str, Callable[[tca.Script], Any]] = {
     "query": lambda me: me.query(WHERE),
     "query with a timeout": lambda me: me.query(WHERE, timeout=2.0),
-    "query that is given up": given_up,
-    "query if it is handled": lambda me: me.execute_if_handled(WHERE),
+    "cancelled query": given_up,
+    "query if handled": lambda me: me.execute_if_handled(WHERE),
     "multi-query": lambda me: me.multi_query(HEIGHTS),
-    "multi-query, the first": lambda me: me.multi_query(HEIGHTS, maximum=1),
-    "wait until it is handled": lambda me: me.wait_until_handled(WHERE),
+    "multi-query with maximum": lambda me: me.multi_query(HEIGHTS, maximum=1),
+    "wait until handled": lambda me: me.wait_until_handled(WHERE),
 }
 
 
@@ -90,7 +90,7 @@ def test_sent_inform_and_broadcast_are_handled() -> None:
     scenario.modules["other ear"].handles(NOTE)(nothing)
 
     @scenario.module("user", may_be_lost=1).does
-    def tell(me: tca.Script) -> None:
+    def send_both(me: tca.Script) -> None:
         me.broadcast(ALARM, "fire")
         me.inform(NOTE, "told")
 

@@ -40,11 +40,47 @@ MONITORS = {
 }
 FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
-OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
-    "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
-    "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
-    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister", "fetch",
-]  # fmt: skip
+OPERATIONS = (
+    ["send"] * 8
+    + ["reply"] * 8
+    + ["fail"] * 3
+    + [
+        "kill",
+        "constrain",
+        "wait",
+        "lose",
+        "join",
+        "bye",
+        "give up",
+        "attach",
+        "attach",
+        "remove",
+        "raise",
+        "retry",
+        "suspend",
+        "deadline",
+        "pass",
+        "pass",
+        "tap",
+        "tap",
+        "fire",
+        "end monitor",
+        "monitor",
+        "monitor",
+        "set",
+        "await",
+        "keep",
+        "keep",
+        "release",
+        "lock",
+        "lock",
+        "unclaim",
+        "unclaim",
+        "unlock",
+        "unregister",
+        "fetch",
+    ]
+)
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 operations = st.lists(operation, max_size=lives(60, soak=200))
 Operations = list[tuple[str, int, int, int, int]]

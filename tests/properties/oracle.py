@@ -15,8 +15,8 @@ that central makes, the order of equal arrivals, and the slot. It also accepts w
 deadlock; test_deadlocks.py judges deadlocks. A request that central refuses is not judged, and
 changes nothing.
 
-Lives for the oracle have no pending limits and no variables. Their displacement is a rule of
-queues, which transcripts/pending_limits.txt holds. No two timers in them are due at the same time.
+Lives for the oracle have no variables and no pending limits; transcripts/pending_limits.txt holds
+the rules of displacement. No two timers are due at the same time.
 
     oracle.py           the effect of each message.
     oracle_rules.py     points, constraints, birth and end of tasks.

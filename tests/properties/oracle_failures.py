@@ -172,9 +172,9 @@ def skip_stranded(world: World) -> bool:
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
         return False
-    said = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
+    killed_ids = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
     for node in sorted(
-        due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)
+        due, key=lambda one: (one.arrival, killed_ids.index(one.id) if one.id in killed_ids else 0)
     ):
         if not node.killed:
             kill(world, node)

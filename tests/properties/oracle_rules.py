@@ -207,8 +207,8 @@ def _end(world: World, node: Node) -> None:
         oracle_failures.handler_ended(world, node)
 
 
-def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
-    world.alarms.append(Alarm(world.time + seconds, world.step, node, **what))
+def set_alarm(world: World, seconds: float, node: Node, **fields: Any) -> None:
+    world.alarms.append(Alarm(world.time + seconds, world.step, node, **fields))
 
 
 def pass_time(world: World, settle: Callable[[], None]) -> None:

@@ -48,9 +48,9 @@ def give(world: World) -> bool:
         return False
     given = _give_next(world, choices)
     if given is None:
-        said = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
-        what = world.seen.given[0] if world.seen.given else "nothing"
-        raise Disagreement(f"central delivers {what}, but the next are: {said}")
+        expected = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
+        actual = world.seen.given[0] if world.seen.given else "nothing"
+        raise Disagreement(f"central delivers {actual}, but the next are: {expected}")
     while given is not None and _is_new(world, given):
         given = _give_next(
             world, {one: slots for one, slots in _choices(world).items() if _is_new(world, one)}

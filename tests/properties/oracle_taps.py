@@ -109,9 +109,9 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 def fire_again(world: World, node: Node) -> None:
     """An unstarted task is retried: its *before* taps fire again."""
-    again = taps_to_repeat(world, node)
-    if again:
-        node.fired -= again
+    repeated = taps_to_repeat(world, node)
+    if repeated:
+        node.fired -= repeated
         if node.waiting:
             node.waiting, node.arrival = False, None
 
@@ -133,14 +133,14 @@ def reached(world: World, node: Node, moments: set[Moment]) -> None:
     happened(world, node, {AT[moment] for moment in moments if moment in AT})
 
 
-def happened(world: World, job: Job, what: set[Condition]) -> None:
+def happened(world: World, job: Job, conditions: set[Condition]) -> None:
     """Fire the taps of a message. *Before* conditions of messages other than tasks come true at
     delivery.
     """
-    if Condition.WHILE_HANDLING in what and not isinstance(job, Node):
-        what = what | {Condition.BEFORE_HANDLING}
+    if Condition.WHILE_HANDLING in conditions and not isinstance(job, Node):
+        conditions = conditions | {Condition.BEFORE_HANDLING}
     for tap in taps_of(world, job):
-        if tap.condition in what:
+        if tap.condition in conditions:
             world.has_sent = True
             _fire(world, tap, job)
 
@@ -286,16 +286,16 @@ def remove_holder(world: World, tap_id: int, module: str, *, for_all: bool = Fal
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
     """The conditions that become true when a handler has returned."""
-    what = {Condition.AFTER_HANDLED}
+    conditions = {Condition.AFTER_HANDLED}
     if not reissued:
-        what |= (
+        conditions |= (
             {Condition.AFTER_FAILURE, Condition.WHEN_FAILURE}
             if failed
             else {Condition.AFTER_SUCCESS, Condition.WHEN_SUCCESS}
         )
     if kind.has_reply and not failed:
-        what.add(Condition.AFTER_REPLIED)
-    return what
+        conditions.add(Condition.AFTER_REPLIED)
+    return conditions
 
 
 def left(world: World, job: Job, *, lost: bool) -> None:

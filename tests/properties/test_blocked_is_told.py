@@ -69,7 +69,7 @@ class JournaledLife(Folding, Blocking):
         open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
         assert journaled == sorted(awaited(one, number) for one, number in open_waits)
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         free, brief = self.free(), c % 2 == 0
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         slot = delivery.slot if delivery else None
@@ -77,44 +77,44 @@ class JournaledLife(Folding, Blocking):
         name, origin = slot.id.decode(), delivery.given_as if delivery else 0
         if not delivery and (slot.waits or slot.pauses):
             return
-        if what.startswith("ask"):
-            self.ask(name, origin, what, b, brief=brief)
-        elif what == "fetch":
+        if operation.startswith("ask"):
+            self.ask(name, origin, operation, b, brief=brief)
+        elif operation == "fetch":
             if unblocked := [
                 number
                 for number, due in slot.outstanding.items()
                 if isinstance(due, Delivery | Collector)
             ]:
                 self.receive(name, headers.Await(unblocked[b % len(unblocked)]))
-        elif what == "wait":
+        elif operation == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
                 self.request(name, headers.AwaitPoint, place, origin, blocking=True, brief=brief)
-        elif what == "lock":
+        elif operation == "lock":
             self.request(
                 name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief
             )
-        elif what == "be there":
+        elif operation == "be there":
             self.request(name, headers.WaitUntilHandled, ["missing"], origin=origin)
-        elif what in ("give up", "lose"):
-            self.end(what, b, c)
+        elif operation in ("give up", "lose"):
+            self.end(operation, b, c)
         else:
-            super().do(what, a, b, c)
+            super().do(operation, a, b, c)
 
     def blocks(self, by: Delivery | None) -> bool:
         return True
 
-    def ask(self, name: str, origin: int, what: str, b: int, *, brief: bool) -> None:
-        if what == "ask all":
+    def ask(self, name: str, origin: int, operation: str, b: int, *, brief: bool) -> None:
+        if operation == "ask all":
             self.send(name, "all", origin=origin, blocking=brief, maximum=b % 3)
         else:
             message = ("where", "look", "pose", "missing")[b % 4]
-            self.send(name, message, origin=origin, blocking=what == "ask", brief=brief)
+            self.send(name, message, origin=origin, blocking=operation == "ask", brief=brief)
 
-    def end(self, what: str, b: int, c: int) -> None:
+    def end(self, operation: str, b: int, c: int) -> None:
         """A wait is given up, or a slot is lost."""
         connections = self.central.registry.connections.values()
-        if what == "give up":
+        if operation == "give up":
             for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
                 name, (number, wait) = (
                     one.id.decode(),

@@ -93,13 +93,13 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
     """A receiver of a failure had not ended or given up. A failure without a receiver causes no
     other.
     """
-    told = told_to(run, failed, time)
-    if told.startswith(Fate.UNTOLD.words):
+    receivers = told_to(run, failed, time)
+    if receivers.startswith(Fate.UNTOLD.words):
         assert not went_on(run, failed, time)
         assert fate(run, failed, time) is Fate.UNTOLD
-    elif told:
-        assert not _has_ended(failed, time), told
-        assert isinstance(failed, Handling) or not failed.was("dropped", time), told
+    elif receivers:
+        assert not _has_ended(failed, time), receivers
+        assert isinstance(failed, Handling) or not failed.was("dropped", time), receivers
 
 
 @given(operations)

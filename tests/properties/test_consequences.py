@@ -102,41 +102,41 @@ class Life(Blocking):
     def free(self) -> list[Delivery]:
         return may_return(self.central)
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         free, tasks = self.free(), list(self.central.tree.tasks.values())
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
         origin = delivery.given_as if delivery else 0
         if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
-        if what == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
+        if operation == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
             self.resolve(sender, origin)
-        if what == "send":
+        if operation == "send":
             self._send(delivery, a, b, c)
-        elif what == "plan ahead":
+        elif operation == "plan ahead":
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
             planned = self.task(sender, "walk", under=parent, origin=origin)
             begun = before(point(planned, AWAITED[b % 8]), point(-1, Moment.START_PLANNING))
             self.send(
                 sender, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
             )
-        elif what.startswith("ask"):
-            name = "all" if what == "ask all" else self.questions[b % len(self.questions)]
+        elif operation.startswith("ask"):
+            name = "all" if operation == "ask all" else self.questions[b % len(self.questions)]
             self.send(sender, name, origin=origin, blocking=True)
-        elif what == "fail" and delivery:
+        elif operation == "fail" and delivery:
             self.fail(sender, "slipped", origin)
-        elif what == "retry" and tasks:
+        elif operation == "retry" and tasks:
             self.request("operator", headers.Retry, TaskId(tasks[b % len(tasks)].id), body=b"\x08")
-        elif what == "give up":
+        elif operation == "give up":
             self._release(b)
-        elif what == "lose":
+        elif operation == "lose":
             slots = [one for one in self.central.registry.connections.values() if one.resource]
             if slots and c % 4 == 0:
                 self.lose(slots[b % len(slots)].id.decode())
-        elif what == "lock":
+        elif operation == "lock":
             self.request(sender, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
         else:
-            super().do(what, a, b, c)
+            super().do(operation, a, b, c)
 
     def _send(self, delivery: Delivery | None, a: int, b: int, c: int) -> None:
         """Send a task; sometimes one with a constraint to or from another."""

@@ -54,12 +54,12 @@ class Troubled(Blocking):
         super().__init__(looks=True)
         self.declare("operator", "command park", "command move", "goal step")
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         """One handler, the user or the operator acts."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
         delivery = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
-        match what:
+        match operation:
             case "fail" if delivery is not None and delivery.slot is not None:
                 is_reissued = delivery.role is Role.EXCEPTION and b % 2 == 0
                 self.fail(
@@ -89,7 +89,7 @@ class Troubled(Blocking):
                     task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c
                 )
             case _:
-                super().do(what, a, b, c)
+                super().do(operation, a, b, c)
 
     def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
         """The operator taps tasks or messages, queued ones as well; the listener may block."""

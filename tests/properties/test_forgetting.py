@@ -41,7 +41,7 @@ TRANSIENT_CLASSES = (
 
 
 def retained_objects(central: Central) -> Counter[str]:
-    """The number of reachable objects of these classes, without those of the root, which never
+    """The number of reachable objects of the classes above, without those of the root, which never
     ends.
     """
     found, root = Counter[str](), central.tree.root

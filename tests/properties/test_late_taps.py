@@ -1,5 +1,5 @@
 """Late wiretaps: a queued message passes a tap that is attached now, or whose listener gets a
-handler now. The oracle agrees with central in lives full of these.
+handler now. The oracle agrees with central in lives full of late wiretaps.
 """
 
 import random

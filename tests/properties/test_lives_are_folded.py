@@ -96,8 +96,8 @@ def test_folded_task_states_match_central_in_random_life(taken: Operations) -> N
 
 def test_folded_task_states_match_central_in_every_transcript() -> None:
     for path in TRANSCRIPTS.glob("*.txt"):
-        told = Transcript()
-        told.player = ComparedPlayer()
+        transcript = Transcript()
+        transcript.player = ComparedPlayer()
         for block in path.read_text().strip().split("\n\n")[1:]:
             for command in block.split("\n----")[0].splitlines():
-                told.play(command)
+                transcript.play(command)

@@ -157,7 +157,7 @@ class Town:
     def step(self) -> None:
         player, dice = self.player, self.dice
         worker = dice.choice(self.workers)
-        what = dice.choice(
+        operation = dice.choice(
             ["send"] * 7
             + ["hear"] * 6
             + ["listen"] * 6
@@ -166,29 +166,31 @@ class Town:
             + ["post"]
             + ["lock", "unlock", "own lock", "give up", "work", "rare"]
         )
-        if what == "send":
+        if operation == "send":
             player.send("user", dice.choice(FORMATS).name, priority=dice.choice((0, 0, 0, 1)))
-        elif what == "hear" and worker.to_central:
+        elif operation == "hear" and worker.to_central:
             self.hear(worker)
-        elif what in ("listen", "begin", "end", "post"):
-            getattr(worker, what)()
-        elif what == "rare" and dice.random() < 0.5:
+        elif operation in ("listen", "begin", "end", "post"):
+            getattr(worker, operation)()
+        elif operation == "rare" and dice.random() < 0.5:
             self.kill(worker) if dice.random() < 0.2 else worker.reconnect()
-        elif what == "own lock":
+        elif operation == "own lock":
             worker.lock()
-        elif what == "lock":
+        elif operation == "lock":
             number = player.number("user")
             player.receive(
                 "user",
                 headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))),
             )
-        elif what in ("unlock", "give up"):
+        elif operation in ("unlock", "give up"):
             central = player.central
             due = central.registry.connections[ConnectionId(b"user")].outstanding
             asked = [number for number, one in due.items() if isinstance(one, Delivery)]
-            if numbers := [number for _, number in central.claims] if what == "unlock" else asked:
-                player.receive("user", headers.GiveUp(dice.choice(numbers)))
-        elif what == "work" and dice.random() < 0.2:
+            if operation == "unlock":
+                asked = [number for _, number in central.claims]
+            if asked:
+                player.receive("user", headers.GiveUp(dice.choice(asked)))
+        elif operation == "work" and dice.random() < 0.2:
             self.work()
 
     def hear(self, worker: Worker) -> None:
@@ -199,9 +201,9 @@ class Town:
     def deliver(self) -> None:
         """Take the packets of central for the workers."""
         for worker in self.workers:
-            said = self.player.inbox.get(worker.slot.decode(), [])
-            worker.from_central.extend(said)
-            said.clear()
+            packets = self.player.inbox.get(worker.slot.decode(), [])
+            worker.from_central.extend(packets)
+            packets.clear()
 
     def finish(self) -> None:
         """Deliver all packets and let all handlers return."""
@@ -256,11 +258,11 @@ def check_charts(town: Town) -> None:
     for message in history.messages.values():
         waits = waits_of(history, message.id)
         for time in {wait.start for wait in waits}:
-            at, told = (
+            at, known_waits = (
                 RunAt(history, time),
                 {wait.on for wait in waits if wait.start <= time < wait.end},
             )
-            assert {wait.on for wait in keeping(at, next_node(at, message.id))} <= told
+            assert {wait.on for wait in keeping(at, next_node(at, message.id))} <= known_waits
 
 
 def live(seed: int, steps: int) -> Town:

@@ -60,11 +60,11 @@ class UncomparedLife(JournaledLife):
     def compare(self) -> None:
         pass
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         tasks = [*self.central.tree.tasks]
-        if what not in ("delay", "deadline"):
-            super().do(what, a, b, c)
-        elif what == "deadline" and tasks:
+        if operation not in ("delay", "deadline"):
+            super().do(operation, a, b, c)
+        elif operation == "deadline" and tasks:
             place = point(tasks[a % len(tasks)], list(Moment)[b % 6])
             self.request("operator", headers.Deadline, place, c % 10)
         elif tasks:

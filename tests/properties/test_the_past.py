@@ -41,12 +41,23 @@ def view_at(at: RunAt) -> Any:
     ]
     return (
         [" ".join(line.split()) for line in tree],
-        [(str(task), *(str(getattr(task, name)) for name in FIELDS[:6]), list(task.caught_by), task.constraints)
-         for task in at.tasks.values()],
+        [
+            (
+                str(task),
+                *(str(getattr(task, name)) for name in FIELDS[:6]),
+                list(task.caught_by),
+                task.constraints,
+            )
+            for task in at.tasks.values()
+        ],
         [at.has_reached(Point(TaskId(task), moment)) for task in at.tasks for moment in MOMENTS],
-        {place: [one.message_id for one in at.running(*place)] for place in at.run.runs if at.running(*place)},
+        {
+            place: [one.message_id for one in at.running(*place)]
+            for place in at.run.runs
+            if at.running(*place)
+        },
         {place: str(claim) for place in at.run.grants if (claim := at.held_by(*place))},
-    )  # fmt: skip
+    )
 
 
 def stories_at(at: RunAt) -> dict[int, list[str]]:

@@ -82,18 +82,18 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     """
     true = foreign_needs(central, task, moment)
     kept = keeping(at, Node(task.id, moment))
-    told, recovery = (
+    named, recovery = (
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
         for kinds in (OF_TASKS, {WaitKind.RECOVERY})
     )
-    for points in (true, told):
+    for points in (true, named):
         points.difference_update(planned(points))
-    extra = told - true - planned(recovery) if not task.suspended else set()
+    extra = named - true - planned(recovery) if not task.suspended else set()
     # Central needs the end of a listener before a retry; the tools name the earlier moment.
     if task.retrying:
         extra -= {(number, END_HANDLING) for number, last in true if last == END_ACHIEVING}
     assert not extra, f"{task} before {moment}: {extra}"
-    assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
+    assert true <= named | recovery, f"{task} before {moment}: {true - named - recovery}"
 
 
 def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
@@ -141,9 +141,9 @@ def assert_lists(history: History) -> None:
     for time in history.times[:: max(len(history.times) // 20, 1)]:
         at = RunAt(history, time)
         for number, task in at.tasks.items():
-            told = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
+            named = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
             node = next_node(at, number)
-            assert {one.on for one in keeping(at, node)} <= told, (time, str(task))
+            assert {one.on for one in keeping(at, node)} <= named, (time, str(task))
 
 
 @given(operations)
@@ -446,21 +446,21 @@ class ComparedBlocking(Blocking):
         ends = CentralEnds(self.central, 100_000)
         for task in self.central.tree.tasks.values():
             place = next_of(task)
-            told = told_by_central(self.central, place)
-            assert not told or several_in_words(told)
+            named = told_by_central(self.central, place)
+            assert not named or several_in_words(named)
             assert ends.end_of(place) is not None
             if task.slot is None and task.queues is None:
                 self.compare_with_graph(
-                    place, {wait.number for wait in told}, sum(wait.more for wait in told)
+                    place, {wait.number for wait in named}, sum(wait.more for wait in named)
                 )
-                assert told or not self.awaited(place)
+                assert named or not self.awaited(place)
 
-    def compare_with_graph(self, place: Place, told: set[int], more: int) -> None:
+    def compare_with_graph(self, place: Place, named: set[int], more: int) -> None:
         awaited = self.awaited(place)
         suspended = set(self.central.tree.suspended)
-        assert told - {0} <= awaited | suspended
-        assert awaited <= told or (more and len(told) >= NAMED), (
-            f"{place}: {awaited} and not {told}"
+        assert named - {0} <= awaited | suspended
+        assert awaited <= named or (more and len(named) >= NAMED), (
+            f"{place}: {awaited} and not {named}"
         )
 
     def awaited(self, place: Place) -> set[int]:

@@ -16,13 +16,13 @@ class Broken(AssertionError):
 class Clockwork:
     """Runs events in the order of their times, and of their creation."""
 
-    def __init__(self, seed: int, *, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, seed: int, *, write_trace: Callable[[str], None] | None = None) -> None:
         self.now = 0.0
         self.dice = random.Random(seed)
         self.happened = 0
         self._heap: list[tuple[float, int, Callable[..., None], tuple[Any, ...]]] = []
         self._made = 0
-        self._tell = tell
+        self._write_trace = write_trace
         self._hash = blake2b(digest_size=8)
 
     def after(self, seconds: float, do: Callable[..., None], *about: Any) -> None:
@@ -50,19 +50,19 @@ class Clockwork:
     # --- trace and digest -------------------------------------------------------------------------
 
     @property
-    def is_told(self) -> bool:
+    def has_trace_reader(self) -> bool:
         """Whether the trace has a reader."""
-        return self._tell is not None
+        return self._write_trace is not None
 
     def note(self, what: bytes) -> None:
         """Add to the digest."""
         self._hash.update(b"%f " % self.now)
         self._hash.update(what)
 
-    def say(self, who: str, what: object) -> None:
+    def trace(self, who: str, what: object) -> None:
         """Write a line of the trace."""
-        if self._tell is not None:
-            self._tell(f"{self.now:9.4f}  {who:<14} {what}")
+        if self._write_trace is not None:
+            self._write_trace(f"{self.now:9.4f}  {who:<14} {what}")
 
     @property
     def digest(self) -> str:

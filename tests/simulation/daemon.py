@@ -95,7 +95,7 @@ class Daemon:
         if is_new:
             self._begin_run()
         try:
-            self._come_back(is_new=is_new)
+            self._recover(is_new=is_new)
             self._flush()
         except Crash:
             self.crash()
@@ -118,7 +118,7 @@ class Daemon:
         self.disk.sync()
         self.disk.fault = self._fault
 
-    def _come_back(self, *, is_new: bool) -> None:
+    def _recover(self, *, is_new: bool) -> None:
         """Recover. Every connection has broken; those of ended processes do not return."""
         options, clockwork = self._options, self._clockwork
         if clockwork.chance(0.1):
@@ -133,7 +133,7 @@ class Daemon:
             core.clock.now + BEAT_PERIOD,
             core.clock.now + SWEEP_PERIOD,
         )
-        clockwork.say("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
+        clockwork.trace("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
         folder.open(self, options.sync, hold=options.hold and not is_new)
         assert self.log is not None
         self.log.images = None  # see ``_take_image``
@@ -226,7 +226,7 @@ class Daemon:
         if is_cut:
             self.cuts += 1
             self.disk.cut_power()
-        clockwork.say("central", "CRASHES" + " (power)" * is_cut)
+        clockwork.trace("central", "CRASHES" + " (power)" * is_cut)
         self.core = self.log = None
         self._arrived.clear()
         self._closed.clear()
@@ -308,7 +308,7 @@ class Daemon:
             if packet != PROBE:
                 yield Arrived(self.now, wire.id, packet)
             elif wire.id not in known:
-                self._put(wire.id, Unknown(), b"")
+                self._enqueue(wire.id, Unknown(), b"")
         if self._closed and not self._arrived:
             closed = self._closed.popleft()
             if closed in known:
@@ -350,18 +350,18 @@ class Daemon:
         if clockwork.chance(0.3):
             self._logs[0].flush()
         for one in events_of(event):
-            if clockwork.is_told:
-                clockwork.say("central", f"has {_shown(one)}")
+            if clockwork.has_trace_reader:
+                clockwork.trace("central", f"has {_shown(one)}")
             for effect in core.handle(one):
                 if isinstance(effect, Record):
                     log.add_entry(effect.entry)
                     self._entries.append(effect.entry)
                 else:
-                    self._put(effect.connection, effect.header, effect.body)
+                    self._enqueue(effect.connection, effect.header, effect.body)
             if core.events % self._options.checks_each == 0:
                 check_invariants(core)
 
-    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         self._outgoing.setdefault(connection, []).append((header, body))
 
     def _flush(self) -> None:

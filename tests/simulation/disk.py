@@ -77,13 +77,13 @@ class Disk:
             self._own[1](file)
             return
         self.fault()
-        self._note(file)
+        self._record_safe_bytes(file)
         self.fault()
 
     def _has(self, file: int) -> bool:
         return os.readlink(f"/proc/self/fd/{file}").startswith(self._prefix)  # noqa: PTH115 - a path costs more than all
 
-    def _note(self, file: int) -> None:
+    def _record_safe_bytes(self, file: int) -> None:
         about = os.fstat(file)
         if stat.S_ISDIR(about.st_mode):
             self._names = self._there()
@@ -104,7 +104,7 @@ class Disk:
         """Sync all files and the folder."""
         for name in [*self._there(), "."]:
             file = os.open(f"{self._prefix}/{name}", os.O_RDONLY)
-            self._note(file)
+            self._record_safe_bytes(file)
             os.close(file)
 
     def kill(self) -> None:

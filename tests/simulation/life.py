@@ -30,10 +30,13 @@ class Life:
     """The life of a town, determined by its seed."""
 
     def __init__(
-        self, seed: int, options: Options | None = None, tell: Callable[[str], None] | None = None
+        self,
+        seed: int,
+        options: Options | None = None,
+        write_trace: Callable[[str], None] | None = None,
     ) -> None:
         self.seed = seed
-        self.clockwork = Clockwork(seed, tell=tell)
+        self.clockwork = Clockwork(seed, write_trace=write_trace)
         self.options = (
             options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
         )
@@ -127,19 +130,19 @@ class Life:
             name = self.clockwork.dice.choice(serving)
             process = self.processes[name]
             process.leave()
-            self._come_again(name, process)
+            self._restart_after_leave(name, process)
 
-    def _come_again(self, name: str, process: Process) -> None:
+    def _restart_after_leave(self, name: str, process: Process) -> None:
         """Restart a leaving module after its end."""
         if process.is_alive:
-            self.clockwork.after(0.3, self._come_again, name, process)
+            self.clockwork.after(0.3, self._restart_after_leave, name, process)
         elif self.processes[name] is process:
             self._start(name)
 
     # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
-        self.clockwork.say("life", "no faults from now on")
+        self.clockwork.trace("life", "no faults from now on")
         self.is_healing = True
         self.options.central_crashes = self.options.full_disks = 0.0
         self.daemon.disk.room = None
@@ -228,10 +231,10 @@ class Life:
             raise Broken(
                 f"task {task} (token {token}) is done, and no handler has done it: {[*map(str, runs)]}"
             )
-        is_told = token in outside.told and not self.options.is_lossy
-        if is_told and outcome is not None and outside.told[token][0] is not outcome[0]:
+        was_answered = token in outside.outcomes and not self.options.is_lossy
+        if was_answered and outcome is not None and outside.outcomes[token][0] is not outcome[0]:
             raise Broken(
-                f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.told[token]}"
+                f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.outcomes[token]}"
             )
 
     def _judge_informs(self) -> None:

@@ -32,7 +32,7 @@ class Near(Protocol):
 
     name: str
 
-    def hear(self, packet: bytes) -> None:
+    def receive(self, packet: bytes) -> None:
         """A packet arrives."""
 
     def has_line(self) -> None:
@@ -134,7 +134,7 @@ class Network:
 
     def _arrive_down(self, wire: Wire, packet: bytes) -> None:
         if wire.carries_down and wire.socket.wire is wire:
-            wire.socket.owner.hear(packet)
+            wire.socket.owner.receive(packet)
 
     # --- faults -----------------------------------------------------------------------------------
 
@@ -147,7 +147,7 @@ class Network:
     def cut(self, wire: Wire) -> None:
         clockwork = self._clockwork
         self.breaks += 1
-        clockwork.say(wire.socket.owner.name, f"line {_words(wire.id)} breaks")
+        clockwork.trace(wire.socket.owner.name, f"line {_words(wire.id)} breaks")
         wire.carries_up = wire.carries_down = False
         wire.socket.wire = None
         # A half-open line swallows packets until the operating system ends it.

@@ -100,7 +100,7 @@ class Outside:
         self.deliveries: dict[int, Run] = {}
         self.task_of: dict[int, int] = {}  #: by token: the acknowledged task
         self.asked_again: defaultdict[int, int] = defaultdict(int)  #: by task: requested retries
-        self.told: dict[int, tuple[Outcome, str, bytes]] = {}  #: by token: the outcome received
+        self.outcomes: dict[int, tuple[Outcome, str, bytes]] = {}  #: by token: the outcome received
         self.informs: dict[Any, list[int]] = {}  #: by sender: the tokens, in order
         self.heard: defaultdict[tuple[Any, str], list[int]] = defaultdict(list)
         self.sender_of: dict[int, Any] = {}
@@ -121,8 +121,8 @@ class Outside:
         self.is_holding = False
         self.newest = 0
 
-    def say(self, who: str, what: object) -> None:
-        self.clockwork.say(who, what)
+    def trace(self, who: str, what: object) -> None:
+        self.clockwork.trace(who, what)
 
     # --- programs ---------------------------------------------------------------------------------
 
@@ -161,7 +161,7 @@ class Outside:
 
     def answered(self, token: int, outcome: Outcome, failure: str, body: bytes) -> None:
         """A waiting client received the outcome."""
-        self.told[token] = (outcome, failure, body)
+        self.outcomes[token] = (outcome, failure, body)
         self.counts["answered"] += 1
         if outcome is Outcome.DONE and not failure:
             done = [run for run in self.of_token[token] if run.ended >= 0 and not run.failure]
@@ -188,7 +188,7 @@ class Outside:
                 f"token {token} of '{self.sent[token].message}' came as '{header.message}'"
             )
         run = Run(work, header, token, clockwork.now)
-        self.say(process.name, f"BEGINS {run}")
+        self.trace(process.name, f"BEGINS {run}")
         clockwork.note(b"begin %d %d" % (header.delivery, token))
         self.counts["begun"] += 1
         earlier = self.deliveries.get(run.delivery)
@@ -219,7 +219,7 @@ class Outside:
         run = self.at_work.pop(work)  # not by number: a lossy central may use it again
         run.ended, run.reply = self.clockwork.now, body
         run.failure = failing.failure if failing is not None else ""
-        self.say(run.process.name, f"ENDS   {run} {run.failure}")
+        self.trace(run.process.name, f"ENDS   {run} {run.failure}")
         self.clockwork.note(b"end %d" % header.delivery)
 
     def retries(self, task: int) -> None:
@@ -358,8 +358,11 @@ class Outside:
         if fact.failure in LOSSES and not fact.is_beside:
             self.counts["lost by module"] += 1
             self.lost_tasks.add(fact.id)
-            told = self.deliveries.get(fact.id)
-            for run in [*self.of_task.get(fact.id, ()), *([told] if told is not None else [])]:
+            delivered = self.deliveries.get(fact.id)
+            for run in [
+                *self.of_task.get(fact.id, ()),
+                *([delivered] if delivered is not None else []),
+            ]:
                 run.is_lost = run.is_lost or run.ended < 0
 
     def _delivered(self, fact: facts.Delivered) -> None:

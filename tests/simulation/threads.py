@@ -128,7 +128,7 @@ class Thread:
         self._since = self.clockwork.now
         self._lingers_until = FOR_EVER
         self.socket = process.network.open(self)
-        self.look()
+        self.advance()
 
     @property
     def now(self) -> float:
@@ -141,16 +141,16 @@ class Thread:
 
     # --- the line ---------------------------------------------------------------------------------
 
-    def hear(self, packet: bytes) -> None:
+    def receive(self, packet: bytes) -> None:
         """A packet arrives."""
         self.arrived.append(packet)
         if not self.is_busy:
-            self.look()
+            self.advance()
 
     def has_line(self) -> None:
         """The line is connected again."""
         if not self.is_busy:
-            self.look()
+            self.advance()
 
     def flush(self) -> None:
         """Send the outgoing packets. After a second without success the line counts as broken."""
@@ -172,22 +172,22 @@ class Thread:
     def catch_up(self) -> None:
         """Receive all arrived packets."""
         while self.arrived:
-            self._take_in(self.arrived.popleft())
+            self._receive(self.arrived.popleft())
 
-    def _take_in(self, packet: bytes) -> None:
+    def _receive(self, packet: bytes) -> None:
         for header, body in codec.unpack_to_module(packet):
-            if self.clockwork.is_told and not isinstance(header, headers.Beat):
-                self.clockwork.say(self.name, f"hears {shown(header)}")
+            if self.clockwork.has_trace_reader and not isinstance(header, headers.Beat):
+                self.clockwork.trace(self.name, f"hears {shown(header)}")
             if isinstance(header, headers.Welcome):
                 self.welcomed_at = self.now
             self.session.receive(header, body, self.now)
         self.session.routing.clear()
         while self.session.complaints:
-            self.clockwork.say(self.name, f"LOGS {self.session.complaints.pop(0)}")
+            self.clockwork.trace(self.name, f"LOGS {self.session.complaints.pop(0)}")
 
     # --- its turns --------------------------------------------------------------------------------
 
-    def look(self) -> None:
+    def advance(self) -> None:
         """Do everything that is possible now."""
         session = self.session
         while not (self.is_busy or self.is_over) and self._does_next():
@@ -213,7 +213,7 @@ class Thread:
         """Do the first possible action; False if it has none."""
         session = self.session
         if self.arrived:
-            self._take_in(self.arrived.popleft())
+            self._receive(self.arrived.popleft())
         elif session.news:
             session.news.popleft()()
         elif self.stack and self._goes_on(self.stack[-1]):
@@ -251,7 +251,7 @@ class Thread:
         if at == self._wake_at:
             self._wake_at = FOR_EVER
             if not (self.is_over or self.is_busy):
-                self.look()
+                self.advance()
 
     # --- handlers ---------------------------------------------------------------------------------
 
@@ -261,7 +261,7 @@ class Thread:
         work.steps = main(work)
         self.stack.append(work)
         self._go_on(work)
-        self.look()
+        self.advance()
 
     def _begin(self, header: headers.Deliver, body: bytes) -> None:
         work = Work(self, header)
@@ -316,7 +316,7 @@ class Thread:
             failed = failing
             self._end(work, body, failed)
         except (Woken, Lost) as let_pass:
-            self.clockwork.say(self.name, f"lets pass {type(let_pass).__name__}: {let_pass}")
+            self.clockwork.trace(self.name, f"lets pass {type(let_pass).__name__}: {let_pass}")
             if work.delivery is None:
                 self.process.fail()
             else:
@@ -346,7 +346,7 @@ class Thread:
         """The busy time of a handler is over."""
         if not self.is_over:
             self._go_on(work)
-            self.look()
+            self.advance()
 
     def _end(self, work: Work, body: bytes, failing: Failing | None = None) -> None:
         assert self.stack[-1] is work
@@ -439,7 +439,7 @@ class Process:
         self.is_alive, self.is_leaving, self.has_finished = True, False, False
         self.threads: list[Thread] = []
         self.ended = 0
-        clockwork.say(self.name, "starts")
+        clockwork.trace(self.name, "starts")
         first = Thread(self, 0, "")
         self.threads.append(first)
         first.run(lambda work: program.begin(self, work))
@@ -457,7 +457,7 @@ class Process:
 
     def crash(self) -> None:
         """End all threads at once."""
-        self.clockwork.say(self.name, "CRASHES")
+        self.clockwork.trace(self.name, "CRASHES")
         self.is_alive = False
         for thread in self.threads:
             if not thread.is_over:
@@ -466,14 +466,14 @@ class Process:
 
     def leave(self) -> None:
         """Leave: handle no further message, finish the running ones, say goodbye."""
-        self.clockwork.say(self.name, "leaves")
+        self.clockwork.trace(self.name, "leaves")
         self.is_leaving = True
         first = self.threads[0]
         first.session.forget_handlers()
         first.session.request(headers.Unregister(0, []))
         for thread in self.threads:
             if not thread.is_over and not thread.is_busy:
-                thread.look()
+                thread.advance()
 
     def has_ended(self, thread: Thread) -> None:
         """A thread has said goodbye."""
@@ -482,4 +482,4 @@ class Process:
             self.is_alive = False
             self.outside.die(self)
         elif not self.has_slots and not first.is_busy:
-            first.look()
+            first.advance()

@@ -138,11 +138,11 @@ class Hands:
         else:
             request = session.request(header, encode(token))
         sent = SentTask(token, request, SentId(cast("Any", self.thread), request))
-        request.notify = lambda: self._told(sent)
+        request.notify = lambda: self._note_acknowledgement(sent)
         self.thread.flush()
         return sent
 
-    def _told(self, sent: SentTask) -> None:
+    def _note_acknowledgement(self, sent: SentTask) -> None:
         if sent.request.accepted is not None:
             self.outside.acknowledged(sent.token, int(sent.request.accepted))
 
@@ -155,7 +155,7 @@ class Hands:
                 sent.request.is_over, sent.request.lost = True, "it was given up"
         if sent.request.accepted is None:
             raise Lost(sent.request)
-        self._told(sent)
+        self._note_acknowledgement(sent)
         return None
 
     def result(self, sent: SentTask) -> Steps:
@@ -189,7 +189,7 @@ class Hands:
             self.outside.answered(token, header.outcome, header.failure, body)
         return None
 
-    def tell(self, message: str) -> None:
+    def send_statement(self, message: str) -> None:
         """Send an inform or broadcast."""
         token = self.outside.sends(message, sender=self.session if message == "note" else None)
         self.session.post(
@@ -438,7 +438,7 @@ class User(TownProgram):
             try:
                 yield from _ACTIONS[dice.choice(_NAMES)](self, hands)
             except (Lost, Woken) as error:
-                work.thread.clockwork.say(work.thread.name, f"user: {error}")
+                work.thread.clockwork.trace(work.thread.name, f"user: {error}")
             yield Nap(dice.random() * 0.5)
         for sent in self.open:
             yield from self._waits(hands, sent)
@@ -449,7 +449,7 @@ class User(TownProgram):
             try:
                 yield from hands.result(sent)
             except (Lost, Woken) as error:
-                hands.thread.clockwork.say(hands.thread.name, f"user: {error}")
+                hands.thread.clockwork.trace(hands.thread.name, f"user: {error}")
                 if isinstance(error, Lost):
                     return None
             else:
@@ -527,11 +527,11 @@ class User(TownProgram):
 
     def _informs(self, hands: Hands) -> Steps:
         for _ in range(hands.dice.choice((1, 3, 12)) if hands.has("informs") else 1):
-            hands.tell("note")
+            hands.send_statement("note")
         yield Nap(0.0)
 
     def _broadcast(self, hands: Hands) -> Steps:
-        hands.tell("pose")
+        hands.send_statement("pose")
         yield Nap(0.0)
 
     def _lock(self, hands: Hands) -> Steps:
