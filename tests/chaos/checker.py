@@ -1,6 +1,4 @@
-"""What must be true of a life: held between the notebooks of the programs and the journal of
-central.
-"""
+"""The checks of a life: the notebooks of the programs against the journal of central."""
 
 import subprocess
 import sys
@@ -25,7 +23,7 @@ class Note(NamedTuple):
 
 
 class Judge:
-    """The notebooks, the journal, and what is wrong with them together."""
+    """The contradictions between the notebooks and the journal."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -68,7 +66,7 @@ class Judge:
         self.counts["entries"] = entry.number
 
     def _executions(self) -> None:
-        """Nothing begins twice but by decision; what is done was done."""
+        """No handler starts twice without a retry, and each done task was done."""
         begun, ended, times = Counter[int](), defaultdict[int, list[str]](list), Counter[int]()
         for notes in self.notebooks.values():
             for note in notes:
@@ -91,10 +89,10 @@ class Judge:
         for notes in self.notebooks.values():
             for note in notes:
                 if note.word == "done" and not ended[int(note.about[1])]:
-                    self.wrong.append(f"task {note.about[1]} is done, and no handler has ended it")
+                    self.wrong.append(f"task {note.about[1]} is done, but no handler has ended it")
 
     def _users(self) -> None:
-        """All that central took is in its journal, and everybody who waited was answered."""
+        """Each accepted task is in the journal, and each wait was answered."""
         for name, notes in self.notebooks.items():
             waits = set[str]()
             for note in notes:
@@ -109,14 +107,14 @@ class Judge:
                     and int(note.about[1]) not in self.received
                 ):
                     self.wrong.append(
-                        f"task {note.about[1]} of {name} was taken, and is not in the journal"
+                        f"task {note.about[1]} of {name} was accepted, but is not in the journal"
                     )
             if waits and any(note.word == "over" for note in notes):
                 self.wrong.append(f"{name} was not answered: {waits}")
 
     def _informs(self) -> None:
-        """None is handled twice; a sender that lives on is told how many have not reached central,
-        at most.
+        """No inform is handled twice. A surviving sender knows the greatest number of its lost
+        informs.
         """
         noted = Counter(
             note.about[0]
@@ -147,11 +145,11 @@ class Judge:
                 self.counts.update({"informs lost": lost, "informs told to be lost": admitted})
                 if lost > admitted:
                     self.wrong.append(
-                        f"{lost} informs of {name} never came, and it was told of {admitted}"
+                        f"{lost} informs of {name} never came, but it knows of {admitted}"
                     )
 
     def _locks(self) -> None:
-        """Nobody is in a resource while somebody has a lock on it."""
+        """No handler runs in a locked resource."""
         spans = list[tuple[int, int, str]]()
         for notes in self.notebooks.values():
             kept = {note.about[0] for note in notes if note.word == "released"}

@@ -1,6 +1,4 @@
-"""A life: a robot under load whose central and modules are killed and stopped, at random, again and
-again.
-"""
+"""The life of a robot under load, whose central and modules are killed and stopped at random."""
 
 import signal
 import time
@@ -14,15 +12,15 @@ from processes import Process
 from tca_module import connect
 
 HEALED = 120.0
-"""Seconds in which all that was begun must have ended when nothing is killed any more."""
+"""Seconds for all tasks to end after the last kill."""
 
 
 class Broken(Exception):
-    """Something went wrong that must not."""
+    """A failure of the robot that must not happen."""
 
 
 class Life:
-    """One life, of so many kills of central."""
+    """One life, with a given number of kills of central."""
 
     def __init__(
         self, folder: Path, seed: int, kills: int, *, users: int = 2, events_between: int = 500
@@ -37,9 +35,11 @@ class Life:
         self._central: Process
         self._modules: dict[str, Process] = {}
         self._users: dict[str, Process] = {}
-        self._resume: list[tuple[float, Process]] = []  # processes that stand still, and until when
-        self._processes: list[Process] = []  # all that were started
-        self._doom: dict[str, float] = {}  # when what happens to a module
+        self._resume: list[
+            tuple[float, Process]
+        ] = []  # stopped processes, with the time to continue
+        self._processes: list[Process] = []  # all started processes
+        self._doom: dict[str, float] = {}  # by module, the time of its next fault
 
     def run(self) -> None:
         """Live, heal, end. Raises Broken."""
@@ -68,7 +68,7 @@ class Life:
         self._central = self._start("central", "be_central", self._events_between)
 
     def _start(self, kind: str, function: str, *arguments: object) -> Process:
-        """A process that does this of ``chaos.robot``; what it prints goes to the log of its
+        """Start a process with a function of ``chaos.robot``; its output goes to the log of its
         kind.
         """
         text = f"from pathlib import Path\nfrom chaos import robot\nrobot.{function}(*{arguments!r}, Path({str(self.folder)!r}))"
@@ -86,7 +86,7 @@ class Life:
         self._users[name] = self._start("user", "use", name, self.random.getrandbits(32))
 
     def _central_dies(self) -> None:
-        """Once; it may stand still for a while before."""
+        """Kill central once; it may be stopped for a while before."""
         if self.random.random() < 0.2:  # while it starts
             self._pass(self.random.random() * 0.3)
         else:
@@ -94,15 +94,15 @@ class Life:
             self._pass(self.random.random() ** 2)
         if self.random.random() < 0.1:
             self._central.send_signal(signal.SIGSTOP)
-            self._tell("central stops")
+            self._log("central stops")
             self._pass(self.random.random() * 2)
             self._central.send_signal(signal.SIGCONT)
-            self._tell("central goes on")
+            self._log("central continues")
             self.counts["stops of central"] += 1
             self._pass(self.random.random() * 0.3)
         self._check_central()
         self._central.close()
-        self._tell("central killed")
+        self._log("central killed")
         self.counts["kills of central"] += 1
         if self.random.random() < 0.2:
             self._pass(self.random.random())
@@ -110,16 +110,14 @@ class Life:
 
     def _check_central(self) -> None:
         if (status := self._central.poll()) is not None:
-            raise Broken(
-                f"central has ended by itself with {status}; see {self.folder / 'central.log'}"
-            )
+            raise Broken(f"central has ended with {status}; see {self.folder / 'central.log'}")
 
     def _until_it_listens(self) -> None:
         log = self.folder / "central.log"
         until = time.monotonic() + HEALED
         while True:
             if log.exists() and b"listening on" in log.read_bytes()[self._logged :]:
-                self._tell("central listens")
+                self._log("central listens")
                 return
             self._check_central()
             if time.monotonic() > until:
@@ -127,14 +125,14 @@ class Life:
             self._pass(0.01)
 
     def _pass(self, seconds: float) -> None:
-        """Time passes, in which modules die, stand still and go on."""
+        """Let time pass, in which modules are killed, stopped and continued."""
         until = time.monotonic() + seconds
         while True:
             now = time.monotonic()
             for due, process in [one for one in self._resume if one[0] <= now]:
                 self._resume.remove((due, process))
                 process.send_signal(signal.SIGCONT)
-                self._tell(f"process {process.pid} goes on")
+                self._log(f"process {process.pid} continues")
             for name in [name for name, due in self._doom.items() if due <= now]:
                 self._meets_fate(name)
             if now >= until:
@@ -144,36 +142,34 @@ class Life:
     def _meets_fate(self, name: str) -> None:
         process = self._modules[name]
         if (status := process.poll()) is not None:
-            raise Broken(
-                f"{name} has ended by itself with {status}; see {self.folder / 'module.log'}"
-            )
+            raise Broken(f"{name} has ended with {status}; see {self.folder / 'module.log'}")
         self._doom[name] = time.monotonic() + self.random.expovariate(1 / 6)
         if self.random.random() < 0.4:
             process.send_signal(signal.SIGSTOP)
             self._resume.append((time.monotonic() + self.random.choice([0.2, 1.0, 7.0]), process))
             self.counts["stops of modules"] += 1
-            self._tell(f"process {process.pid}, {name}, stops")
+            self._log(f"process {process.pid}, {name}, stops")
             return
         process.close()
         self.counts["kills of modules"] += 1
-        self._tell(f"process {process.pid}, {name}, killed")
+        self._log(f"process {process.pid}, {name}, killed")
         self._start_module(name)
         if self.random.random() < 0.3:
             guest = self._users.pop("guest")
             guest.close()
             self.counts["kills of users"] += 1
-            self._tell(f"process {guest.pid}, guest, killed")
+            self._log(f"process {guest.pid}, guest, killed")
             self._start_user("guest")
 
-    def _tell(self, what: str) -> None:
+    def _log(self, what: str) -> None:
         with (self.folder / "chronicle").open("a") as chronicle:
             print(time.strftime("%H:%M:%S"), f"{time.monotonic():.3f}", what, file=chronicle)
 
     # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
-        """Nothing is killed any more: all that was begun ends, and everybody is answered."""
-        self._tell("nothing more dies")
+        """End the kills; then all tasks end, and all users are answered."""
+        self._log("nothing more dies")
         self._doom.clear()
         while self._resume:
             self._pass(0.05)

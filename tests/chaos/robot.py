@@ -1,9 +1,8 @@
-"""The programs of a robot that is to survive chaos: modules, and users who never stop asking for
-things.
+"""The programs of the robot for the chaos tests: modules, and users that send messages all the
+time.
 
-Each writes what it does into a notebook of its own, a line at a time: the time on the machine's
-clock, a word, and what it was about. A line that was written is there whatever becomes of the
-program.
+Each program writes its actions into a notebook of its own, one line each: time, action and subject.
+A written line survives the end of the program.
 """
 
 import logging
@@ -47,14 +46,14 @@ LOOK = PollingMonitor("look", condition=SEEN)
 RECOVER = ExceptionHandler("recover")
 
 DOUBTFUL = ("module lost", "uncertain")
-"""Failures after which a task is tried again."""
+"""Failures that cause a retry."""
 
 PATIENCE = 300.0
-"""Seconds: nobody here loses faith in central before the life is over."""
+"""Seconds: longer than a life, so that no program gives central up."""
 
 
 class Notebook:
-    """What a program did; each process begins a new one."""
+    """The actions of a program; each process begins a new notebook."""
 
     def __init__(self, folder: Path, name: str) -> None:
         path = folder / f"{name.replace(' ', '-')}.{os.getpid()}.notes"
@@ -66,7 +65,7 @@ class Notebook:
         os.write(self._file, line.encode())
 
     def handling(self, task: Task) -> "Handling":
-        """A block around what a handler does."""
+        """A context for the run of a handler."""
         return Handling(self, task)
 
 
@@ -89,7 +88,7 @@ class Handling:
 
 
 def legs(notebook: Notebook) -> Module:
-    """Takes steps, one after the other."""
+    """Takes steps, one at a time."""
     module = Module("legs")
 
     @module.handles(STEP)
@@ -102,7 +101,7 @@ def legs(notebook: Notebook) -> Module:
 
 
 def hand(notebook: Notebook) -> Module:
-    """Grips things while the eyes are its own."""
+    """Grips things while it holds the lock of the eyes."""
     module = Module("hand")
 
     @module.handles(GRIP)
@@ -151,7 +150,7 @@ def planner(notebook: Notebook) -> Module:
 
 
 def expert(notebook: Notebook) -> Module:
-    """Has what was lost tried again."""
+    """Retries lost tasks."""
     module = Module("expert")
 
     @module.at_start
@@ -193,17 +192,17 @@ MODULES: dict[str, Callable[[Notebook], Module]] = {
 
 
 def be_central(events_between: int, folder: Path) -> None:
-    """``tca central`` that takes an image of its state often."""
+    """Run ``tca central`` with frequent images of its state."""
     images.EVENTS_BETWEEN = events_between
     central(["--journal", str(folder / "journal")], prog_name="tca central")
 
 
 def serve(name: str, folder: Path) -> None:
-    """Be a module until told to end."""
+    """Run a module until it is terminated."""
     log_with_times()
     MODULES[name](Notebook(folder, name)).run(
         patience=60
-    )  # on a busy machine a central may start late
+    )  # central may start late on a busy machine
 
 
 def log_with_times() -> None:
@@ -214,7 +213,7 @@ def log_with_times() -> None:
 
 
 class User:
-    """Asks for things, a few of them at a time, and notes what comes of each."""
+    """Sends a few messages at a time, and notes their outcomes."""
 
     def __init__(self, name: str, folder: Path, seed: int) -> None:
         self.name = name
@@ -225,13 +224,13 @@ class User:
         self.sent: list[tuple[str, SentTask[Any]]] = []
 
     def live(self, until: Path) -> None:
-        """Ask until a file is there, and see to the end what was begun."""
+        """Act until a file exists, then wait for all open tasks."""
         deeds: list[Callable[[Client, str], None]] = [
             self.step,
             self.walk,
             self.grip,
             self.where,
-            self.tell,
+            self.inform,
             self.set,
         ]
         deeds += [
@@ -244,19 +243,17 @@ class User:
             self.step,
             self.lock,
         ]
-        if (
-            self.name != "guest"
-        ):  # who dies before what it has suspended may start leaves that for ever
+        if self.name != "guest":  # a killed guest would leave its suspended tasks for ever
             deeds.append(self.suspend)
         try:
             with connect(self.name, patience=PATIENCE, linger=60.0) as user:
                 while not until.exists():
                     self.random.choice(deeds)(user, self._next())
                     while len(self.sent) > self.random.randrange(12):
-                        self.hear()
+                        self.await_oldest()
                     time.sleep(self.random.random() * 0.01)
                 while self.sent:
-                    self.hear()
+                    self.await_oldest()
         except NotSent as error:
             self.notebook.note("not sent", error.number)
         self.notebook.note("over")
@@ -270,7 +267,7 @@ class User:
         if self.random.random() < 0.5:
             self.notebook.note("taken", name, task.id)
 
-    def hear(self) -> None:
+    def await_oldest(self) -> None:
         """Wait for the oldest task."""
         name, task = self.sent.pop(0)
         self.notebook.note("awaits", name)
@@ -284,25 +281,25 @@ class User:
         self.notebook.note("done", name, task.id)
 
     def step(self, user: Client, name: str) -> None:
-        """One step, after those before it or beside them."""
+        """Send a step, after the earlier ones or beside them."""
         self._send(name, user.command(STEP, name, sequential=self.random.random() < 0.5))
 
     def grip(self, user: Client, name: str) -> None:
-        """One grip."""
+        """Send a grip."""
         self._send(name, user.command(GRIP, name, sequential=False))
 
     def walk(self, user: Client, name: str) -> None:
-        """One walk, beside all else."""
+        """Send a walk, beside all other tasks."""
         self._send(name, user.goal(WALK, self.random.randrange(1, 5), sequential=False))
 
     def suspend(self, user: Client, name: str) -> None:
-        """A step that is suspended at first."""
+        """Send a suspended step, and resume it."""
         task = user.command(STEP, name, sequential=False, suspended=True)
         task.resume()
         self._send(name, task)
 
     def where(self, user: Client, name: str) -> None:
-        """A question."""
+        """Send a query."""
         self.notebook.note("asks", name)
         try:
             reply = user.query(WHERE, name, timeout=None)
@@ -313,7 +310,7 @@ class User:
         self.notebook.note("answered", name)
 
     def ask_all(self, user: Client, name: str) -> None:
-        """A question to all."""
+        """Send a multi-query."""
         self.notebook.note("asks", name)
         try:
             replies = user.multi_query(HEALTH, name)
@@ -324,18 +321,18 @@ class User:
         assert len(set(replies)) == len(replies), replies
         self.notebook.note("answered", name, len(replies))
 
-    def tell(self, user: Client, name: str) -> None:
-        """Say something that nobody answers."""
+    def inform(self, user: Client, name: str) -> None:
+        """Send an inform."""
         user.inform(NOTE, name)
         self.notebook.note("told", name)
 
     def set(self, user: Client, _name: str) -> None:
-        """Nobody else sets this variable."""
+        """Set and read a variable that no other user sets."""
         user.set_variable(self.speed, self.count)
         assert user.get_variable(self.speed) == self.count
 
     def lock(self, user: Client, name: str) -> None:
-        """Nobody gets in while this lasts."""
+        """Lock the eyes for a while."""
         try:
             with user.lock("eyes"):
                 self.notebook.note("locked", name)
@@ -347,6 +344,6 @@ class User:
 
 
 def use(name: str, seed: int, folder: Path) -> None:
-    """Be a user until the file "over" is there."""
+    """Run a user until the file "over" exists."""
     log_with_times()
     User(name, folder, seed).live(folder / "over")

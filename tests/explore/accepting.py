@@ -1,9 +1,9 @@
-"""A robot of which one thing is asked, and all that may come in between before it is done."""
+"""A robot with one request about a task, and everything that may happen before the request is kept."""
 
 from collections.abc import Callable
 from typing import Any
 
-from explore.scenarios import LIFT, SLIPPED, STEP, WALK, good
+from explore.scenarios import LIFT, SLIPPED, STEP, WALK, assert_good
 
 import tca_tools.explore as tca
 from tca_module import ExceptionHandler
@@ -15,26 +15,26 @@ HELP: ExceptionHandler[None] = ExceptionHandler("help")
 
 LOST: dict[str, Any] = {"may_be_lost": 1, "comes_back": True}
 
-EVER = 1e6  # seconds: longer than all that comes by itself
+EVENTUALLY = 1e6  # seconds: longer than every timer
 
-LONG = 100.0  # seconds, where there are others to be in time
+LONG = 100.0  # seconds: longer than the limits of requests
 
 BETWEEN = {
-    "loss of who handles it": "lose legs",
+    "loss of server": "lose legs",
     "failure and retry": "slip, kill step",
     "kills": "kill step, kill walk",
-    "loss of an outsider who asked": "lose operator",
+    "loss of operator": "lose operator",
     "suspension": "suspend walk, kill step",
-    "loss of who asked": "lose planner",
+    "loss of client": "lose planner",
 }
-"""What may come in between: any of it, at any moment. In this order the pairs that are not soaked
-are cheap ones.
+"""The disturbances of each scenario, possible at any moment. The order makes the pairs outside of
+soak runs cheap ones.
 """
 
 
 def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") -> tca.Scenario:
-    """A user's walk is one step, of which its planner then asks something; or an operator who finds
-    that step.
+    """A user's walk has one step. The planner, or an operator that finds the step, makes the
+    request.
     """
 
     def module(name: str) -> tca.ScenarioModule:
@@ -89,12 +89,10 @@ def robot(title: str, ask: Callable[[Any, TaskRef], object], between: str = "") 
     return scenario
 
 
-def those(
+def messages_with(
     world: tca.World, message: Message[Any, Any], *states: str, data: Any = None
 ) -> list[tca.Seen]:
-    """The messages of that name (and data) of which all of that is true: "is_over", "is_killed",
-    ...
-    """
+    """The messages of that name (and data) with all these attributes: "is_over", "is_killed", ..."""
     return [
         one
         for one in world.messages
@@ -104,13 +102,15 @@ def those(
     ]
 
 
-def over(message: Message[Any, Any], data: Any = None) -> Callable[[tca.World], list[tca.Seen]]:
-    """Those that have just ended, achieved or killed."""
-    return lambda world: those(world, message, "is_over", data=data)
+def has_ended(
+    message: Message[Any, Any], data: Any = None
+) -> Callable[[tca.World], list[tca.Seen]]:
+    """The tasks that have just ended, achieved or killed."""
+    return lambda world: messages_with(world, message, "is_over", data=data)
 
 
-def at_once(call: str, kept: Callable[[tca.World], object]) -> tca.Property:
-    """What is asked for by that call is true as soon as it has been accepted."""
+def kept_at_once(call: str, kept: Callable[[tca.World], object]) -> tca.Property:
+    """An accepted call is kept as soon as it has been accepted."""
 
     def accepted_and_not_done(world: tca.World) -> bool:
         return bool(accepted(call)(world)) and not kept(world)
@@ -118,6 +118,6 @@ def at_once(call: str, kept: Callable[[tca.World], object]) -> tca.Property:
     return never(accepted_and_not_done)
 
 
-def holds(scenario: tca.Scenario, *properties: tca.Property) -> None:
-    """That all of this is true, that it is about something, and that nobody is left waiting."""
-    assert not good(scenario, *properties, never_stuck(), limit=3000).vacuous
+def assert_holds(scenario: tca.Scenario, *properties: tca.Property) -> None:
+    """Assert that the properties hold and are not vacuous, and that no task is stuck."""
+    assert not assert_good(scenario, *properties, never_stuck(), limit=3000).vacuous

@@ -1,6 +1,4 @@
-"""Small scenarios that several tests explore: a walk, and what goes wrong with it and is watched
-over.
-"""
+"""Small scenarios for several test files: a walk, with its failures, wiretaps and monitors."""
 
 from typing import Any
 
@@ -27,24 +25,22 @@ BATTERY = PollingMonitor("battery", condition=IS_LOW, action=RECHARGE)
 GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 
-def good(scenario: Scenario, *properties: Property, **options: Any) -> Result:
-    """That all properties hold in all runs."""
+def assert_good(scenario: Scenario, *properties: Property, **options: Any) -> Result:
+    """Assert that all properties hold in all runs."""
     result = explore(scenario, *properties, check=check_invariants, **options)
     assert result.ok, report(result)
     return result
 
 
-def found(scenario: Scenario, *properties: Property, **options: Any) -> str:
-    """The counterexample; there is one."""
+def counterexample(scenario: Scenario, *properties: Property, **options: Any) -> str:
+    """Return the counterexample, and assert that it exists."""
     result = explore(scenario, *properties, check=check_invariants, **options)
     assert result.violation is not None, report(result)
     return report(result)
 
 
 def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: Any) -> Scenario:
-    """A user walks and then rests; a walk is steps, all but the first of which need not come in
-    order.
-    """
+    """A user walks and then rests. Only the first two steps of a walk are ordered."""
     scenario = Scenario("walking", *properties)
     planner, feet, user = (
         scenario.module("planner"),
@@ -74,7 +70,7 @@ def walking(*properties: Property, steps: int = 2, slips: bool = False, **legs: 
 
 
 def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Scenario:
-    """A step that may slip each time; it is retried, then the walk is planned anew, then somebody
+    """A step that may slip each time. It is retried, then the walk is replanned, then the handler
     gives up.
     """
     scenario = Scenario("a recovery ladder", *properties)
@@ -109,7 +105,7 @@ def ladder(*properties: Property, retries: int = 1, gives_up: bool = True) -> Sc
 
 
 def tapped(condition: Condition, *properties: Property) -> Scenario:
-    """Somebody checks each of two steps."""
+    """A wiretap checks each of two steps."""
     scenario = Scenario(f"tapped {condition}", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     scenario.module("safety").handles(CHECK)(lambda _: None)
@@ -124,8 +120,8 @@ def tapped(condition: Condition, *properties: Property) -> Scenario:
 
 
 def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Scenario:
-    """A step that waits outside of locked legs is checked: somebody taps it, or the checks come
-    with their module.
+    """A step queued for a locked resource is tapped; the tap comes from the user, or with the late
+    safety module.
     """
     scenario = Scenario("tapped late", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -147,7 +143,7 @@ def tapped_late(*properties: Property, safety_arrives_late: bool = False) -> Sce
 
 
 def suspending(*properties: Property) -> Scenario:
-    """A walk that somebody may suspend, and that is resumed."""
+    """A walk that may be suspended, and is then resumed."""
     scenario = Scenario("suspended", *properties)
 
     scenario.module("planner").handles(WALK)(steps_once)
@@ -164,9 +160,7 @@ def suspending(*properties: Property) -> Scenario:
 
 
 def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
-    """Two steps are created and then ordered, the newer one first; so many of them may be
-    killed.
-    """
+    """Two steps are created and then ordered, the newer one first. *kills* of them may be killed."""
     scenario = Scenario("ordered", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(nothing)
     scenario.may_kill(STEP, kills)
@@ -189,9 +183,7 @@ def ordered(*properties: Property, suspended: bool, kills: int = 0) -> Scenario:
 
 
 def late(*properties: Property, handled: bool = False) -> Scenario:
-    """A step that must be done in five seconds, and whose reply may be under way when they are
-    over.
-    """
+    """A step with a deadline of five seconds, whose reply may be under way at that time."""
     scenario = Scenario("a deadline", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     expert = scenario.module("expert")
@@ -230,8 +222,8 @@ def polling(monitor: PollingMonitor[None], *properties: Property, **options: Any
 
 
 def helped(*properties: Property, may_leave: bool = False) -> Scenario:
-    """Two steps slip; a helper that may go comes to one at a time, and who stands by makes up for
-    what it can't do.
+    """Two steps slip. A helper, which may leave, handles one failure at a time; a second handler
+    stands by.
     """
     scenario = Scenario("two steps slip", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(slips)
@@ -249,12 +241,12 @@ def helped(*properties: Property, may_leave: bool = False) -> Scenario:
 
 
 def resolves(task: Task) -> None:
-    """Whatever the failure is."""
+    """Resolve every failure."""
     task.trouble.resolved()
 
 
 def slips(_: object) -> None:
-    """Each time."""
+    """Fail each time."""
     raise SLIPPED(text="ice")
 
 
@@ -264,7 +256,7 @@ def slips_or_not(task: Task) -> None:
 
 
 def nothing(*_: object) -> None:
-    """What a handler does whose work does not matter."""
+    """A handler that does nothing."""
 
 
 def steps_once(task: Task) -> None:

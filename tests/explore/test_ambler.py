@@ -1,9 +1,8 @@
-"""The Ambler's walking constraints plan at most one step ahead, in every order in which things can
-happen.
+"""The Ambler's walking constraints plan at most one step ahead, in every order of events.
 
-The scenario is who handles what, and what it sends, as in robots/ambler_sim/modules. Its messages
-are called as the robot's and have simpler data: the number of steps that are left. The last test
-holds it against the real modules.
+The scenario has the modules, handlers and messages of robots/ambler_sim/modules. Its messages have
+the robot's names and simpler data: the number of remaining steps. The last test compares it with
+the real modules.
 """
 
 import time
@@ -12,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from explore.scenarios import good
+from explore.scenarios import assert_good
 
 import tca_tools.explore as tca
 from dev.invariants import check_invariants
@@ -90,7 +89,7 @@ def plan_gait(scenario: Scenario, *, plans_ahead: bool) -> None:
         task.query(PLAN_FOOTFALL)
         task.query(PLAN_LEG_RECOVERY)
         task.query(PLAN_BODY_MOVE)
-        # Planned once this one is being achieved: the constraint without which planning runs away.
+        # Plan the next step after this one's start: without it, planning has no limit.
         started = [task.achieving.start <= this.planning.start]
         if left % 2 == 0:
             image = task.command(ACQUIRE_IMAGE, left)
@@ -148,13 +147,13 @@ def control(scenario: Scenario) -> None:
     def act(_: Task) -> None: ...
 
 
-# --- what holds in all its runs -------------------------------------------------------------------
+# --- properties of all runs -----------------------------------------------------------------------
 
 Orders = set[tuple[str, str, tuple[Any, ...]]]
 
 
 def steps_planned_ahead(world: tca.World) -> list[Any]:
-    """Steps whose planning has begun, and whose turn to be walked has not come."""
+    """Steps with started planning that are not achieved yet."""
     return [
         task
         for task in world.tasks
@@ -169,8 +168,8 @@ def at_the_machine(world: tca.World) -> list[Any]:
     return [seen for seen in world.messages if seen.message in moves and seen.is_handled]
 
 
-def in_order(steps: int) -> list[Any]:
-    """Each move after the one before it, and each step after the one before it."""
+def steps_in_order(steps: int) -> list[Any]:
+    """Each move follows the move before it, and each step the step before it."""
     moves = [
         (message, left)
         for left in range(steps, 0, -1)
@@ -184,14 +183,14 @@ def checked_walk(steps: int) -> tca.Scenario:
         steps,
         at_most(1, steps_planned_ahead),
         at_most(1, at_the_machine),
-        *in_order(steps),
+        *steps_in_order(steps),
         never_stuck(),
     )
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("steps", [2, 5])
-def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
+def test_ambler_plans_exactly_one_step_ahead(steps: int) -> None:
     last_ahead = False
 
     def is_noted(world: tca.World) -> bool:
@@ -199,14 +198,14 @@ def test_planning_is_one_step_ahead_and_never_two(steps: int) -> None:
         last_ahead |= any(step.data == 1 for step in steps_planned_ahead(world))
         return True
 
-    result = good(checked_walk(steps), always(is_noted))
+    result = assert_good(checked_walk(steps), always(is_noted))
     assert result.longest is not None
     assert result.longest > 18 * steps, "nine messages a step, each of them sent and returned"
     assert last_ahead, "planning is ahead at all"
 
 
 @pytest.mark.soak
-def test_without_the_constraint_planning_runs_away() -> None:
+def test_ambler_plans_too_far_ahead_without_constraint() -> None:
     result = tca.explore(walk(3, plans_ahead=False), at_most(1, steps_planned_ahead))
     assert result.violation is not None
     assert result.violation.broken == "at most 1 steps planned ahead"
@@ -214,11 +213,11 @@ def test_without_the_constraint_planning_runs_away() -> None:
     assert len(result.violation.actions) < 60
 
 
-# --- the scenario is the robot --------------------------------------------------------------------
+# --- comparison with the robot --------------------------------------------------------------------
 
 
 def orders(world: tca.World) -> Orders:
-    """Which task sends which, held by what: ``(parent, message, ((moment, moment, of what),
+    """The sends of tasks with their constraints: ``(parent, message, ((moment, moment, leader),
     ...))``.
     """
     found = set()
@@ -235,9 +234,9 @@ def orders(world: tca.World) -> Orders:
     return found
 
 
-def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
-    """The orders of a walk of three steps by the real modules; the third is planned while the first
-    is walked.
+def orders_of_real_walk(monkeypatch: pytest.MonkeyPatch) -> Orders:
+    """The orders of a walk of three steps by the real modules. The third step is planned during the
+    first.
     """
     robot, known, found = make_robot("kinematic"), JournalWorld([], is_whole=True), set()
     with LocalCentral(check=check_invariants) as central, ExitStack() as stack:
@@ -277,15 +276,15 @@ def really_walked(monkeypatch: pytest.MonkeyPatch) -> Orders:
 
 
 @pytest.mark.soak
-def test_the_scenario_sends_what_the_robot_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ambler_scenario_sends_the_robots_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     played: Orders = set()
 
     def is_noted(world: tca.World) -> bool:
         played.update(orders(world))
         return True
 
-    good(checked_walk(3), always(is_noted))
-    real = really_walked(monkeypatch)
+    assert_good(checked_walk(3), always(is_noted))
+    real = orders_of_real_walk(monkeypatch)
     assert {order[:2] for order in real} == {order[:2] for order in played}
     assert real <= played
     ahead = {

@@ -1,5 +1,5 @@
-"""Rules of central for failures, wiretaps, monitors, suspension and time, broken one by one: each
-is found.
+"""Broken rules of central are found: for failures, wiretaps, monitors, suspension and time, one at
+a time.
 """
 
 from collections.abc import Callable
@@ -62,13 +62,13 @@ from tca_wire.packets.parts import WatchOptions
 Patch = pytest.MonkeyPatch
 
 
-def followers_are_released_too_early(patch: Patch) -> None:
-    """By whatever their leader reaches."""
+def early_release_of_followers(patch: Patch) -> None:
+    """Every point of a leader releases its followers."""
     real = Holds.release_followers
     patch.setattr(Holds, "release_followers", lambda self, task, _: real(self, task, 63))
 
 
-def a_killed_task_releases_nobody(patch: Patch) -> None:
+def no_release_by_killed_task(patch: Patch) -> None:
     real = Holds.release_followers
     patch.setattr(
         Holds,
@@ -77,22 +77,22 @@ def a_killed_task_releases_nobody(patch: Patch) -> None:
     )
 
 
-def a_slot_is_given_twice(patch: Patch) -> None:
-    patch.setattr(ModuleResource, "acquire_slot", lambda self: next(iter(self.slots), None))
+def slot_used_twice(patch: Patch) -> None:
+    patch.setattr(ModuleResource, "take_slot", lambda self: next(iter(self.slots), None))
 
 
-def freed_slots_are_forgotten(patch: Patch) -> None:
+def freed_slot_forgotten(patch: Patch) -> None:
     patch.setattr(Dispatcher, "offer_next", lambda self: self.to_offer.clear())
 
 
-def a_parent_ends_before_its_children(patch: Patch) -> None:
+def parent_ends_first(patch: Patch) -> None:
     real = Agenda._may_reach
     patch.setattr(
         Agenda, "_may_reach", lambda self, task, moment: moment == 32 or real(self, task, moment)
     )
 
 
-def a_before_tap_holds_nothing(patch: Patch) -> None:
+def before_tap_without_hold(patch: Patch) -> None:
     real = Holds.hold
     patch.setattr(
         Holds,
@@ -105,15 +105,15 @@ def a_before_tap_holds_nothing(patch: Patch) -> None:
     )
 
 
-def what_waits_when_a_tap_comes_does_not_pass_it(patch: Patch) -> None:
+def late_tap_ignored(patch: Patch) -> None:
     patch.setattr(taps, "_apply_to_waiting", lambda *_: None)
 
 
-def what_passed_a_tap_that_nobody_heard_does_not_pass_it_again(patch: Patch) -> None:
-    patch.setattr(joining, "on_listeners_added", lambda *_: None)
+def late_listener_ignored(patch: Patch) -> None:
+    patch.setattr(joining, "listeners_come", lambda *_: None)
 
 
-def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
+def retry_beside_handler(patch: Patch) -> None:
     patch.setattr(
         Agenda,
         "_may_start",
@@ -124,7 +124,7 @@ def a_retry_does_not_wait_for_the_handler(patch: Patch) -> None:
 MAY_START = Agenda._may_start
 
 
-def suspended_tasks_are_started(patch: Patch) -> None:
+def suspended_task_started(patch: Patch) -> None:
     def may_start(self: Agenda, task: Any) -> bool:
         was, task.suspended = task.suspended, False
         try:
@@ -135,7 +135,7 @@ def suspended_tasks_are_started(patch: Patch) -> None:
     patch.setattr(Agenda, "_may_start", may_start)
 
 
-def attempts_are_not_told(patch: Patch) -> None:
+def constant_attempts(patch: Patch) -> None:
     real = FailureContext.header.fget  # type: ignore[attr-defined]
 
     def header(self: FailureContext) -> Any:
@@ -145,7 +145,7 @@ def attempts_are_not_told(patch: Patch) -> None:
     patch.setattr(FailureContext, "header", property(header))
 
 
-def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
+def reissue_searches_from_start(patch: Patch) -> None:
     real = failures._call_handler
 
     def call(central: Any, task: Any, failure: Any, _below: Any = None, *, is_beside: bool) -> Any:
@@ -154,15 +154,15 @@ def a_reissued_failure_is_searched_from_the_start(patch: Patch) -> None:
     patch.setattr(failures, "_call_handler", call)
 
 
-def one_that_could_not_decide_is_the_last_that_is_asked(patch: Patch) -> None:
+def search_ends_at_failed_handler(patch: Patch) -> None:
     patch.setattr(failures, "NOT_BY_CHOICE", frozenset())
 
 
-def who_only_observes_has_dealt_with_it(patch: Patch) -> None:
+def unresolved_failure_recovered(patch: Patch) -> None:
     patch.setattr(failures, "_continue_unresolved", failures._recover)
 
 
-def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
+def uncounted_calls(patch: Patch) -> None:
     real = failures._find
 
     def find(task: Any, *others: Any) -> Any:
@@ -173,57 +173,59 @@ def calls_of_a_handler_are_not_counted(patch: Patch) -> None:
     patch.setattr(failures, "_find", find)
 
 
-def what_was_dealt_with_goes_on_for_ever(patch: Patch) -> None:
-    patch.setattr(failures, "on_exception_handler_ended", lambda _central, _handler: None)
+def endless_recovery(patch: Patch) -> None:
+    patch.setattr(failures, "handler_ended", lambda _central, _handler: None)
 
 
-def a_deadline_takes_the_task_from_its_handler(patch: Patch) -> None:
+def deadline_ends_handling(patch: Patch) -> None:
     patch.setattr(steering, "raise_failure", failures.fail_task)
 
 
-def a_delay_is_no_delay(patch: Patch) -> None:
+def halved_delay(patch: Patch) -> None:
     real = Clock.after
     patch.setattr(
         Clock, "after", lambda self, seconds, due, subject: real(self, seconds / 2, due, subject)
     )
 
 
-def a_monitor_acts_once_more(patch: Patch) -> None:
+def extra_monitor_action(patch: Patch) -> None:
     patch.setattr(
         watches,
         "Watch",
-        lambda task, options, *others, **named: Watch(task, once_more(options), *others, **named),
+        lambda task, options, *others, **named: Watch(
+            task, with_extra_action(options), *others, **named
+        ),
     )
 
 
-def once_more(options: WatchOptions) -> WatchOptions:
+def with_extra_action(options: WatchOptions) -> WatchOptions:
     return replace(options, maximum=options.maximum + 1)
 
 
-def a_late_kill_kills_nothing(patch: Patch) -> None:
+def lost_late_kill(patch: Patch) -> None:
     patch.setattr(steering.PendingKill, "carry_out", lambda _self, _central: None)
 
 
-def nothing_is_done_on_termination(patch: Patch) -> None:
+def lost_termination_message(patch: Patch) -> None:
     patch.setattr(failures, "_after_kill", lambda _central, _task, _why: None)
 
 
-def a_wait_is_never_over(patch: Patch) -> None:
+def endless_wait(patch: Patch) -> None:
     patch.setitem(REACHED, TaskWait, lambda _central, _wait, _task: None)
 
 
-def what_nobody_handles_is_sent_all_the_same(patch: Patch) -> None:
+def unhandled_message_sent(patch: Patch) -> None:
     def send(central: Any, connection: Any, header: Send, body: bytes) -> None:
         on_send(central, connection, replace(header, if_handled=False), body)
 
     patch.setitem(HANDLERS, Send, send)
 
 
-# --- what finds them ------------------------------------------------------------------------------
+# --- scenarios ------------------------------------------------------------------------------------
 
 
-def once(*properties: Any, higher: Callable[[tca.Task], None]) -> tca.Scenario:
-    """An exception handler that is called once, however often the step slips."""
+def called_once(*properties: Any, higher: Callable[[tca.Task], None]) -> tca.Scenario:
+    """A step that slips each time, with an exception handler that is called at most once."""
     scenario = tca.Scenario("once", at_most_in_all(1, sent(HIGHER)), *properties)
     scenario.module("legs").handles(STEP)(slips)
     scenario.module("expert").handles(HIGHER)(higher)
@@ -240,13 +242,13 @@ def retries(task: tca.Task) -> None:
     task.trouble.failing.retry()
 
 
-def may_look_on(task: tca.Task) -> None:
+def may_resolve(task: tca.Task) -> None:
     if task.choose("looks on", "resolves") == "resolves":
         task.trouble.resolved()
 
 
-def mortal(*properties: Any) -> tca.Scenario:
-    """An exception handler whose module may die, and another one further out."""
+def with_mortal_handler(*properties: Any) -> tca.Scenario:
+    """An exception handler whose module may be lost, and another one further out."""
     scenario = tca.Scenario("mortal", *properties)
     scenario.module("legs").handles(STEP)(slips)
     scenario.module("expert", may_be_lost=1).handles(HIGHER)(resolves)
@@ -261,8 +263,8 @@ def mortal(*properties: Any) -> tca.Scenario:
     return scenario
 
 
-def maybe(*properties: Any) -> tca.Scenario:
-    """A walk that is only sent if somebody handles it, and nobody ever does."""
+def sent_if_handled(*properties: Any) -> tca.Scenario:
+    """A walk without a handler that is sent *if handled*."""
     scenario = tca.Scenario("maybe", *properties)
 
     @scenario.module("user").does
@@ -283,7 +285,7 @@ def delayed(*properties: Any) -> tca.Scenario:
     return scenario
 
 
-def lives_on(world: tca.World) -> list[tca.Seen]:
+def living_walks(world: tca.World) -> list[tca.Seen]:
     return [
         task
         for task in world.tasks
@@ -300,55 +302,47 @@ def walk_and_kill() -> tca.Result:
 
 IS_CHECKED = before(achieved(CHECK), begun(STEP))
 BROKEN: dict[Callable[[Patch], None], Callable[[], tca.Result]] = {
-    followers_are_released_too_early: walk_and_kill,
-    a_killed_task_releases_nobody: walk_and_kill,
-    a_parent_ends_before_its_children: walk_and_kill,
-    freed_slots_are_forgotten: walk_and_kill,
-    a_slot_is_given_twice: lambda: tca.explore(crowd(at_most(2, handled_by("legs")), notes=False)),
-    a_before_tap_holds_nothing: lambda: tca.explore(scenarios.tapped(Condition.BEFORE_HANDLING)),
-    what_waits_when_a_tap_comes_does_not_pass_it: lambda: tca.explore(
-        scenarios.tapped_late(IS_CHECKED)
-    ),
-    what_passed_a_tap_that_nobody_heard_does_not_pass_it_again: lambda: tca.explore(
+    early_release_of_followers: walk_and_kill,
+    no_release_by_killed_task: walk_and_kill,
+    parent_ends_first: walk_and_kill,
+    freed_slot_forgotten: walk_and_kill,
+    slot_used_twice: lambda: tca.explore(crowd(at_most(2, handled_by("legs")), notes=False)),
+    before_tap_without_hold: lambda: tca.explore(scenarios.tapped(Condition.BEFORE_HANDLING)),
+    late_tap_ignored: lambda: tca.explore(scenarios.tapped_late(IS_CHECKED)),
+    late_listener_ignored: lambda: tca.explore(
         scenarios.tapped_late(IS_CHECKED, safety_arrives_late=True)
     ),
-    a_retry_does_not_wait_for_the_handler: lambda: tca.explore(retried_while_running()),
-    suspended_tasks_are_started: lambda: tca.explore(scenarios.suspending()),
-    attempts_are_not_told: lambda: tca.explore(scenarios.ladder(at_most_in_all(2, retried(STEP)))),
-    a_reissued_failure_is_searched_from_the_start: lambda: tca.explore(
+    retry_beside_handler: lambda: tca.explore(retried_while_running()),
+    suspended_task_started: lambda: tca.explore(scenarios.suspending()),
+    constant_attempts: lambda: tca.explore(scenarios.ladder(at_most_in_all(2, retried(STEP)))),
+    reissue_searches_from_start: lambda: tca.explore(
         scenarios.ladder(at_most_in_all(4, sent(HIGHER)))
     ),
-    one_that_could_not_decide_is_the_last_that_is_asked: lambda: tca.explore(
-        mortal(never(killed(STEP)))
-    ),
-    who_only_observes_has_dealt_with_it: lambda: tca.explore(once(higher=may_look_on)),
-    calls_of_a_handler_are_not_counted: lambda: tca.explore(once(higher=retries)),
-    what_was_dealt_with_goes_on_for_ever: lambda: tca.explore(once(never_stuck(), higher=resolves)),
-    a_deadline_takes_the_task_from_its_handler: lambda: tca.explore(
-        scenarios.late(never_stuck(), handled=True)
-    ),
-    a_delay_is_no_delay: lambda: tca.explore(delayed()),
-    a_monitor_acts_once_more: lambda: tca.explore(
+    search_ends_at_failed_handler: lambda: tca.explore(with_mortal_handler(never(killed(STEP)))),
+    unresolved_failure_recovered: lambda: tca.explore(called_once(higher=may_resolve)),
+    uncounted_calls: lambda: tca.explore(called_once(higher=retries)),
+    endless_recovery: lambda: tca.explore(called_once(never_stuck(), higher=resolves)),
+    deadline_ends_handling: lambda: tca.explore(scenarios.late(never_stuck(), handled=True)),
+    halved_delay: lambda: tca.explore(delayed()),
+    extra_monitor_action: lambda: tca.explore(
         scenarios.polling(BATTERY, at_most_in_all(1, fired(RECHARGE)), maximum=1)
     ),
-    a_late_kill_kills_nothing: lambda: tca.explore(parting(never(lives_on))),
-    nothing_is_done_on_termination: lambda: tca.explore(
-        parting(before(achieved(REST), walk_is_over))
-    ),
-    a_wait_is_never_over: lambda: tca.explore(
-        scenarios.late(never_stuck(), eventually(achieved(REST)))
-    ),
-    what_nobody_handles_is_sent_all_the_same: lambda: tca.explore(maybe(never_stuck())),
+    lost_late_kill: lambda: tca.explore(parting(never(living_walks))),
+    lost_termination_message: lambda: tca.explore(parting(before(achieved(REST), walk_is_over))),
+    endless_wait: lambda: tca.explore(scenarios.late(never_stuck(), eventually(achieved(REST)))),
+    unhandled_message_sent: lambda: tca.explore(sent_if_handled(never_stuck())),
 }
 
 
 is_good = cache(lambda explored: explored().ok)
-"""Before anything is broken."""
+"""Whether a scenario is good before a rule is broken."""
 
 
 @pytest.mark.parametrize("mutation", BROKEN, ids=lambda mutation: mutation.__name__)
-def test_a_broken_rule_is_found(monkeypatch: Patch, mutation: Callable[[Patch], None]) -> None:
-    """By promises and properties alone, without central's own invariants, and in a few actions."""
+def test_broken_control_rule_is_found(
+    monkeypatch: Patch, mutation: Callable[[Patch], None]
+) -> None:
+    """Promises and properties find it, without central's invariants, in few actions."""
     assert is_good(BROKEN[mutation])
     mutation(monkeypatch)
     result = BROKEN[mutation]()

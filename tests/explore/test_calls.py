@@ -1,4 +1,4 @@
-"""The calls of the module library in scripts: what they do there is what they do on the robot."""
+"""Calls of the module library have the same effect in scripts as on the robot."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -19,8 +19,8 @@ from explore.scenarios import (
     STEP,
     WALK,
     WHERE,
-    found,
-    good,
+    assert_good,
+    counterexample,
 )
 
 import tca_tools.explore as tca
@@ -49,8 +49,8 @@ PACE: Variable[int] = Variable("pace", int)
 def robot(
     walk: Callable[..., object], *properties: Any, **others: Callable[..., object]
 ) -> tca.Scenario:
-    """A user who walks, a planner that does it in some way, and others who do what they are
-    told.
+    """A user that sends a walk, a planner with the given handler, and a module that handles the
+    rest.
     """
     scenario = tca.Scenario("a robot", *properties)
     scenario.module("planner").handles(WALK)(walk)
@@ -66,11 +66,13 @@ def robot(
     return scenario
 
 
-def played(walk: Callable[..., object], *properties: Any, **others: Callable[..., object]) -> None:
-    good(robot(walk, *properties, **others), never_stuck(), limit=5000)
+def assert_playable(
+    walk: Callable[..., object], *properties: Any, **others: Callable[..., object]
+) -> None:
+    assert_good(robot(walk, *properties, **others), never_stuck(), limit=5000)
 
 
-def test_a_task_is_the_librarys_own() -> None:
+def test_scenario_task_is_the_librarys_own() -> None:
     assert issubclass(tca.Task, ModuleTask)
     assert {name for name in vars(tca.Script.__mro__[1]) if not name.startswith("_")} == {
         "choose",
@@ -79,18 +81,18 @@ def test_a_task_is_the_librarys_own() -> None:
     }
 
 
-def test_blocks_put_tasks_in_order() -> None:
+def test_order_blocks_constrain_tasks() -> None:
     def walk(task: tca.Task) -> None:
         with task.parallel():
             task.command(STEP, 1)
             task.command(STEP, 2)
         task.command(STEP, 3)
 
-    played(walk, *(before(achieved(STEP, number), begun(STEP, 3)) for number in (1, 2)))
-    found(robot(walk, before(achieved(STEP, 1), begun(STEP, 2))))
+    assert_playable(walk, *(before(achieved(STEP, number), begun(STEP, 3)) for number in (1, 2)))
+    counterexample(robot(walk, before(achieved(STEP, 1), begun(STEP, 2))))
 
 
-def test_results_and_failures_come_back() -> None:
+def test_script_receives_results_and_failures() -> None:
     def walk(task: tca.Task) -> None:
         with contextlib.suppress(TaskFailed, TaskKilled):
             assert task.command(STEP).result() == "well"
@@ -101,12 +103,12 @@ def test_results_and_failures_come_back() -> None:
             raise SLIPPED(text="ice")
         return "well"
 
-    played(walk, step=step)
+    assert_playable(walk, step=step)
     for data in ("well",):
-        found(robot(walk, never(sent(NOTE, data)), step=step))
+        counterexample(robot(walk, never(sent(NOTE, data)), step=step))
 
 
-def test_questions_whose_answers_are_fetched_later() -> None:
+def test_script_receives_answers_later() -> None:
     def walk(task: tca.Task) -> None:
         where = task.query_send(WHERE)
         task.command(STEP, 1)
@@ -115,10 +117,10 @@ def test_questions_whose_answers_are_fetched_later() -> None:
         given_up = task.query_send(WHERE)
         given_up.cancel()
 
-    played(walk)
+    assert_playable(walk)
 
 
-def test_relatives_are_found_by_name() -> None:
+def test_script_finds_relatives_of_task() -> None:
     def walk(task: tca.Task) -> None:
         task.command(STEP, "left", constraints=[task.handling.end <= this.achieving.start])
         (step,) = task.ref.children(STEP)
@@ -131,10 +133,10 @@ def test_relatives_are_found_by_name() -> None:
         info = step.info()
         assert info is None
 
-    played(walk, never(begun(STEP)))
+    assert_playable(walk, never(begun(STEP)))
 
 
-def test_scopes_of_kills_and_points() -> None:
+def test_kill_respects_scope_and_point() -> None:
     def walk(task: tca.Task) -> None:
         later = [task.handling.end <= this.achieving.start]
         second, third = (task.command(STEP, number, constraints=later) for number in (2, 3))
@@ -143,7 +145,7 @@ def test_scopes_of_kills_and_points() -> None:
         task.ref.kill(after=second.achieving.end, scope=Scope.DESCENDANTS)
         assert third.wait_for(third.achieving.end) is Outcome.KILLED
 
-    played(
+    assert_playable(
         walk,
         never(begun(STEP, 3)),
         never(begun(STEP, 4)),
@@ -152,7 +154,7 @@ def test_scopes_of_kills_and_points() -> None:
     )
 
 
-def test_monitors_of_every_kind() -> None:
+def test_monitor_of_each_kind_acts() -> None:
     def walk(task: tca.Task) -> None:
         kind = task.choose("rocks", "ground", "battery")
         if kind == "rocks":
@@ -168,11 +170,13 @@ def test_monitors_of_every_kind() -> None:
         with contextlib.suppress(Refused):
             task.monitor_ref.fire(NOTE, "a rock")
 
-    played(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
-    assert 'fires rocks {2} with "a rock"' in found(robot(walk, never(sent(NOTE)), lift=lift))
+    assert_playable(walk, at_most_in_all(1, fired(NOTE)), lift=lift)
+    assert 'fires rocks {2} with "a rock"' in counterexample(
+        robot(walk, never(sent(NOTE)), lift=lift)
+    )
 
 
-def test_a_listener_knows_what_it_hears() -> None:
+def test_listener_receives_its_tap_event() -> None:
     heard = set()
 
     def walk(task: tca.Task) -> None:
@@ -186,11 +190,11 @@ def test_a_listener_knows_what_it_hears() -> None:
         assert task.tap_event.tapped is not None
         heard.add((task.tap_event.condition, task.tap_event.message))
 
-    played(walk, never(sent(CHECK)), at_most_in_all(2, fired(NOTE)), note=note)
+    assert_playable(walk, never(sent(CHECK)), at_most_in_all(2, fired(NOTE)), note=note)
     assert heard == {(Condition.AFTER_ACHIEVED, STEP.name)}
 
 
-def test_variables_and_whether_somebody_is_there() -> None:
+def test_script_uses_variables_and_sends_if_handled() -> None:
     def walk(task: tca.Task) -> None:
         assert task.get_variable(PACE, 0) == 0
         task.set_variable(PACE, 3)
@@ -201,10 +205,10 @@ def test_variables_and_whether_somebody_is_there() -> None:
         assert ref is not None
         assert task.execute(WHERE) == 7
 
-    played(walk)
+    assert_playable(walk)
 
 
-def test_a_suspended_handler_may_hold() -> None:
+def test_suspended_handler_may_hold() -> None:
     def walk(task: tca.Task) -> None:
         task.command(STEP)
 
@@ -214,14 +218,14 @@ def test_a_suspended_handler_may_hold() -> None:
 
     scenario = robot(walk, step=step)
     scenario.may_suspend(WALK)
-    good(scenario, never_stuck(), limit=3000)
-    found(scenario, never(sent(WHERE)))
+    assert_good(scenario, never_stuck(), limit=3000)
+    counterexample(scenario, never(sent(WHERE)))
 
 
-# --- what can't be played -------------------------------------------------------------------------
+# --- unexplored calls ----------------------------------------------------------------------------
 
 
-def asks_who_is_there(task: tca.Task) -> None:
+def lists_modules(task: tca.Task) -> None:
     task.modules()
 
 
@@ -229,11 +233,11 @@ def sleeps(task: tca.Task) -> None:
     task.sleep(1.0)
 
 
-def is_called_back(task: tca.Task) -> None:
+def uses_callback(task: tca.Task) -> None:
     task.query_notify(WHERE, None, lambda *_: None)
 
 
-def waits_for_many(task: tca.Task) -> None:
+def sends_multi_query_with_timeout(task: tca.Task) -> None:
     task.multi_query(HEIGHTS, timeout=1.0)
 
 
@@ -241,7 +245,7 @@ def awaits(task: tca.Task) -> Iterator[Any]:
     return next(task.command(STEP).__await__())
 
 
-def swallows(task: tca.Task) -> None:
+def suppresses_errors(task: tca.Task) -> None:
     with contextlib.suppress(Exception):
         task.handlers(STEP)
 
@@ -249,11 +253,11 @@ def swallows(task: tca.Task) -> None:
 async def is_async(_: tca.Task) -> None: ...
 
 
-def sends_the_wrong_data(task: tca.Task) -> None:
+def sends_wrong_data(task: tca.Task) -> None:
     task.set_variable(PACE, "fast")  # type: ignore[misc]
 
 
-def decides_for_ever(task: tca.Task) -> None:
+def chooses_for_ever(task: tca.Task) -> None:
     while task.choose(True, False) or True:
         pass
 
@@ -262,30 +266,30 @@ def decides_for_ever(task: tca.Task) -> None:
     ("handler", "words"),
     [
         (
-            asks_who_is_there,
+            lists_modules,
             r"line \d+\): modules\(\), handlers\(\) and status\(\) is not explored: leave it out",
         ),
         (sleeps, r"sleep\(\) and wait_until\(\) is not explored"),
-        (is_called_back, r"query_notify\(\) is not explored"),
-        (waits_for_many, r"multi_query\(timeout=...\) is not explored"),
+        (uses_callback, r"query_notify\(\) is not explored"),
+        (sends_multi_query_with_timeout, r"multi_query\(timeout=...\) is not explored"),
         (awaits, "await is not explored"),
-        (swallows, r"handlers\(\) and status\(\) is not explored"),
+        (suppresses_errors, r"handlers\(\) and status\(\) is not explored"),
         (is_async, "make it a plain function"),
-        (sends_the_wrong_data, "variable 'pace' wants data of type int"),
-        (decides_for_ever, "decides 100 times without sending or asking anything"),
+        (sends_wrong_data, "variable 'pace' wants data of type int"),
+        (chooses_for_ever, "decides 100 times without sending or asking anything"),
     ],
 )
-def test_what_is_not_explored_is_named(handler: Any, words: str) -> None:
+def test_unexplored_call_is_named(handler: Any, words: str) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
         tca.explore(robot(handler))
 
 
-def test_a_monitor_is_handled_by_central() -> None:
+def test_handler_of_monitor_is_refused() -> None:
     with pytest.raises(tca.ScenarioError, match="central carries it out"):
         tca.Scenario("bad").module("eye").handles(BATTERY)
 
 
-def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
+def test_message_with_two_formats_is_named() -> None:
     def walk(task: tca.Task) -> None:
         task.command(Command(STEP.name, int), 3)
 
@@ -293,12 +297,12 @@ def test_a_message_that_is_declared_in_two_ways_is_named() -> None:
         tca.explore(robot(walk))
 
 
-def test_time_outs_are_errors_of_the_world() -> None:
+def test_query_timeout_is_explored() -> None:
     def walk(task: tca.Task) -> None:
         try:
             task.query(WHERE, timeout=2.0)
         except Timeout:
             task.inform(NOTE, "late")
 
-    played(walk)
-    found(robot(walk, never(sent(NOTE, "late"))))
+    assert_playable(walk)
+    counterexample(robot(walk, never(sent(NOTE, "late"))))

@@ -27,7 +27,7 @@ def tca_explore(folder: Path, text: str, *options: str) -> Result:
     return CliRunner().invoke(explore_file, [str(path), *options])
 
 
-def test_each_scenario_is_explored(tmp_path: Path) -> None:
+def test_command_explores_each_scenario(tmp_path: Path) -> None:
     result = tca_explore(tmp_path, SCENARIO)
     assert result.exit_code == 1
     assert result.stdout.startswith(
@@ -36,14 +36,14 @@ def test_each_scenario_is_explored(tmp_path: Path) -> None:
     assert "  1. user sends command step\n" in result.stdout
 
 
-def test_the_exit_code_is_the_answer(tmp_path: Path) -> None:
+def test_exit_code_is_zero_only_for_good_scenarios(tmp_path: Path) -> None:
     assert tca_explore(tmp_path, SCENARIO.replace("never(handled(STEP))", "")).exit_code == 0
     limited = tca_explore(tmp_path, SCENARIO, "--limit", "1")
     assert limited.exit_code == 1
     assert "not known" in limited.stdout
 
 
-def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: Path) -> None:
+def test_unexplorable_scenario_does_not_stop_the_others(tmp_path: Path) -> None:
     result = tca_explore(
         tmp_path, SCENARIO.replace("never(handled(STEP))", "never(handled(Command('stop')))")
     )
@@ -64,15 +64,15 @@ def test_one_that_cannot_be_explored_does_not_keep_the_others_from_it(tmp_path: 
         ),
     ],
 )
-def test_what_cannot_be_explored_is_wrong_usage(tmp_path: Path, text: str, words: str) -> None:
+def test_unexplorable_file_exits_with_usage_error(tmp_path: Path, text: str, words: str) -> None:
     result = tca_explore(tmp_path, text)
     assert result.exit_code == 2
     assert words in result.stderr
 
 
-def test_who_gives_up_is_told_what_there_was_most_of(tmp_path: Path) -> None:
-    """The parts of a scenario that multiply its states are named, the most often first: here a
-    clock nobody asks about.
+def test_limit_report_names_parts_that_multiply_states(tmp_path: Path) -> None:
+    """The report names the parts that multiply states, most frequent first: here an irrelevant
+    clock.
     """
     text = """
 from tca_tools.explore import Scenario, never_stuck
@@ -99,8 +99,8 @@ boss.does(lambda me: [me.command(WAIT, deadline=20.0)])
         assert words in second
 
 
-def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
-    """As ``python scenarios.py`` would: what lies beside it, wherever the command is called."""
+def test_scenario_file_imports_modules_beside_it(tmp_path: Path) -> None:
+    """As with ``python scenarios.py``: imports work from any working directory."""
     (tmp_path / "stepping.py").write_text(
         "from tca_wire.messages.declarations import Command\nSTEP = Command('step')\n"
     )
@@ -117,7 +117,7 @@ def test_a_scenario_imports_the_robot_s_own_messages(tmp_path: Path) -> None:
     assert "good one: good, 3 states" in ran.stdout
 
 
-def test_the_counterexample_in_the_documentation_is_that_of_its_scenario(tmp_path: Path) -> None:
+def test_documented_counterexample_is_real_output(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "explorer.md").read_text()
     code = page.partition("```python\n")[2].partition("```")[0]
     hasty = re.sub(r"task.command\(GRASP\).*", "task.command(GRASP, sequential=False)", code)
@@ -131,10 +131,8 @@ def test_the_counterexample_in_the_documentation_is_that_of_its_scenario(tmp_pat
     assert not list(written)
 
 
-def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None:
-    """In a line of the terminal that is gone in the end; what is written elsewhere has nothing of
-    it.
-    """
+def test_progress_is_shown_on_terminal_only(tmp_path: Path) -> None:
+    """Progress is one terminal line that is erased at the end; standard output has none of it."""
     path = tmp_path / "scenarios.py"
     path.write_text(
         SCENARIO + "for name in 'abc':\n    GOOD.module(name).does(lambda me: [me.command(STEP)])"
@@ -156,5 +154,5 @@ def test_people_who_look_at_a_terminal_see_how_far_it_is(tmp_path: Path) -> None
     assert shown.endswith("\r\x1b[K")
 
 
-def test_a_file_that_is_not_there_is_wrong_usage() -> None:
+def test_missing_scenario_file_exits_with_usage_error() -> None:
     assert CliRunner().invoke(explore_file, ["nowhere.py"]).exit_code == 2

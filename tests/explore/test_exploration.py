@@ -1,6 +1,4 @@
-"""The search itself: what it takes for known, what it checks, in which order, and what it says of
-it.
-"""
+"""The search: equal states, checks, order and reports."""
 
 import contextlib
 import re
@@ -8,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, found, good, walking
+from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, assert_good, counterexample, walking
 from explore.test_good import polled
 
 import tca_tools.explore as tca
@@ -32,8 +30,10 @@ from tca_tools.explore.search.snapshot import Snapshots
 from tca_wire.messages.declarations import Command
 
 
-def strangers(*properties: tca.Property, names: tuple[str, str] = ("one", "other")) -> tca.Scenario:
-    """Two who do not know each other, each with a command that takes no time."""
+def independent_users(
+    *properties: tca.Property, names: tuple[str, str] = ("one", "other")
+) -> tca.Scenario:
+    """Two independent users, each with a command that takes no time."""
     scenario = tca.Scenario("strangers", *properties)
     for name in names:
         command = Command(name)
@@ -42,7 +42,7 @@ def strangers(*properties: tca.Property, names: tuple[str, str] = ("one", "other
     return scenario
 
 
-def at_once(world: tca.World) -> bool:
+def both_running(world: tca.World) -> bool:
     return len(world.tasks) == 2 and not any(task.is_over for task in world.tasks)
 
 
@@ -58,17 +58,17 @@ def other_first(world: tca.World) -> bool:
 
 
 @pytest.mark.parametrize("names", [("one", "other"), ("other", "one")])
-@pytest.mark.parametrize("may_be", [at_once, other_first])
-def test_what_a_property_remembers_is_part_of_the_state(
-    names: tuple[str, str], may_be: Any
-) -> None:
-    """Both are done in the end, whether they were under way at once or not; whichever way is tried
-    first.
-    """
-    found(strangers(eventually(may_be), names=names))
-    found(strangers(eventually(nothing), names=names))
-    good(strangers(eventually(lambda world: at_once(world) or one_by_one(world)), names=names))
-    found(strangers(before(may_be, both_over), names=names))
+@pytest.mark.parametrize("may_be", [both_running, other_first])
+def test_memory_of_property_is_part_of_state(names: tuple[str, str], may_be: Any) -> None:
+    """Both commands end, overlapping or not, whichever order is tried first."""
+    counterexample(independent_users(eventually(may_be), names=names))
+    counterexample(independent_users(eventually(nothing), names=names))
+    assert_good(
+        independent_users(
+            eventually(lambda world: both_running(world) or one_by_one(world)), names=names
+        )
+    )
+    counterexample(independent_users(before(may_be, both_over), names=names))
 
 
 def nothing(_: tca.World) -> bool:
@@ -76,34 +76,34 @@ def nothing(_: tca.World) -> bool:
 
 
 def both_over(world: tca.World) -> bool:
-    """The last one ends."""
+    """The last command ends."""
     return len(world.tasks) == 1 and all(task.is_over for task in world.tasks)
 
 
-def test_what_is_counted_is_part_of_the_state() -> None:
-    """The note is sent once or twice, and that is all that tells the runs from each other."""
+def test_count_of_property_is_part_of_state() -> None:
+    """The note is sent once or twice; nothing else distinguishes the runs."""
     scenario = tca.Scenario("counting")
     scenario.module("ear").handles(NOTE)(lambda _: None)
 
     @scenario.module("mouth").does
-    def tell(me: tca.Script) -> None:
+    def send_notes(me: tca.Script) -> None:
         if me.choose("once", "twice") == "twice":
             me.inform(NOTE)
         me.inform(NOTE)
 
-    good(scenario, at_most_in_all(2, sent(NOTE)))
-    found(scenario, at_most_in_all(1, sent(NOTE)))
+    assert_good(scenario, at_most_in_all(2, sent(NOTE)))
+    counterexample(scenario, at_most_in_all(1, sent(NOTE)))
 
 
-def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A queue that miscounts does nothing wrong that could be seen from outside."""
+def test_exploration_checks_invariants_of_central(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A queue that miscounts is not visible from outside."""
     real = Queue.mark_void
 
     def left(self: Queue[Any]) -> None:
         real(self)
         self.waiting += 1
 
-    good(walking(never_stuck()))
+    assert_good(walking(never_stuck()))
     monkeypatch.setattr(Queue, "mark_void", left)
     result = tca.explore(walking(never_stuck()), check=check_invariants)
     assert result.violation is not None
@@ -112,40 +112,38 @@ def test_centrals_own_invariants_are_checked(monkeypatch: pytest.MonkeyPatch) ->
     assert tca.report(result).splitlines()[1].startswith("  1. user sends goal walk")
 
 
-def test_the_first_state_is_judged() -> None:
+def test_first_state_is_judged() -> None:
     result = tca.explore(walking(never(lambda world: not world.messages)))
     assert result.violation is not None
     assert result.violation.actions == ()
 
 
-def test_the_last_states_that_were_reached_are_judged_at_the_limit() -> None:
+def test_last_states_are_judged_at_the_limit() -> None:
     states = tca.explore(walking(never_stuck())).states
-    good(walking(never_stuck()), limit=states)
+    assert_good(walking(never_stuck()), limit=states)
     result = tca.explore(walking(never_stuck()), limit=states - 1)
     assert result.is_complete is False
     assert "not known" in tca.report(result)
 
 
-def test_all_is_counted() -> None:
-    """Two commands: each is sent, then returns; in all orders, that is six ways through a grid of
-    nine.
-    """
-    result = tca.explore(strangers(never_stuck()))
+def test_exploration_counts_states_steps_and_ends() -> None:
+    """Two commands, each sent and returned, in all orders: a grid of nine states."""
+    result = tca.explore(independent_users(never_stuck()))
     assert (result.states, result.steps, result.ends, result.longest) == (9, 12, 1, 4)
     assert result.vacuous == ()
 
 
-def test_whoever_watches_is_told_how_far_it_is() -> None:
-    told: list[tuple[int, int]] = []
+def test_watch_callback_receives_progress() -> None:
+    progress: list[tuple[int, int]] = []
     result = tca.explore(
-        walking(never_stuck()), watch=lambda states, to_go: told.append((states, to_go))
+        walking(never_stuck()), watch=lambda states, to_go: progress.append((states, to_go))
     )
-    assert told
-    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in told)
-    assert told == sorted(told, key=lambda one: one[0])
+    assert progress
+    assert all(0 < states <= result.states and 0 <= to_go < states for states, to_go in progress)
+    assert progress == sorted(progress, key=lambda one: one[0])
 
 
-# --- going on from a snapshot ---------------------------------------------------------------------
+# --- snapshots ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -153,7 +151,7 @@ def test_whoever_watches_is_told_how_far_it_is() -> None:
     [walking(never_stuck(), may_be_lost=1, comes_back=True), polled(never_stuck())],
     ids=["walking", "polled"],
 )
-def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
+def test_play_snapshot_and_replay_give_the_same_states(
     scenario: tca.Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept = tca.explore(scenario, limit=80)
@@ -163,8 +161,8 @@ def test_a_kept_play_a_snapshot_and_a_run_played_again_are_the_same(
         assert (kept.states, kept.steps, kept.ends) == (again.states, again.steps, again.ends)
 
 
-def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A walk whose snapshots all together would not fit."""
+def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A walk with more snapshots than memory."""
     made: list[int] = []
     real = Snapshots.save
 
@@ -179,13 +177,13 @@ def test_room_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 10_000)
-    good(walking(never_stuck()))
+    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
+    assert_good(walking(never_stuck()))
     assert 0 < len(made) < result.states
 
 
-def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
-    """And what is done to one copy does nothing to another, or to the play."""
+def test_snapshot_is_loaded_into_independent_copies() -> None:
+    """Actions on one copy affect neither another copy nor the play."""
     play, snapshots = Play(walking()), Snapshots()
     snapshot = snapshots.save(play)
     one, other = snapshots.load(snapshot), snapshots.load(snapshot)
@@ -198,10 +196,10 @@ def test_a_snapshot_can_be_gone_on_from_more_than_once() -> None:
     assert other.world.items
 
 
-# --- the nearest comes first ----------------------------------------------------------------------
+# --- order of the search --------------------------------------------------------------------------
 
 
-def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
+def test_shorter_of_two_counterexamples_is_shown() -> None:
     scenario = tca.Scenario("two ways", never(sent(STEP)))
     legs = scenario.module("legs")
     legs.handles(STEP)(lambda _: None)
@@ -223,18 +221,18 @@ def test_of_two_ways_to_a_fault_the_shorter_one_is_shown() -> None:
     assert "chooses 0" in tca.report(result)
 
 
-def test_what_ends_is_judged_before_what_goes_on() -> None:
-    """A run that ends in a state shows more, in fewer words, than one that goes on from it."""
+def test_ended_run_is_judged_before_continuing_one() -> None:
+    """A run that ends in a state has a shorter counterexample than one that continues."""
     result = tca.explore(walking(never_stuck(), never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
 
 
-# --- what tells states from each other ------------------------------------------------------------
+# --- equality of states ---------------------------------------------------------------------------
 
 
 def ended_long_ago(me: tca.Script) -> object:
-    """When the step has ended nothing of it is left but its result."""
+    """Only the result of the ended step is left."""
     step = me.command(STEP)
     me.goal(REST).wait()
     return step.result()
@@ -254,8 +252,10 @@ def was_decided(me: tca.Script) -> object:
 
 @pytest.mark.parametrize("later", [ended_long_ago, was_not_read_yet, was_decided])
 @pytest.mark.parametrize("result", [1, 2])
-def test_what_is_only_told_later(later: Callable[[tca.Script], object], result: int) -> None:
-    """In between, nothing else tells the runs from each other."""
+def test_state_keeps_value_that_is_sent_later(
+    later: Callable[[tca.Script], object], result: int
+) -> None:
+    """Nothing else distinguishes the runs before the note."""
     scenario = tca.Scenario("told later")
     legs = scenario.module("legs")
     legs.handles(STEP)(lambda task: task.choose(1, 2))
@@ -263,12 +263,12 @@ def test_what_is_only_told_later(later: Callable[[tca.Script], object], result: 
     legs.handles(REST)(lambda _: None)
     legs.handles(NOTE)(lambda _: None)
     scenario.module("user").does(lambda me: me.inform(NOTE, later(me)))
-    found(scenario, never(sent(NOTE, result)))
+    counterexample(scenario, never(sent(NOTE, result)))
 
 
 def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
-    """What may still happen is part of the state: a step that may be killed once, on legs that may
-    be lost once.
+    """A step that may be killed once, on legs that may be lost once. The remaining faults are part
+    of the state.
     """
     scenario = tca.Scenario("still to come", *properties)
     scenario.module("legs", may_be_lost=1, comes_back=True).handles(STEP)(lambda _: None)
@@ -284,11 +284,11 @@ def lost_or_killed(*properties: tca.Property) -> tca.Scenario:
 
 
 @pytest.mark.soak
-def test_what_may_still_happen() -> None:
-    found(lost_or_killed(never_stuck(), never(killed_and_over)))
-    found(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
+def test_state_keeps_remaining_losses_and_kills() -> None:
+    counterexample(lost_or_killed(never_stuck(), never(killed_and_over)))
+    counterexample(lost_or_killed(never_stuck()), at_most_in_all(1, ended_badly))
     properties = at_most_in_all(1, killed_and_over), at_most_in_all(2, ended_badly)
-    good(lost_or_killed(never_stuck(), *properties))
+    assert_good(lost_or_killed(never_stuck(), *properties))
 
 
 def killed_and_over(world: tca.World) -> list[tca.Seen]:
@@ -300,8 +300,8 @@ def ended_badly(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.parametrize("seconds", [1.0, 2.0])
-def test_how_long_something_still_takes(seconds: float) -> None:
-    """Between the first command and the second there is nothing but a time that was chosen."""
+def test_state_keeps_remaining_delay(seconds: float) -> None:
+    """Only the chosen delay distinguishes the runs before the step."""
     scenario = tca.Scenario("how long")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -309,11 +309,11 @@ def test_how_long_something_still_takes(seconds: float) -> None:
     def story(me: tca.Script) -> None:
         me.command(STEP, delay=1.0 if me.choose("soon", "late") == "soon" else 2.0)
 
-    found(scenario, never(lambda world: world.passed == seconds))
-    good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
+    counterexample(scenario, never(lambda world: world.passed == seconds))
+    assert_good(scenario, never(lambda world: world.passed not in (0.0, 1.0, 2.0)))
 
 
-# --- what people read: a line, or the shortest counterexample -------------------------------------
+# --- reports: one line, or the shortest counterexample ---------------------------------------------
 
 
 SHORTEST = """\
@@ -339,26 +339,24 @@ walking: NOT rest achieved before walk achieved
 """
 
 
-def test_the_shortest_counterexample_is_shown() -> None:
-    shown = found(walking(before(achieved(REST), achieved(WALK)), steps=1))
+def test_shortest_counterexample_is_shown() -> None:
+    shown = counterexample(walking(before(achieved(REST), achieved(WALK)), steps=1))
     assert re.sub(r" \(after \d+ states\)", "", shown) + "\n" == SHORTEST
 
 
-def test_no_run_with_fewer_actions_shows_it() -> None:
-    """The same scenario without the property: nothing in reach of three actions is the end of a
-    walk.
-    """
+def test_no_shorter_counterexample_exists() -> None:
+    """Without the property, no walk ends within three actions."""
     result = tca.explore(walking(never(achieved(WALK)), steps=1))
     assert result.violation is not None
     assert len(result.violation.actions) == 4
 
 
-def test_a_good_result_is_a_line() -> None:
+def test_good_result_is_one_line() -> None:
     result = tca.explore(walking(never_stuck()))
     assert re.fullmatch(r"walking: good, \d+ states, at most 9 actions a run", tca.report(result))
 
 
-def test_a_limit_is_no_answer() -> None:
+def test_result_is_unknown_at_the_limit() -> None:
     result = tca.explore(walking(never_stuck()), limit=20)
     assert not result.ok
     first, second = tca.report(result).splitlines()
@@ -370,7 +368,7 @@ def test_a_limit_is_no_answer() -> None:
 
 
 def stuck() -> tca.Result:
-    """A handler waits for a task that only it could handle."""
+    """A handler waits for a task that needs the same handler."""
     scenario = tca.Scenario("a short circuit", never_stuck())
 
     @scenario.module("planner").handles(WALK)
@@ -385,20 +383,20 @@ def stuck() -> tca.Result:
     return tca.explore(scenario)
 
 
-def test_what_is_stuck_is_named() -> None:
-    *_, why, second, who, what, whom = tca.report(stuck()).splitlines()[-6:]
-    assert why == "  => the run may end here, with this left:"
+def test_stuck_tasks_and_waits_are_named() -> None:
+    *_, reason, running, queued, handler_wait, user_wait = tca.report(stuck()).splitlines()[-6:]
+    assert reason == "  => nothing further need happen, and this is left:"
     assert (
-        second.strip()
+        running.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"
     )
-    assert who.strip() == "walk {2} has not ended: nothing reached; queued"
-    assert what.strip() == "planner in walk {1} waits for end achieving of walk {2}"
-    assert whom.strip() == "user waits for end achieving of walk {1}"
+    assert queued.strip() == "walk {2} has not ended: nothing reached; queued"
+    assert handler_wait.strip() == "planner in walk {1} waits for end achieving of walk {2}"
+    assert user_wait.strip() == "user waits for end achieving of walk {1}"
 
 
-def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
-    def settle(self: Central, real: object = Central._process_all) -> None:
+def test_assertion_in_central_is_counterexample(monkeypatch: pytest.MonkeyPatch) -> None:
+    def settle(self: Central, real: object = Central._settle) -> None:
         real(self)  # type: ignore[operator]
         assert len(self.tree.tasks) < 3, "too many tasks"
 
@@ -409,7 +407,7 @@ def test_a_fault_of_central_is_a_counterexample(monkeypatch: pytest.MonkeyPatch)
     assert "too many tasks" in tca.report(result)
 
 
-def test_properties_say_what_is_wrong() -> None:
+def test_property_describes_its_violation() -> None:
     result = tca.explore(walking(always(lambda world: len(world.tasks) < 2)))
     assert result.violation is not None
     assert result.violation.why == "it is not true here"

@@ -1,6 +1,4 @@
-"""States that are taken for the same are the same: whatever can happen next leads to the same
-states again.
-"""
+"""States with equal fingerprints have equal successors."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
@@ -56,7 +54,7 @@ Path = tuple[Action, ...]
 
 
 def busy() -> Scenario:
-    """Everything that modules do, with pools, priorities, nested queries and decisions."""
+    """Most actions of modules, with pools, priorities, nested queries and choices."""
     scenario = Scenario("busy")
     for name in ("legs", "more legs"):
         legs = scenario.module(name, may_be_lost=int(name == "legs"), comes_back=True)
@@ -96,20 +94,18 @@ def killing() -> Scenario:
     return scenario
 
 
-def tries_again(task: Task) -> None:
+def retries(task: Task) -> None:
     task.trouble.failing.retry()
 
 
 def watched() -> Scenario:
-    """Wiretaps, a monitor, a deadline that a retry follows, kills later and on termination, waits
-    that end in time.
-    """
+    """Wiretaps, a monitor, a deadline with a retry, later kills, termination messages and timeouts."""
     scenario = Scenario("watched")
     planner, feet = (
         scenario.module("planner"),
         scenario.module("legs", may_be_lost=1, comes_back=True),
     )
-    scenario.module("expert").handles(HIGHER)(tries_again)
+    scenario.module("expert").handles(HIGHER)(retries)
     scenario.module("safety", capacity=2).handles(CHECK)(lambda _: None)
     scenario.module("battery").handles(IS_LOW)(lambda task: task.choose(False, True))
     scenario.module("dock").handles(RECHARGE)(lambda _: None)
@@ -167,24 +163,22 @@ def play(scenario: Scenario, path: Path) -> Play:
     return played
 
 
-def following(
+def successors(
     path: Path, played: Callable[[], Play], detail: Detail, views: dict[bytes, object]
 ) -> Iterator[tuple[Path, Play, bytes]]:
-    """What follows, each with its state; and what properties see of that is what they saw of an
-    equal one.
-    """
+    """The successors of a play, each with its state. Properties must see equal states as equal."""
     for action in played().actions():
         after = played()
         after.perform(action)
-        key, order = fingerprint_of(after, (), detail)
-        after.world.forget()  # as the next action does first
+        key, order = recognised(after, (), detail)
+        after.world.forget()  # as before the next action
         view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path
         yield (*path, action), after, key
 
 
 def seen_in(world: World) -> object:
-    """All that a property can see, with names for ids."""
+    """Everything that a property can see, with names for ids."""
     names: list[Name] = []
 
     def name(one: Name) -> int:
@@ -193,17 +187,26 @@ def seen_in(world: World) -> object:
         return names.index(one)
 
     return (
-        [{key: name(value) if isinstance(value, Name) else value for key, value in vars(seen).items()}
-         for seen in world.messages],
+        [
+            {
+                key: name(value) if isinstance(value, Name) else value
+                for key, value in vars(seen).items()
+            }
+            for seen in world.messages
+        ],
         [[child.message for child in world.children(seen)] for seen in world.messages],
-        [[(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]
-         for seen in world.messages],
-        world.held_by, world.modules, world.passed,
-    )  # fmt: skip
+        [
+            [(at, moment, leader and name(leader.id)) for at, moment, leader in world.held(seen)]
+            for seen in world.messages
+        ],
+        world.held_by,
+        world.modules,
+        world.passed,
+    )
 
 
 @pytest.mark.parametrize(("name", "kind"), one_in(4, SCENARIOS, DETAILS))
-def test_what_follows_equal_states_is_equal(
+def test_equal_states_have_equal_successors(
     name: str, kind: str, request: pytest.FixtureRequest
 ) -> None:
     (make, number), detail = SCENARIOS[name], DETAILS[kind]
@@ -216,7 +219,7 @@ def test_what_follows_equal_states_is_equal(
     merged = 0
     for path, snapshot, key in paths:
         following_here = set()
-        for longer, after, reached in following(
+        for longer, after, reached in successors(
             path, partial(snapshots.load, snapshot), detail, views
         ):
             following_here.add(reached)
@@ -228,8 +231,8 @@ def test_what_follows_equal_states_is_equal(
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_world_is_as_central_is(name: str) -> None:
-    """What properties see of a task, and central's own idea of it, in the states of some runs."""
+def test_explored_world_matches_central(name: str) -> None:
+    """The world of properties agrees with central about every task, in random runs."""
     scenario = SCENARIOS[name][0]()
     for seed in range(8):
         played, choices = Play(scenario), Random(seed)
@@ -264,8 +267,10 @@ def test_the_world_is_as_central_is(name: str) -> None:
                 assert seen.failure == failure, seen
 
 
-def two(one: Callable[[Script], object], *, capacity: int = 1) -> tuple[Scenario, Action, Action]:
-    """Two who do not know each other send a step and a note; and what each of them does first."""
+def two_users(
+    one: Callable[[Script], object], *, capacity: int = 1
+) -> tuple[Scenario, Action, Action]:
+    """Two independent users that send a step and a note, with the first action of each."""
     scenario = Scenario("two")
     feet = scenario.module("legs", capacity=capacity)
     feet.handles(STEP)(lambda _: None)
@@ -280,17 +285,15 @@ def fingerprint(play: Play, memories: Iterable[int], detail: Detail = DETAILS["s
     return fingerprint_of(play, memories, detail)[0]
 
 
-def test_symmetric_orders_are_one_state() -> None:
-    """Which of two modules that do not know each other sends first does not matter once both have
-    sent.
-    """
-    scenario, first, second = two(lambda me: [me.command(STEP).wait()])
+def test_independent_sends_commute_to_one_state() -> None:
+    """The order of sends by two independent modules does not matter afterwards."""
+    scenario, first, second = two_users(lambda me: [me.command(STEP).wait()])
     ends = {fingerprint(play(scenario, path), ()) for path in ((first, second), (second, first))}
     assert len(ends) == 1
 
 
-def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
-    scenario, step, note = two(lambda me: [me.command(STEP)], capacity=2)
+def test_slot_identity_matters_only_with_names() -> None:
+    scenario, step, note = two_users(lambda me: [me.command(STEP)], capacity=2)
     ways = [
         (step, note, Action(ActionKind.STEP, "legs/2")),
         (note, step, Action(ActionKind.STEP, "legs/1")),
@@ -301,14 +304,14 @@ def test_which_slot_has_what_matters_only_where_slots_are_followed() -> None:
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
 
 
-def test_what_is_older_matters_only_where_messages_are_followed() -> None:
-    scenario, step, note = two(lambda me: [me.command(STEP)])
+def test_age_of_message_matters_only_with_names() -> None:
+    scenario, step, note = two_users(lambda me: [me.command(STEP)])
     first, second = play(scenario, (step, note)), play(scenario, (note, step))
     assert fingerprint(first, ()) == fingerprint(second, ())
     assert fingerprint(first, (), Detail(names=True)) != fingerprint(second, (), Detail(names=True))
 
 
-def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> None:
+def test_elapsed_time_matters_only_with_time_detail() -> None:
     scenario = Scenario("two times")
     scenario.module("user").does(
         lambda me: [me.get_variable(Variable("pace", int), me.choose(1, 2))]
@@ -319,24 +322,40 @@ def test_how_long_the_run_has_lasted_matters_only_where_it_is_looked_at() -> Non
     assert fingerprint(first, (), Detail(time=True)) != fingerprint(second, (), Detail(time=True))
 
 
-def test_what_properties_remember_keeps_states_apart() -> None:
+def test_memories_of_properties_separate_states() -> None:
     played = Play(scenarios.walking())
     assert fingerprint(played, (True,)) != fingerprint(played, (False,))
 
 
-def test_the_tables_name_what_there_is() -> None:
-    """An attribute of central that was renamed would silently be taken in again."""
+def test_fingerprint_tables_name_existing_attributes() -> None:
+    """A renamed attribute of central would silently become part of the state."""
     central = Central()
     resource, message = ModuleResource("legs", "legs"), central.tree.root.message
     module = Module("legs", "legs", "run", "")
     things = [
-        central, central.tree, central.registry, central.agenda, central.agenda.holds, central.dispatcher, central.tree.root, resource,
-        central.dispatcher.prefetcher, message, module, Delivery(1, message, b"", None), Connection(ConnectionId(b""), "", module, 0),
+        central,
+        central.tree,
+        central.registry,
+        central.agenda,
+        central.agenda.holds,
+        central.dispatcher,
+        central.tree.root,
+        resource,
+        central.dispatcher.messages_ahead,
+        message,
+        module,
+        Delivery(1, message, b"", None),
+        Connection(ConnectionId(b""), "", module, 0),
         Claim(resource, Connection(ConnectionId(b""), "", module, 0), module, admits_owner=False),
-        central.clock, central.clock.after(1, Due.TEST, None), PendingDelay(central.tree.root, 1, None), Tapping(),  # type: ignore[arg-type]
-        Watch(central.tree.root, WatchOptions(), []), PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
-        FailureContext(*[None] * 5), AttachedHandler(1, "", message, 0, message, "legs"),  # type: ignore[arg-type]
-    ]  # fmt: skip
+        central.clock,
+        central.clock.after(1, Due.TEST, None),
+        PendingDelay(central.tree.root, 1, None),  # type: ignore[arg-type]
+        Tapping(),
+        Watch(central.tree.root, WatchOptions(), []),
+        PendingKill(central.tree.root, Scope.TASK, 0, Verdict("")),
+        FailureContext(*[None] * 5),  # type: ignore[arg-type]
+        AttachedHandler(1, "", message, 0, message, "legs"),
+    ]
     assert isinstance(message, MessageType)
     assert isinstance(central.registry, Registry)
     assert isinstance(central.tree, TaskTree)

@@ -1,11 +1,20 @@
-"""\"Good\" holds for every run, whatever properties look at; and a property that says nothing is
-named.
-"""
+"""The answer "good" holds for every run, whatever the properties look at. Vacuous ones are named."""
 
 from typing import Any
 
 import pytest
-from explore.scenarios import LIFT, NOTE, REST, STEP, WALK, WHERE, found, good, steps_once, walking
+from explore.scenarios import (
+    LIFT,
+    NOTE,
+    REST,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    steps_once,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_module import Outcome, PollingMonitor, Query, this
@@ -34,7 +43,7 @@ GAUGE = PollingMonitor("gauge", condition=IS_LOW)
 
 
 def tea(*properties: tca.Property, order: tuple[str, str] = ("fast", "slow")) -> tca.Scenario:
-    """Heating takes 1 s or 3 s, pouring begins 3 s after that."""
+    """Heating takes 1 s or 3 s; pouring starts 3 s later."""
     scenario = tca.Scenario("tea", *properties)
     scenario.module("kettle", capacity=2).handles(STEP)(lambda _: None)
 
@@ -60,17 +69,15 @@ def is_late(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
-def test_what_looks_at_the_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
-    """The same state is reached after 4 s and after 6 s, and whichever comes first is not the one
-    that counts.
-    """
+def test_property_of_time_is_judged_at_each_time(order: tuple[str, str]) -> None:
+    """The same state is reached after 4 s and after 6 s, in either order of the search."""
     result = tca.explore(tea(never(is_late), order=order))
     assert result.violation is not None, tca.report(result)
     assert "3 s pass" in tca.report(result)
 
 
 def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is looked at every second, for ever; each look is another step of whoever looks."""
+    """A battery is polled every second for ever; each poll is a step of its handler."""
     scenario = tca.Scenario("polled", *properties)
     scenario.module("battery", capacity=readers).handles(IS_LOW)(lambda _: False)
 
@@ -82,46 +89,48 @@ def polled(*properties: tca.Property, readers: int = 1) -> tca.Scenario:
     return scenario
 
 
-def test_a_time_that_comes_after_all_states_were_seen_once_comes_all_the_same() -> None:
-    good(polled(never_stuck()))
-    found(polled(never(lambda world: world.now > 5)))
+def test_property_of_time_is_judged_after_all_states_are_known() -> None:
+    assert_good(polled(never_stuck()))
+    counterexample(polled(never(lambda world: world.now > 5)))
 
 
-def test_what_looks_at_the_time_of_what_never_ends_is_not_known() -> None:
+def test_property_of_time_is_unknown_in_endless_scenario() -> None:
     result = tca.explore(polled(never(lambda world: world.now < 0)), limit=50)
     assert "not known" in tca.report(result)
 
 
 @pytest.mark.parametrize("order", [("fast", "slow"), ("slow", "fast")])
 @pytest.mark.parametrize(("seconds", "ok"), [(6.0, True), (5.9, False), (6, True)])
-def test_something_happens_within_so_many_seconds_of_something_else(
+def test_within_holds_up_to_its_seconds(
     order: tuple[str, str], seconds: float, *, ok: bool
 ) -> None:
     result = tca.explore(tea(within(seconds, sent(WALK), begun(STEP, "pour")), order=order))
     assert result.ok is ok, tca.report(result)
 
 
-def test_within_says_how_much_time_has_passed() -> None:
-    text = found(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
+def test_within_reports_elapsed_time() -> None:
+    text = counterexample(tea(within(4.5, sent(WALK), begun(STEP, "pour"))))
     assert "tea: NOT step begun with data='pour' within 4.5 s of walk sent" in text
     assert "=> here 6 s have passed" in text
 
 
-def test_what_is_late_is_late_when_it_comes_with_the_same_action() -> None:
-    """The pouring starts at 3 s + 3 s, with the passing of time itself."""
-    good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
-    found(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+def test_within_measures_time_that_passes_in_the_same_action() -> None:
+    """The pouring starts at 3 s + 3 s, as time passes."""
+    assert_good(tea(within(3.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
+    counterexample(tea(within(2.0, achieved(STEP, "heat"), begun(STEP, "pour"))))
 
 
-def test_within_is_owed_at_the_end_of_a_run() -> None:
+def test_within_fails_when_run_ends_first() -> None:
     result = tca.explore(walking(within(5.0, achieved(WALK), killed(REST))))
     assert "the run may end here, and it never happened" in tca.report(result)
 
 
-def test_within_does_not_make_a_scenario_endless() -> None:
-    good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
-    found(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
-    found(polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1)))
+def test_within_keeps_scenario_finite() -> None:
+    assert_good(polled(within(1.0, sent(IS_LOW), handled(IS_LOW))))
+    counterexample(polled(within(1.0, sent(IS_LOW), handled(NOTE))))
+    counterexample(
+        polled(within(1.0, lambda world: not world.passed, lambda world: world.passed > 1))
+    )
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -143,7 +152,7 @@ def first_id(world: tca.World) -> object:
         lambda world: sum(seen.id for seen in world.messages),
     ],
 )
-def test_an_id_is_only_a_name(looks: Any) -> None:
+def test_id_supports_only_comparison_with_ids(looks: Any) -> None:
     with pytest.raises(
         tca.ScenarioError,
         match="an id has another number in each run, so it can only be compared with other ids",
@@ -151,15 +160,15 @@ def test_an_id_is_only_a_name(looks: Any) -> None:
         tca.explore(walking(never(looks)))
 
 
-def test_the_age_of_messages_can_not_be_told() -> None:
+def test_messages_have_no_order() -> None:
     with pytest.raises(
         tca.ScenarioError, match="messages have no order here: select them by their attributes"
     ):
         tca.explore(walking(never(lambda world: world.tasks[0])))
 
 
-def test_names_say_nothing_in_other_ways_either() -> None:
-    """Neither as text, nor by the order of a set."""
+def test_id_reveals_nothing_as_text_or_hash() -> None:
+    """Neither its text nor the order of a set identifies an id."""
     texts: set[str] = set()
 
     def looks(world: tca.World) -> bool:
@@ -167,11 +176,11 @@ def test_names_say_nothing_in_other_ways_either() -> None:
         assert len({seen.id for seen in world.messages}) == len(world.messages)
         return len({hash(seen.id) for seen in world.messages}) > 1
 
-    good(walking(never(looks)))
+    assert_good(walking(never(looks)))
     assert texts == {"walk an id", "rest an id", "step an id"}
 
 
-def test_relatives_are_found() -> None:
+def test_property_finds_relatives_of_task() -> None:
     def is_orphan(world: tca.World) -> list[tca.Seen]:
         return [
             task
@@ -181,11 +190,11 @@ def test_relatives_are_found() -> None:
             and (task not in world.children(parent) or parent.message != WALK.name)
         ]
 
-    good(walking(never(is_orphan)))
-    found(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
+    assert_good(walking(never(is_orphan)))
+    counterexample(walking(never(lambda world: any(world.parent(one) for one in world.tasks))))
 
 
-def test_what_holds_a_task_is_seen() -> None:
+def test_property_sees_constraints_that_hold_task() -> None:
     def waits_for_the_first(world: tca.World) -> bool:
         return any(
             leader is not None and leader.data == 0
@@ -194,19 +203,19 @@ def test_what_holds_a_task_is_seen() -> None:
             for _, _, leader in world.held(task)
         )
 
-    found(walking(never(waits_for_the_first)))
+    counterexample(walking(never(waits_for_the_first)))
 
 
-def test_who_is_there_is_seen() -> None:
+def test_property_sees_connected_modules() -> None:
     result = tca.explore(walking(never(lambda world: "legs" not in world.modules), may_be_lost=1))
     assert result.violation is not None
-    good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
+    assert_good(walking(never(lambda world: world.modules != ("legs", "planner", "user"))))
 
 
-# --- what says nothing ----------------------------------------------------------------------------
+# --- vacuous properties ---------------------------------------------------------------------------
 
 
-def test_a_property_that_is_about_nothing_is_named() -> None:
+def test_vacuous_property_is_named() -> None:
     scenario = walking(
         before(achieved(WALK), begun(LIFT)),
         at_most(1, handled(LIFT)),
@@ -223,45 +232,45 @@ def test_a_property_that_is_about_nothing_is_named() -> None:
     ]
 
 
-def test_a_property_that_is_met_at_once_is_about_something() -> None:
-    """Also where what comes second comes only after what must come first."""
+def test_property_met_at_once_is_not_vacuous() -> None:
+    """Even where the second event only follows the first."""
     assert not tca.explore(
         walking(before(begun(WALK), achieved(REST)), at_most(3, begun(STEP)))
     ).vacuous
 
 
-# --- runs that go on for ever ---------------------------------------------------------------------
+# --- endless runs --------------------------------------------------------------------------------
 
 
 WATCHED = Detail(names=True)
 
 
-def needed(play: Play) -> set[tuple[str, str]]:
-    """What can happen, and need happen some time."""
+def required_actions(play: Play) -> set[tuple[str, str]]:
+    """The possible actions that must happen some time."""
     return {(action.kind, action.name) for action in play.actions() if not action.is_optional}
 
 
-def goes_round(result: tca.Result) -> tuple[Action, ...]:
-    """The way round, which has been gone twice."""
+def fair_circle(result: tca.Result) -> tuple[Action, ...]:
+    """Return the circle of a violation, after two passes through it."""
     assert result.violation is not None, tca.report(result)
     circle = result.violation.cycle
     assert circle
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = fingerprint_of(play, (), WATCHED)[0], needed(play)
+    start, left_out = recognised(play, (), WATCHED)[0], required_actions(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
-            left_out = (left_out & needed(play)) - {(action.kind, action.name)}
-        assert fingerprint_of(play, (), WATCHED)[0] == start
+            left_out = (left_out & required_actions(play)) - {(action.kind, action.name)}
+        assert recognised(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
 
-def beside_a_clock(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
-    """A battery is looked at every second for ever; and somebody walks."""
+def beside_polling(walk: Any, *properties: tca.Property, readers: int = 1) -> tca.Scenario:
+    """A battery is polled every second for ever, beside a walk."""
     scenario = polled(*properties, readers=readers)
     scenario.module("planner").handles(WALK)(walk)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -273,14 +282,14 @@ def hangs(task: tca.Task) -> None:
     task.hang()
 
 
-def is_watched_over(task: tca.Task) -> None:
+def starts_monitor(task: tca.Task) -> None:
     task.monitor(GAUGE, period=1.0, waited_for=True)
 
 
 @pytest.mark.parametrize("never_met", [eventually(achieved(WALK)), never_stuck()])
-def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.Property) -> None:
-    result = tca.explore(beside_a_clock(hangs, never_met))
-    assert len(goes_round(result)) == 2, "a second passes, and the question is answered"
+def test_endless_activity_does_not_hide_missing_event(never_met: tca.Property) -> None:
+    result = tca.explore(beside_polling(hangs, never_met))
+    assert len(fair_circle(result)) == 2, "a second passes, and the question is answered"
     text = tca.report(result)
     assert "1 s pass" in text.partition("then this cycle repeats forever:\n")[2]
     assert text.endswith("=> this cycle can repeat forever, and it never happens") or (
@@ -290,14 +299,14 @@ def test_what_never_happens_beside_an_endless_activity_is_found(never_met: tca.P
     )
 
 
-def test_what_happens_some_time_beside_an_endless_activity_is_good() -> None:
-    """That a script which can go on never does, or that time stands still, is no run."""
-    result = good(beside_a_clock(steps_once, eventually(achieved(WALK)), never_stuck()))
+def test_fair_run_beside_endless_activity_is_good() -> None:
+    """Runs in which a ready script never continues, or time stands still, do not count."""
+    result = assert_good(beside_polling(steps_once, eventually(achieved(WALK)), never_stuck()))
     assert result.longest is None
 
 
 def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
-    """A note that its handler may send again; and one who walks, on the same legs."""
+    """A note that its handler may send again, and a step on the same legs."""
     scenario = tca.Scenario("ping", *properties)
     legs = scenario.module("legs")
     legs.handles(NOTE)(note)
@@ -307,24 +316,22 @@ def ping(note: Any, *properties: tca.Property) -> tca.Scenario:
     return scenario
 
 
-def again(task: tca.Task) -> None:
+def repeats(task: tca.Task) -> None:
     task.inform(NOTE)
 
 
-def again_or_not(task: tca.Task) -> None:
+def may_repeat(task: tca.Task) -> None:
     if task.choose("again", "enough") == "again":
         task.inform(NOTE)
 
 
-def test_what_is_queued_comes_to_its_turn() -> None:
-    result = good(ping(again, never_stuck(), eventually(achieved(STEP))))
+def test_queued_command_gets_its_turn() -> None:
+    result = assert_good(ping(repeats, never_stuck(), eventually(achieved(STEP))))
     assert result.longest is None
 
 
 def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
-    """The legs are asked by two in turn, again and again, and each question may go before a
-    step.
-    """
+    """Two queries alternate on the legs, and each may overtake a step."""
     scenario = tca.Scenario("starving", *properties)
     legs, ear = scenario.module("legs"), scenario.module("ear")
     legs.handles(STEP)(lambda _: None)
@@ -343,66 +350,60 @@ def starving(priority: int, *properties: tca.Property) -> tca.Scenario:
     return scenario
 
 
-def test_no_slot_is_left_standing() -> None:
-    """The battery is looked at in whichever slot the step is not: that the other slot goes on is no
-    excuse.
-    """
+def test_no_slot_starves_in_fair_run() -> None:
+    """The battery is polled in the slot that the step does not use; both slots must advance."""
     scenario = tca.Scenario("two slots", never_stuck(), eventually(achieved(STEP)))
     legs = scenario.module("legs", capacity=2)
     legs.handles(IS_LOW)(lambda _: False)
     legs.handles(STEP)(lambda _: None)
     scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
     scenario.module("walker").does(lambda me: [me.command(STEP)])
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.soak
-def test_what_never_comes_to_its_turn_is_found() -> None:
-    """Each of the others has its turn all the time, so it is no accident. Where nobody goes first,
-    all have theirs.
-    """
+def test_starved_command_is_found() -> None:
+    """Every other action has its turn, so the run is fair. With equal priorities all have turns."""
     result = tca.explore(starving(1, never_stuck()))
     assert result.violation is not None, tca.report(result)
     assert "waiting throughout:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
-    assert {action.name for action in result.violation.cycle} >= {"legs/1", "ear/1"}
-    good(starving(0, never_stuck(), eventually(achieved(STEP))))
-    found(starving(1, eventually(achieved(STEP))))
+    assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
+    assert_good(starving(0, never_stuck(), eventually(achieved(STEP))))
+    counterexample(starving(1, eventually(achieved(STEP))))
 
 
-def test_who_may_decide_the_same_for_ever_does() -> None:
-    """No choice need ever be made."""
+def test_choice_may_be_repeated_for_ever() -> None:
+    """A fair run need not make every choice."""
     only_again = ping(
-        again_or_not, eventually(lambda world: not world.messages and world.modules == ())
+        may_repeat, eventually(lambda world: not world.messages and world.modules == ())
     )
-    assert "the run may end here" in found(only_again)
-    result = tca.explore(ping(again_or_not, eventually(over)))
+    assert "nothing further need happen" in counterexample(only_again)
+    result = tca.explore(ping(may_repeat, eventually(has_ended)))
     assert result.violation is not None
-    assert "chooses again" in tca.report(result).partition("repeats forever:")[2]
-    good(ping(again_or_not, never_stuck()))
+    assert "chooses again" in tca.report(result).partition("again and again:")[2]
+    assert_good(ping(may_repeat, never_stuck()))
 
 
-def over(world: tca.World) -> list[tca.Seen]:
-    """The last note has been handled, and sent no other."""
+def has_ended(world: tca.World) -> list[tca.Seen]:
+    """The last note was handled without another."""
     notes = [seen for seen in world.messages if seen.message == NOTE.name]
     return [seen for seen in notes if seen.is_over and len(notes) == 1]
 
 
-def test_a_world_needs_no_central() -> None:
+def test_world_needs_no_central() -> None:
     assert list(tca.World(JournalWorld([], is_whole=True), {}).messages) == []
 
 
 @pytest.mark.soak
-def test_beside_two_gauges_both_are_polled() -> None:
-    result = tca.explore(beside_a_clock(hangs, eventually(achieved(WALK)), readers=2))
-    assert {action.name for action in goes_round(result)} == {"", "battery/1", "battery/2"}
+def test_fair_circle_polls_both_gauges() -> None:
+    result = tca.explore(beside_polling(hangs, eventually(achieved(WALK)), readers=2))
+    assert {action.name for action in fair_circle(result)} == {"", "battery/1", "battery/2"}
 
 
 @pytest.mark.soak
-def test_two_who_play_ball_beside_two_who_do() -> None:
-    """Each pair could go on for ever without the other: that would be no accident, and is not
-    shown.
-    """
+def test_fair_circle_includes_both_independent_pairs() -> None:
+    """A circle of one pair alone would be unfair, and is not shown."""
     scenario = tca.Scenario("ball", eventually(achieved(WALK)))
     for name in ("here", "there"):
         ball: Any = type(NOTE)(f"ball {name}")
@@ -410,21 +411,19 @@ def test_two_who_play_ball_beside_two_who_do() -> None:
         scenario.module(f"{name} begins").does(lambda me, ball=ball: me.inform(ball))
     scenario.module("planner").handles(WALK)(hangs)
     scenario.module("walker").does(lambda me: [me.goal(WALK)])
-    assert {action.name for action in goes_round(tca.explore(scenario))} == {"here/1", "there/1"}
+    assert {action.name for action in fair_circle(tca.explore(scenario))} == {"here/1", "there/1"}
 
 
-def test_what_need_not_happen_may_be_left_out_for_ever() -> None:
-    """That a module can be lost all the time does not mean that it is."""
+def test_optional_action_may_be_omitted_for_ever() -> None:
+    """A module that may be lost need not be lost."""
     scenario = polled(eventually(lambda world: "battery" not in world.modules))
     scenario.modules["battery"].may_be_lost = 1
-    circle = goes_round(tca.explore(scenario))
+    circle = fair_circle(tca.explore(scenario))
     assert {action.kind for action in circle} == {ActionKind.TIME, ActionKind.STEP}
 
 
-def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
-    """A step that is done each time before its deadline: time need not pass, for in between nothing
-    is due.
-    """
+def test_intermittent_action_may_be_omitted_for_ever() -> None:
+    """A step always ends before its deadline, so time need not pass."""
     scenario = tca.Scenario("in time", eventually(begun(LIFT)))
 
     @scenario.module("ear").handles(NOTE)
@@ -438,36 +437,31 @@ def test_what_cannot_happen_all_the_time_may_be_left_out_for_ever() -> None:
     scenario.module("legs").handles(STEP)(lambda _: None)
     scenario.module("arm").handles(LIFT)(lambda _: None)
     scenario.module("pinger").does(lambda me: me.inform(NOTE))
-    assert {action.name for action in goes_round(tca.explore(scenario))} == {"ear/1", "legs/1"}
+    assert {action.name for action in fair_circle(tca.explore(scenario))} == {"ear/1", "legs/1"}
 
 
 @pytest.mark.soak
-def test_a_goal_that_waits_for_what_is_under_it_waits_for_nobody_else() -> None:
-    """It is what is under it that goes on, or is stuck."""
-    assert good(beside_a_clock(is_watched_over, never_stuck())).longest is None
+def test_goal_with_endless_subtask_is_not_stuck() -> None:
+    """Only its subtask continues, or is stuck."""
+    assert assert_good(beside_polling(starts_monitor, never_stuck())).longest is None
 
 
 @pytest.mark.soak
-def test_what_is_stuck_under_a_goal_is_named_and_not_the_goal() -> None:
-    scenario = beside_a_clock(steps_once, never_stuck())
+def test_stuck_subtask_is_named_instead_of_its_goal() -> None:
+    scenario = beside_polling(steps_once, never_stuck())
     scenario.modules["legs"].may_be_lost = 1
     result = tca.explore(scenario)
-    goes_round(result)
-    assert (
-        "this cycle can repeat forever, with this waiting throughout:\n     step {"
-        in tca.report(result)
-    )
+    fair_circle(result)
+    assert "this can go on for ever, and all the while:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
 
 
-# --- what is counted ------------------------------------------------------------------------------
+# --- counts ----------------------------------------------------------------------------------------
 
 
-def test_what_has_ended_makes_room_for_what_begins_with_the_same_action() -> None:
-    """As in ``tca check``, with the same words: legs with one slot have begun one step at a
-    time.
-    """
+def test_at_most_counts_end_before_start_in_one_action() -> None:
+    """As in ``tca check``: legs with one slot start one step at a time."""
     one_at_a_time = at_most(1, begun(STEP)), at_most(1, handled(STEP))
-    good(walking(*one_at_a_time, steps=3))
-    found(walking(at_most(0, begun(STEP))))
-    found(walking(at_most(0, achieved(STEP))))
+    assert_good(walking(*one_at_a_time, steps=3))
+    counterexample(walking(at_most(0, begun(STEP))))
+    counterexample(walking(at_most(0, achieved(STEP))))

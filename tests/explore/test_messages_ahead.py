@@ -1,5 +1,5 @@
-"""Messages ahead, in every order: what is recalled is not begun, and all comes out as it could
-without.
+"""Prefetched messages in every order of events: recalled messages are not started, and every
+outcome is possible without prefetching.
 """
 
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from explore import with_ahead as ahead
-from explore.scenarios import good
+from explore.scenarios import assert_good
 from explore.with_ahead import Street
 from msgspec.structs import replace
 
@@ -25,9 +25,11 @@ Patch = pytest.MonkeyPatch
 Make = Callable[[int | None], Street]
 
 
-def compared(make: Make) -> tca.Result:
-    """The runs with two messages ahead; what comes of one and of none without is a violation."""
-    without = good(make(0).scenario, never_stuck())
+def explore_with_prefetch(make: Make) -> tca.Result:
+    """Explore with two prefetched messages. An outcome that is impossible without prefetching is a
+    violation.
+    """
+    without = assert_good(make(0).scenario, never_stuck())
     result = tca.explore(make(2).scenario, never_stuck(), check=check_invariants)
     new = [
         actions for outcome, actions in result.outcomes.items() if outcome not in without.outcomes
@@ -42,37 +44,37 @@ def compared(make: Make) -> tca.Result:
 @pytest.mark.parametrize(
     "make", [*ahead.SMALL, *(pytest.param(make, marks=pytest.mark.soak) for make in ahead.LARGE)]
 )
-def test_all_comes_out_as_without(make: Make) -> None:
-    result = compared(make)
+def test_prefetching_adds_no_outcome(make: Make) -> None:
+    result = explore_with_prefetch(make)
     assert result.ok, tca.report(result)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("make", ahead.UNLIKE)
-def test_nothing_is_begun_twice_or_lost(make: Make) -> None:
-    good(make(2).scenario, never_stuck())
+def test_prefetched_message_is_neither_repeated_nor_lost(make: Make) -> None:
+    assert_good(make(2).scenario, never_stuck())
 
 
 # --- faults ---------------------------------------------------------------------------------------
 
 
-def nobody_waits_for_what_is_given_back(patch: Patch) -> None:
-    def recall(self: Prefetcher, resource: Any) -> None:
-        if resource.prefetched:
-            self._out.recall(resource.prefetching_slot)
+def no_wait_for_recall(patch: Patch) -> None:
+    def recall(self: MessagesAhead, resource: Any) -> None:
+        if resource.ahead:
+            self._out.recall(resource.ahead_at)
 
     patch.setattr(Prefetcher, "recall", recall)
 
 
-def what_is_recalled_is_begun(patch: Patch) -> None:
-    def return_prefetched(self: Session, _: object = None) -> None:
-        self.post(headers.Recalled([header.delivery for header, _ in self.prefetched]))
+def recalled_message_started(patch: Patch) -> None:
+    def give_back(self: Session, _: object = None) -> None:
+        self.post(headers.Recalled([header.delivery for header, _ in self.ahead]))
 
     patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
-def what_is_recalled_is_lost(patch: Patch) -> None:
-    real = Session.return_prefetched
+def recalled_message_lost(patch: Patch) -> None:
+    real = Session.give_back
 
     def return_prefetched(self: Session, wanted: Any = None) -> None:
         real(self, wanted)
@@ -81,12 +83,12 @@ def what_is_recalled_is_lost(patch: Patch) -> None:
     patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
-def the_next_is_begun_before_an_answer(patch: Patch) -> None:
-    patch.setattr(Session, "has_next", property(lambda self: bool(self.prefetched)))
+def next_started_before_answer(patch: Patch) -> None:
+    patch.setattr(Session, "has_next", property(lambda self: bool(self.ahead)))
 
 
-def what_is_given_back_is_turned_round(patch: Patch) -> None:
-    real = Resource.requeue_prefetched
+def recalled_order_reversed(patch: Patch) -> None:
+    real = Resource.take_back
 
     def requeue_prefetched(self: Resource[Any, Any], message: Any) -> object:
         message.arrival = 1000 - message.arrival
@@ -95,7 +97,7 @@ def what_is_given_back_is_turned_round(patch: Patch) -> None:
     patch.setattr(Resource, "requeue_prefetched", requeue_prefetched)
 
 
-def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:
+def last_joined_reply_lost(patch: Patch) -> None:
     def together(runs: list[Any], bodies: list[bytes], begun: float) -> tuple[Any, bytes]:
         return headers.Replies(runs[:0:-1] or runs, begun), b"".join(bodies[:0:-1] or bodies)
 
@@ -103,19 +105,19 @@ def the_last_of_several_replies_is_cut_off(patch: Patch) -> None:
 
 
 FAULTS: dict[Callable[[Patch], None], tuple[Make, str]] = {
-    nobody_waits_for_what_is_given_back: (ahead.locked, "central's own invariants"),
-    what_is_recalled_is_begun: (ahead.overtaken, "what central promises"),
-    what_is_recalled_is_lost: (ahead.overtaken, "what central promises"),
-    the_next_is_begun_before_an_answer: (ahead.overtaken, "central's own invariants"),
-    the_last_of_several_replies_is_cut_off: (ahead.locked_elsewhere, "what central promises"),
-    what_is_given_back_is_turned_round: (ahead.locked_elsewhere, "as without"),
+    no_wait_for_recall: (ahead.locked, "central's own invariants"),
+    recalled_message_started: (ahead.overtaken, "what central promises"),
+    recalled_message_lost: (ahead.overtaken, "what central promises"),
+    next_started_before_answer: (ahead.overtaken, "central's own invariants"),
+    last_joined_reply_lost: (ahead.locked_elsewhere, "what central promises"),
+    recalled_order_reversed: (ahead.locked_elsewhere, "as without"),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_found(fault: Callable[[Patch], None], monkeypatch: Patch) -> None:
+def test_fault_of_prefetching_is_found(fault: Callable[[Patch], None], monkeypatch: Patch) -> None:
     make, broken = FAULTS[fault]
     fault(monkeypatch)
-    result = compared(make)
+    result = explore_with_prefetch(make)
     assert result.violation is not None
     assert result.violation.broken == broken

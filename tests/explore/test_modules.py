@@ -1,4 +1,4 @@
-"""How modules come, what they take, and what a scenario may say of them."""
+"""Modules of a scenario: how they join, their options, and the errors of a scenario."""
 
 import re
 from collections.abc import Callable
@@ -6,7 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from explore.scenarios import NOTE, REST, SLIPPED, STEP, WALK, WHERE, found, good, walking
+from explore.scenarios import (
+    NOTE,
+    REST,
+    SLIPPED,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_module import Condition, Goal, Module, PollingMonitor, Query, Variable
@@ -38,11 +48,11 @@ ANY: Any = 0.5  # of a wrong type
 TEXT: Any = "5"
 
 
-# --- watching, and pending limits -----------------------------------------------------------------
+# --- variables and pending limits -----------------------------------------------------------------
 
 
-def test_a_watched_variable() -> None:
-    """The newest value waits, those before it give way."""
+def test_newest_value_of_watched_variable_is_handled() -> None:
+    """The newest value is queued and displaces the older ones."""
     scenario = tca.Scenario(
         "watching", never_stuck(), at_most(1, queued(POSITION)), eventually(handled(POSITION, 3))
     )
@@ -53,28 +63,28 @@ def test_a_watched_variable() -> None:
         for position in (1, 2, 3):
             me.set_variable(POSITION, position)
 
-    good(scenario)
-    found(scenario, eventually(handled(POSITION, 2)))
+    assert_good(scenario)
+    counterexample(scenario, eventually(handled(POSITION, 2)))
 
 
 @pytest.mark.parametrize("pending", [1, 2])
-def test_a_pending_limit(pending: int) -> None:
+def test_pending_limit_displaces_oldest_messages(pending: int) -> None:
     scenario = tca.Scenario(
         "pending", never_stuck(), at_most(pending, queued(NOTE)), eventually(handled(NOTE, 4))
     )
     scenario.module("ear").handles(NOTE, pending=pending)(lambda _task, _number: None)
 
     @scenario.module("mouth").does
-    def tell(me: tca.Script) -> None:
+    def send_notes(me: tca.Script) -> None:
         for number in (1, 2, 3, 4):
             me.inform(NOTE, number)
 
-    good(scenario)
-    found(scenario, at_most(pending - 1, queued(NOTE)))
-    found(scenario, eventually(handled(NOTE, 2)))
+    assert_good(scenario)
+    counterexample(scenario, at_most(pending - 1, queued(NOTE)))
+    counterexample(scenario, eventually(handled(NOTE, 2)))
 
 
-def test_a_command_that_gives_way_is_killed() -> None:
+def test_displaced_command_is_killed() -> None:
     scenario = tca.Scenario("pending commands", never_stuck())
     scenario.module("legs").handles(STEP, pending=1)(lambda _: None)
 
@@ -83,15 +93,15 @@ def test_a_command_that_gives_way_is_killed() -> None:
         for number in range(3):
             me.command(STEP, number, sequential=False)
 
-    good(scenario)
-    assert "killed" in found(scenario, never(killed(STEP, 1)))
+    assert_good(scenario)
+    assert "killed" in counterexample(scenario, never(killed(STEP, 1)))
 
 
 # --- at_start and requires ------------------------------------------------------------------------
 
 
 def tapping(*properties: Any, **options: Any) -> tca.Scenario:
-    """A watcher taps each step before it handles anything."""
+    """A watcher taps each step, and starts before any other module."""
     scenario = tca.Scenario("tapping", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
     watcher = scenario.module("watcher", **options)
@@ -105,21 +115,23 @@ def tapping(*properties: Any, **options: Any) -> tca.Scenario:
     return scenario
 
 
-def test_what_a_module_does_at_its_start_is_done_before_the_run() -> None:
-    good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
+def test_at_start_is_done_before_the_run() -> None:
+    assert_good(tapping(before(fired(NOTE), begun(STEP)), never_stuck()))
 
 
 @pytest.mark.soak
-def test_or_when_it_arrives() -> None:
-    """Then the step may come first; but whoever hears of a step has tapped it before."""
-    found(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
-    good(tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000)
+def test_at_start_is_done_when_module_arrives_late() -> None:
+    """The step may start before the tap; a fired tap was added before."""
+    counterexample(tapping(before(fired(NOTE), begun(STEP)), arrives_late=True))
+    assert_good(
+        tapping(never_stuck(), arrives_late=True, may_be_lost=1, comes_back=True), limit=20_000
+    )
     assert "watcher taps all step before handling with note" in tca.report(
         tca.explore(tapping(never(fired(NOTE)), arrives_late=True))
     )
 
 
-def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
+def test_at_start_functions_run_in_order() -> None:
     scenario = tca.Scenario(
         "in order", before(sent(NOTE, 1), sent(NOTE, 2)), before(sent(NOTE, 2), begun(WHERE))
     )
@@ -129,11 +141,11 @@ def test_all_that_a_module_does_at_its_start_is_done_in_its_order() -> None:
     guide.at_start(lambda module: module.inform(NOTE, 1))
     guide.at_start(lambda module: module.inform(NOTE, 2))
     scenario.module("user").does(lambda me: [me.query(WHERE)])
-    result = good(scenario, never_stuck())
+    result = assert_good(scenario, never_stuck())
     assert not result.vacuous
 
 
-def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
+def test_error_in_at_start_is_scenario_error() -> None:
     scenario = tapping()
 
     @scenario.modules["watcher"].at_start
@@ -148,18 +160,18 @@ def test_an_error_at_the_start_is_a_mistake_of_the_scenario() -> None:
 
 
 @pytest.mark.soak
-def test_an_error_in_what_a_module_does_later_ends_nothing_but_that() -> None:
-    """Also of one that handles nothing, and has joined with one word."""
+def test_error_in_script_ends_only_that_script() -> None:
+    """The module handles nothing."""
     scenario = walking(never_stuck())
 
     @scenario.module("slipper").does
     def slip(_: tca.Script) -> None:
         raise SLIPPED(text="ice")
 
-    good(scenario)
+    assert_good(scenario)
 
 
-def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
+def test_module_without_handlers_may_use_at_start() -> None:
     scenario = tca.Scenario(
         "only asking", before(sent(NOTE, "first"), sent(NOTE, "later")), never_stuck()
     )
@@ -168,11 +180,11 @@ def test_a_module_that_handles_nothing_may_do_something_at_its_start() -> None:
     mouth.does(lambda me: me.inform(NOTE, "later"))
     mouth.at_start(lambda module: module.inform(NOTE, "first"))
     scenario.module("legs", arrives_late=True).handles(STEP)(lambda _: None)
-    result = good(scenario)
+    result = assert_good(scenario)
     assert not result.vacuous
 
 
-def test_a_module_waits_for_what_it_requires() -> None:
+def test_module_waits_for_its_requirements() -> None:
     scenario = tca.Scenario("requiring", before(begun(STEP), begun(REST)), never_stuck())
     planner = scenario.module("planner", requires=[STEP, WALK])
     planner.handles(WALK)(lambda _: None)
@@ -184,19 +196,19 @@ def test_a_module_waits_for_what_it_requires() -> None:
         me.goal(REST)
 
     scenario.module("couch").handles(REST)(lambda _: None)
-    result = good(scenario)
+    result = assert_good(scenario)
     assert not result.vacuous
 
 
-def test_modules_that_require_each_other_wait_for_ever() -> None:
+def test_modules_with_circular_requirements_are_stuck() -> None:
     scenario = tca.Scenario("a circle", never_stuck())
     scenario.module("legs", requires=[REST]).handles(STEP)(lambda _: None)
     scenario.module("couch", requires=[STEP]).handles(REST)(lambda _: None)
-    text = found(scenario)
+    text = counterexample(scenario)
     assert "legs waits until rest are handled" in text
 
 
-# --- what is refused ------------------------------------------------------------------------------
+# --- errors ----------------------------------------------------------------------------------------
 
 
 def locking(**lock: Any) -> tca.Scenario:
@@ -221,14 +233,14 @@ def locking(**lock: Any) -> tca.Scenario:
         ({"resource": "unused"}, "the scenario has no resource 'unused'"),
     ],
 )
-def test_a_lock_of_what_nobody_has_is_a_mistake(lock: dict[str, str], words: str) -> None:
+def test_lock_of_unknown_resource_is_scenario_error(lock: dict[str, str], words: str) -> None:
     lines = Path(__file__).read_text().splitlines()
     line = next(number for number, text in enumerate(lines, start=1) if "task.lock(**lock)" in text)
     with pytest.raises(tca.ScenarioError, match=re.escape(f"{__file__}, line {line}): {words}")):
         tca.explore(locking(**lock))
 
 
-def test_a_lock_that_two_have_must_say_whose() -> None:
+def test_lock_of_ambiguous_resource_must_name_module() -> None:
     scenario = locking(resource="gripper")
     for name in ("arm", "other arm"):
         module = scenario.modules[name]
@@ -242,35 +254,75 @@ def test_a_lock_that_two_have_must_say_whose() -> None:
         tca.explore(scenario)
 
 
-def test_a_lock_of_what_is_there_is_good() -> None:
-    good(locking(resource="planner"))
+def test_lock_of_known_resource_is_good() -> None:
+    assert_good(locking(resource="planner"))
 
 
 def module() -> Any:
     return tca.Scenario("s").module("m")
 
 
-NONSENSE: list[Callable[[], object]] = [
-    *(lambda option=option: walking(**option)
-      for option in ({"may_be_lost": -1}, {"may_be_lost": True}, {"comes_back": "no"}, {"may_leave": 1},
-                     {"arrives_late": None}, {"capacity": 0}, {"capacity": 2.5}, {"capacity": 257}, {"requires": "step"})),
-    *(lambda option=option: module().handles(NOTE, **option)
-      for option in ({"pending": 0}, {"pool": 1}, {"pool": ""}, {"resource": ""}, {"direct": True})),
-    *(lambda call=call: call(ANY)
-      for call in (tca.Scenario, accepted, never, always, eventually, tca.Scenario("s").module, tca.Scenario("s").may_kill, tca.explore)),
-    lambda: module().resource("r", 0), lambda: module().resource(""), lambda: module().every(1.0),
-    lambda: module().goal(WALK), lambda: tca.Scenario(""), lambda: tca.Scenario("s", ANY),
-    lambda: tca.Scenario("s").may_kill(WALK, -1), lambda: tca.Scenario("s").may_suspend(WALK, ANY),
-    lambda: accepted("kill", by=" "), lambda: tca.explore(walking(), never(accepted("kill", by="legz"))),
-    lambda: at_most(-1, begun(WALK)), lambda: at_most_in_all(ANY, begun(WALK)),
-    *(lambda seconds=seconds: within(seconds, begun(WALK), begun(STEP))
-      for seconds in (-1, float("nan"), TEXT)),
-    lambda: tca.explore(walking(), ANY), lambda: tca.explore(walking(), limit=0),
-]  # fmt: skip
+INVALID_ARGUMENTS: list[Callable[[], object]] = [
+    *(
+        lambda option=option: walking(**option)
+        for option in (
+            {"may_be_lost": -1},
+            {"may_be_lost": True},
+            {"comes_back": "no"},
+            {"may_leave": 1},
+            {"arrives_late": None},
+            {"capacity": 0},
+            {"capacity": 2.5},
+            {"capacity": 257},
+            {"requires": "step"},
+        )
+    ),
+    *(
+        lambda option=option: module().handles(NOTE, **option)
+        for option in (
+            {"pending": 0},
+            {"pool": 1},
+            {"pool": ""},
+            {"resource": ""},
+            {"direct": True},
+        )
+    ),
+    *(
+        lambda call=call: call(ANY)
+        for call in (
+            tca.Scenario,
+            accepted,
+            never,
+            always,
+            eventually,
+            tca.Scenario("s").module,
+            tca.Scenario("s").may_kill,
+            tca.explore,
+        )
+    ),
+    lambda: module().resource("r", 0),
+    lambda: module().resource(""),
+    lambda: module().every(1.0),
+    lambda: module().goal(WALK),
+    lambda: tca.Scenario(""),
+    lambda: tca.Scenario("s", ANY),
+    lambda: tca.Scenario("s").may_kill(WALK, -1),
+    lambda: tca.Scenario("s").may_suspend(WALK, ANY),
+    lambda: accepted("kill", by=" "),
+    lambda: tca.explore(walking(), never(accepted("kill", by="legz"))),
+    lambda: at_most(-1, begun(WALK)),
+    lambda: at_most_in_all(ANY, begun(WALK)),
+    *(
+        lambda seconds=seconds: within(seconds, begun(WALK), begun(STEP))
+        for seconds in (-1, float("nan"), TEXT)
+    ),
+    lambda: tca.explore(walking(), ANY),
+    lambda: tca.explore(walking(), limit=0),
+]
 
 
-@pytest.mark.parametrize("make", NONSENSE)
-def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], object]) -> None:
+@pytest.mark.parametrize("make", INVALID_ARGUMENTS)
+def test_invalid_scenario_argument_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises((tca.ScenarioError, tca.BadProperty)):
         make()
 
@@ -286,15 +338,15 @@ def test_what_makes_no_sense_is_refused_where_it_is_written(make: Callable[[], o
         ),
     ],
 )
-def test_what_is_refused_says_what_would_do(make: Callable[[], object], words: str) -> None:
+def test_invalid_scenario_argument_error_names_valid_ones(
+    make: Callable[[], object], words: str
+) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
         make()
 
 
-def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
-    """A call of the library's Module that is neither there nor refused by name would be a bare
-    AttributeError.
-    """
+def test_unexplored_module_method_is_named() -> None:
+    """A method of the library's Module that a scenario lacks must not raise a bare AttributeError."""
     module = tca.Scenario("s").module("m")
     for name in (
         name for name in dir(Module) if not name.startswith("_") and name not in dir(module)
@@ -303,7 +355,7 @@ def test_what_a_module_has_and_a_scenarios_has_not_is_known() -> None:
             getattr(module, name)
 
 
-def test_a_script_that_ends_the_program_is_a_mistake() -> None:
+def test_script_raising_system_exit_is_scenario_error() -> None:
     scenario = walking()
 
     @scenario.module("quitter").does
@@ -315,7 +367,7 @@ def test_a_script_that_ends_the_program_is_a_mistake() -> None:
 
 
 @pytest.mark.parametrize("changes", ["choice", "data"])
-def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
+def test_script_that_counts_its_runs_is_refused(changes: str) -> None:
     runs: list[int] = []
 
     def counts(task: tca.Task) -> None:
@@ -337,7 +389,7 @@ def test_a_script_that_counts_its_runs_is_found_out(changes: str) -> None:
         tca.explore(scenario)
 
 
-# --- what properties name must be there -----------------------------------------------------------
+# --- names in properties --------------------------------------------------------------------------
 
 
 WAKE, STEPS = Goal("wake"), Goal("steps")
@@ -358,7 +410,7 @@ WRONG: Any = ("step", None, 5, STEP)  # wrong types
         walking(before(begun(WALK), handled_by("leg"))),
     ],
 )
-def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_holds(
+def test_property_with_unknown_name_is_scenario_error(
     scenario: tca.Scenario,
 ) -> None:
     name = (
@@ -370,7 +422,7 @@ def test_a_name_that_the_scenario_has_not_is_a_mistake_and_no_property_that_hold
         tca.explore(scenario)
 
 
-def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
+def test_kill_or_suspend_of_unknown_name_is_scenario_error() -> None:
     for call in ("may_kill", "may_suspend"):
         scenario = walking(never_stuck())
         getattr(scenario, call)(WAKE)
@@ -381,7 +433,7 @@ def test_so_is_the_name_of_a_task_that_may_be_killed_or_suspended() -> None:
             tca.explore(scenario)
 
 
-def test_what_never_comes_because_of_its_name_says_so() -> None:
+def test_violated_eventually_names_unknown_message() -> None:
     result = tca.explore(walking(eventually(begun(STEPS))))
     assert result.violation is not None
     assert result.violation.why.endswith(
@@ -390,11 +442,11 @@ def test_what_never_comes_because_of_its_name_says_so() -> None:
     )
 
 
-def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
+def test_property_may_name_a_monitor() -> None:
     scenario = tca.Scenario("polled", at_most(1, fired(GAUGE)), never_stuck())
     scenario.module("battery").handles(IS_LOW)(lambda _: False)
     scenario.module("user").does(lambda me: [me.monitor(GAUGE, period=1.0, waited_for=True)])
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.parametrize(
@@ -409,6 +461,6 @@ def test_what_central_carries_out_and_keeps_has_a_name_too() -> None:
         (lambda: handled_by(WRONG[3]), "the name of a module must have"),
     ],
 )
-def test_what_is_no_message_is_found_where_it_is_written(wrong: Any, words: str) -> None:
+def test_property_of_wrong_type_is_refused_at_once(wrong: Any, words: str) -> None:
     with pytest.raises(tca.BadProperty, match=words):
         wrong()

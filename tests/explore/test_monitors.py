@@ -1,12 +1,19 @@
-"""A monitor that watches over a task is never what keeps it from ending, however it came there,
-unless asked for.
-"""
+"""A monitor never holds the end of the task that it watches over, except with *waited_for*."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explore.scenarios import BATTERY, GAUGE, IS_LOW, RECHARGE, STEP, found, good, nothing
+from explore.scenarios import (
+    BATTERY,
+    GAUGE,
+    IS_LOW,
+    RECHARGE,
+    STEP,
+    assert_good,
+    counterexample,
+    nothing,
+)
 from sampling import one_in
 
 import tca_tools.explore as tca
@@ -19,7 +26,7 @@ MOVE = Command("move")
 
 
 def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) -> tca.Scenario:
-    """A step; whoever is asked finds the battery as it is said."""
+    """A step, and a battery that is low or not."""
     scenario = tca.Scenario("a step that is watched")
     scenario.module("legs").handles(STEP)(step)
     scenario.module("body").handles(IS_LOW)(lambda _: is_low)
@@ -27,8 +34,8 @@ def stepping(step: Callable[[Task], object] = nothing, *, is_low: bool = False) 
     return scenario
 
 
-def watches(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], None]:
-    """The handler of a step that has itself watched."""
+def starting(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], None]:
+    """A handler of a step that starts a monitor."""
 
     def step(task: Task) -> None:
         task.monitor(monitor, **options)
@@ -36,8 +43,8 @@ def watches(monitor: PollingMonitor[None], **options: Any) -> Callable[[Task], N
     return step
 
 
-def put_under(task: Task, **options: Any) -> None:
-    """Watch the tapped task, as docs/modules.md advises."""
+def monitor_tapped_task(task: Task, **options: Any) -> None:
+    """Start a monitor under the tapped task, as docs/modules.md advises."""
     assert task.tap_event.tapped is not None
     try:
         task.under(task.tap_event.tapped).monitor(GAUGE, period=1.0, **options)
@@ -56,28 +63,28 @@ BOUNDS: dict[str, dict[str, Any]] = {"endless": {}, "bounded": {"maximum": 1}}
 
 
 @pytest.mark.parametrize(("condition", "bounds"), one_in(2, CONDITIONS, BOUNDS))
-def test_one_that_a_listener_puts_under_a_tapped_task(condition: Condition, bounds: str) -> None:
+def test_monitor_sent_by_listener_ends_with_tapped_task(condition: Condition, bounds: str) -> None:
     options = BOUNDS[bounds]
     scenario = stepping()
     watcher = scenario.module("watcher")
-    watcher.handles(BEGINS)(lambda task: put_under(task, **options))
+    watcher.handles(BEGINS)(lambda task: monitor_tapped_task(task, **options))
     watcher.at_start(lambda me: me.tap(condition, STEP, BEGINS))
-    good(scenario, eventually(achieved(STEP)), never_stuck())
-    found(scenario, never(sent(GAUGE)))
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
+    counterexample(scenario, never(sent(GAUGE)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     "options", [{}, {"maximum": 1}, {"duration": 9.0}], ids=["endless", "bounded", "for a time"]
 )
-def test_one_of_the_task_s_own_handler(options: dict[str, Any]) -> None:
-    scenario = stepping(watches(GAUGE, period=1.0, **options))
-    good(scenario, eventually(achieved(STEP)), never_stuck())
+def test_monitor_sent_by_handler_ends_with_its_task(options: dict[str, Any]) -> None:
+    scenario = stepping(starting(GAUGE, period=1.0, **options))
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("options", [{}, {"maximum": 1}], ids=["endless", "bounded"])
-def test_one_of_a_stranger(options: dict[str, Any]) -> None:
+def test_monitor_sent_by_foreign_module_ends_with_task(options: dict[str, Any]) -> None:
     scenario = stepping()
 
     @scenario.module("watcher").does
@@ -89,44 +96,46 @@ def test_one_of_a_stranger(options: dict[str, Any]) -> None:
                 if refused.refusal is not Refusal.TOO_LATE:
                     raise
 
-    good(scenario, eventually(achieved(STEP)), never_stuck())
-    found(scenario, never(sent(GAUGE)))
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
+    counterexample(scenario, never(sent(GAUGE)))
 
 
 @pytest.mark.parametrize(
     "condition", [Condition.WHEN_SENT, Condition.WHILE_HANDLING, Condition.WHILE_ACHIEVING]
 )
-def test_one_that_listens_itself_hangs_under_the_tapped_task(condition: Condition) -> None:
+def test_monitor_as_listener_ends_with_tapped_task(condition: Condition) -> None:
     scenario = stepping()
     scenario.module("watcher").at_start(lambda me: me.tap(condition, STEP, GAUGE, period=1.0))
-    good(
+    assert_good(
         scenario, eventually(achieved(STEP)), before(achieved(GAUGE), achieved(STEP)), never_stuck()
     )
-    found(scenario, never(sent(GAUGE)))
+    counterexample(scenario, never(sent(GAUGE)))
 
 
-def test_what_it_has_sent_is_waited_for() -> None:
-    scenario = stepping(watches(BATTERY, period=1.0, maximum=1), is_low=True)
+def test_task_with_acting_monitor_ends() -> None:
+    scenario = stepping(starting(BATTERY, period=1.0, maximum=1), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
-    good(scenario, eventually(achieved(STEP)), never_stuck())
-    found(scenario, never(sent(RECHARGE)))
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
+    counterexample(scenario, never(sent(RECHARGE)))
 
 
-def test_one_that_is_waited_for_keeps_it() -> None:
-    scenario = stepping(watches(BATTERY, period=1.0, maximum=1, waited_for=True), is_low=True)
+def test_task_waits_for_monitor_with_waited_for() -> None:
+    scenario = stepping(starting(BATTERY, period=1.0, maximum=1, waited_for=True), is_low=True)
     scenario.module("dock").handles(RECHARGE)(nothing)
-    good(
+    assert_good(
         scenario,
         eventually(achieved(STEP)),
         before(achieved(RECHARGE), achieved(STEP)),
         at_most_in_all(1, sent(RECHARGE)),
     )
-    found(stepping(watches(GAUGE, period=1.0, waited_for=True)), eventually(achieved(STEP)))
+    counterexample(
+        stepping(starting(GAUGE, period=1.0, waited_for=True)), eventually(achieved(STEP))
+    )
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("waited_for", [False, True])
-def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited_for: bool) -> None:
+def test_command_after_monitor_needs_waited_for(waited_for: bool) -> None:
     def step(task: Task) -> None:
         battery = task.monitor(BATTERY, period=1.0, maximum=1, waited_for=waited_for)
         try:
@@ -141,7 +150,7 @@ def test_what_is_to_start_at_its_end_is_refused_unless_that_is_waited_for(waited
     scenario.module("dock").handles(RECHARGE)(nothing)
     scenario.module("wheels").handles(MOVE)(nothing)
     moves = eventually(achieved(MOVE)) if waited_for else never(sent(MOVE))
-    good(
+    assert_good(
         scenario,
         eventually(achieved(STEP)),
         never_stuck(),
@@ -156,13 +165,13 @@ def suspends(task: Task) -> None:
     ).suspend()
 
 
-def test_neither_does_one_that_is_suspended() -> None:
+def test_suspended_monitor_ends_with_its_task() -> None:
     scenario = stepping(suspends)
-    good(scenario, eventually(achieved(STEP)), never_stuck())
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
 
 
 @pytest.mark.soak
-def test_one_that_is_fired_tests_now_each_time() -> None:
+def test_fired_monitor_tests_at_once() -> None:
     scenario = tca.Scenario("fired")
     scenario.module("body").handles(IS_LOW)(lambda _: True)
     scenario.module("dock", capacity=2).handles(RECHARGE)(nothing)
@@ -170,14 +179,14 @@ def test_one_that_is_fired_tests_now_each_time() -> None:
     @scenario.module("user").does
     def fires(me: tca.Script) -> None:
         battery = me.monitor(BATTERY, period=1000.0, initial_wait=True, maximum=2)
-        me.fire(battery)  # False where its periods were over meanwhile, and it has ended
+        me.fire(battery)  # False after the end of the monitor
         me.fire(BATTERY)
         battery.wait()
 
-    good(
+    assert_good(
         scenario,
         at_most_in_all(2, sent(IS_LOW)),
         at_most_in_all(2, sent(RECHARGE)),
         eventually(achieved(BATTERY)),
     )
-    found(scenario, at_most_in_all(1, sent(RECHARGE)))
+    counterexample(scenario, at_most_in_all(1, sent(RECHARGE)))

@@ -1,12 +1,11 @@
-"""Clients and handlers change the state of a task in every order. That an observer misses no
-change, and knows the state and the goal that follow from what central recorded, is checked in every
-state of each scenario.
+"""Clients and handlers change the state of a task in every order. Each state of each scenario
+checks the observer: it misses no change, and its state and goal agree with the facts of central.
 """
 
 from typing import Any
 
 import pytest
-from explore.scenarios import found, good
+from explore.scenarios import assert_good, counterexample
 
 from tca_module import Refused
 from tca_module.serving.handler_options import WhenBusy
@@ -43,7 +42,7 @@ TIDY, PUT, USED = Goal("tidy", int), Command("put", int), Inform("used", int)
 
 
 def ended(state: str, goal: int | None = None) -> Any:
-    """A grasp that has ended in that state, with that goal."""
+    """A predicate for an ended grasp with that state and goal."""
 
     def predicate(world: World) -> list[Seen]:
         tasks = [task for task in world.tasks if task.message == "grasp" and task.is_over]
@@ -52,10 +51,8 @@ def ended(state: str, goal: int | None = None) -> Any:
     return predicate
 
 
-def grasped_with_another_goal(world: World) -> bool:
-    """The handler has ended with another goal than the one that the task has, though nobody has
-    killed or begun it anew.
-    """
+def used_another_goal(world: World) -> bool:
+    """The handler has ended with another goal than its task, without a kill or restart."""
     used = [one.data for one in world.messages if one.message == "used" and one.is_new]
     tasks = [
         task
@@ -65,20 +62,18 @@ def grasped_with_another_goal(world: World) -> bool:
     return any(task.data not in used for task in tasks if used)
 
 
-def takes(sent: Any, me: Script, name: str, data: Any = None) -> None:
-    """A client's transition, if it is possible."""
+def try_transition(sent: Any, me: Script, name: str, data: Any = None) -> None:
+    """Request a transition of a client, if it is possible."""
     try:
         sent.take(name, data)
     except Refused:
         me.choose("it was not possible")
 
 
-def grasping(*, updates: int = 1, **wishes: Any) -> Scenario:
-    """A client wants another goal, and the end; the handler looks for such wishes once before its
-    end.
-    """
+def grasping(*, updates: int = 1, **options: Any) -> Scenario:
+    """A client updates and cancels a grasp; the handler looks for requests once before its end."""
     ends = eventually(lambda world: ended("done")(world) or ended("cancelled")(world))
-    scenario = Scenario("grasping", never_stuck(), never(grasped_with_another_goal), ends)
+    scenario = Scenario("grasping", never_stuck(), never(used_another_goal), ends)
     scenario.observe()
     arm, user = scenario.module("arm"), scenario.module("user")
 
@@ -86,13 +81,13 @@ def grasping(*, updates: int = 1, **wishes: Any) -> Scenario:
     def want(me: Script) -> None:
         sent = me.command(GRASP, 1)
         for number in range(updates):
-            takes(sent, me, "update", number + 2)
-        takes(sent, me, "cancel")
+            try_transition(sent, me, "update", number + 2)
+        try_transition(sent, me, "cancel")
         sent.wait()
 
-    @arm.handles(GRASP, **wishes)
+    @arm.handles(GRASP, **options)
     def grasp(task: Task, goal: int) -> int:
-        if "accepts" in wishes:
+        if "accepts" in options:
             task.accept()
         for _ in range(updates + 1):
             if request := task.request:
@@ -110,7 +105,7 @@ def grasping(*, updates: int = 1, **wishes: Any) -> Scenario:
     return scenario
 
 
-WISHES: list[dict[str, Any]] = [
+HANDLER_OPTIONS: list[dict[str, Any]] = [
     {"takes": ["update", "cancel"]},
     {"takes": ["update", "cancel"], "accepts": True},
     {"takes": ["update"]},
@@ -120,14 +115,14 @@ WISHES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("wishes", WISHES, ids=str)
-def test_every_order_of_client_and_server(wishes: dict[str, Any]) -> None:
-    good(grasping(**wishes))
+@pytest.mark.parametrize("options", HANDLER_OPTIONS, ids=str)
+def test_client_and_server_transitions_hold_in_every_order(options: dict[str, Any]) -> None:
+    assert_good(grasping(**options))
 
 
 @pytest.mark.soak
-def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
-    result = good(grasping(updates=2, takes=["update", "cancel"]))
+def test_two_updates_and_cancel_hold_in_every_order() -> None:
+    result = assert_good(grasping(updates=2, takes=["update", "cancel"]))
     assert result.states > 300
 
 
@@ -135,19 +130,21 @@ def test_two_updates_and_a_cancel_while_the_handler_answers() -> None:
 @pytest.mark.parametrize(
     ("state", "goal"), [("done", 1), ("done", 2), ("cancelled", 1), ("cancelled", 2)]
 )
-def test_each_end_comes_in_some_order(state: str, goal: int) -> None:
-    assert "NOT never" in found(grasping(takes=["update", "cancel"]), never(ended(state, goal)))
+def test_each_state_and_goal_is_reached_in_some_order(state: str, goal: int) -> None:
+    assert "NOT never" in counterexample(
+        grasping(takes=["update", "cancel"]), never(ended(state, goal))
+    )
 
 
 @pytest.mark.soak
-def test_a_handler_that_knows_of_nothing_is_begun_anew_or_killed() -> None:
-    found(grasping(), never(ended("done", 2)))
-    found(grasping(), never(ended("cancelled", 2)))
-    good(grasping(refuses=["update", "cancel"]), never(ended("done", 2)))
+def test_handler_without_takes_is_restarted_or_killed() -> None:
+    counterexample(grasping(), never(ended("done", 2)))
+    counterexample(grasping(), never(ended("cancelled", 2)))
+    assert_good(grasping(refuses=["update", "cancel"]), never(ended("done", 2)))
 
 
-def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
-    """By that the task runs: the handler need not know whether it was quicker than the cancel."""
+def test_cancel_before_acceptance_may_be_rejected() -> None:
+    """The rejection makes the task run, so the handler need not know which came first."""
     scenario = Scenario("early", never_stuck(), never(ended("cancelled")))
     scenario.observe()
     arm, user = scenario.module("arm"), scenario.module("user")
@@ -168,11 +165,11 @@ def test_a_cancel_before_the_task_is_accepted_may_be_rejected() -> None:
         task.report(1)
         return 2
 
-    good(scenario)
+    assert_good(scenario)
 
 
-def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defaults() -> None:
-    """A goal lives on when its handler has returned: nobody would answer the cancel."""
+def test_unanswered_request_is_decided_by_default_at_return() -> None:
+    """A goal outlives its handler, so no handler would answer the cancel."""
     scenario = Scenario("tidying", never_stuck())
     scenario.observe()
     planner, hand, user = (
@@ -184,7 +181,7 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
     @user.does
     def want(me: Script) -> None:
         sent = me.goal(TIDY, 1)
-        takes(sent, me, "cancel")
+        try_transition(sent, me, "cancel")
         sent.wait()
 
     @planner.handles(TIDY, takes=["cancel"])
@@ -193,16 +190,14 @@ def test_what_a_handler_has_not_looked_at_when_it_returns_is_decided_by_the_defa
 
     @hand.handles(PUT)
     def put(task: Task, _: int) -> None:
-        task.wait_for_request()  # for ever, if it is not killed
+        task.wait_for_request()  # until it is killed
 
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.soak
-def test_transitions_of_ones_own_by_two_clients() -> None:
-    """Each of two clients pauses the walk and lets it go on, while its legs tell how far they
-    are.
-    """
+def test_custom_transitions_of_two_clients_hold_in_every_order() -> None:
+    """Two clients pause and resume the walk, while its handler reports progress."""
     scenario = Scenario("walking", never_stuck())
     scenario.observe()
     legs = scenario.module("legs")
@@ -212,8 +207,8 @@ def test_transitions_of_ones_own_by_two_clients() -> None:
         @scenario.module(name).does
         def want(me: Script) -> None:
             for walk in me.tasks(WALK):
-                takes(walk, me, "pause")
-                takes(walk, me, "resume")
+                try_transition(walk, me, "pause")
+                try_transition(walk, me, "resume")
 
     @scenario.module("user").does
     def send(me: Script) -> None:
@@ -221,13 +216,13 @@ def test_transitions_of_ones_own_by_two_clients() -> None:
 
     @legs.handles(WALK, takes=["pause", "resume"])
     def walk(task: Task, _: int) -> None:
-        task.report(1)  # as if it had never heard of a pause
+        task.report(1)  # even while paused
 
-    good(scenario)
+    assert_good(scenario)
 
 
 def crowded(users: int, policy: WhenBusy, takes: list[str]) -> Scenario:
-    """Several want something of one arm, which has a policy for that."""
+    """Several users send grasps to one arm with a policy for that."""
     scenario = Scenario(f"an arm that is to {policy}", never_stuck(), at_most(1, handled(GRASP)))
     scenario.observe()
 
@@ -252,12 +247,14 @@ def crowded(users: int, policy: WhenBusy, takes: list[str]) -> Scenario:
 @pytest.mark.parametrize("policy", ["queue", "reject", "preempt"])
 @pytest.mark.parametrize("takes", [[], ["cancel"]], ids=str)
 @pytest.mark.parametrize("users", [2, pytest.param(3, marks=pytest.mark.soak)])
-def test_an_arm_does_one_thing_at_a_time(users: int, policy: WhenBusy, takes: list[str]) -> None:
-    good(crowded(users, policy, takes))
+def test_busy_policy_allows_one_task_at_a_time(
+    users: int, policy: WhenBusy, takes: list[str]
+) -> None:
+    assert_good(crowded(users, policy, takes))
 
 
 @pytest.mark.soak
-def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> None:
+def test_cancelled_task_may_lose_server_and_be_retried() -> None:
     scenario = Scenario("losing", never_stuck())
     scenario.observe()
     arm, user = scenario.module("arm", may_be_lost=1, comes_back=True), scenario.module("user")
@@ -283,4 +280,4 @@ def test_a_task_that_is_to_be_cancelled_may_lose_its_server_and_be_retried() -> 
             request.reject("no")
         return goal
 
-    good(scenario)
+    assert_good(scenario)

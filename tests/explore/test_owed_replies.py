@@ -1,12 +1,10 @@
-"""Replies that a handler leaves to others: whatever becomes of them, and in whatever order, each
-task ends.
-"""
+"""Later replies: each task ends, in every order of events."""
 
 from typing import Any
 
 import pytest
-from explore.accepting import over
-from explore.scenarios import HIGHER, STEP, WALK, found, good, resolves
+from explore.accepting import has_ended
+from explore.scenarios import HIGHER, STEP, WALK, assert_good, counterexample, resolves
 
 import tca_tools.explore as tca
 from tca_module import Failure, Inform, LaterReply, Recovery
@@ -28,7 +26,7 @@ THERE = Inform("there")
 
 
 def uses(task: tca.Task, later: LaterReply[Any], words: str) -> None:
-    """What legs do with a reply that they have kept, when the sensor says so."""
+    """Use a kept reply as the sensor says."""
     request = later.request if words == "accept" else None
     if words == "reply" or (words == "obey" and not later.cancelled):
         later.reply(1)
@@ -39,11 +37,9 @@ def uses(task: tca.Task, later: LaterReply[Any], words: str) -> None:
 
 
 def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any) -> tca.Scenario:
-    """Legs leave the reply to a step to their sensor, which says how to use it; then they take
-    another step.
-    """
+    """Legs leave the reply of a step to their sensor; then they take another step."""
     scenario = tca.Scenario(
-        f"{words} later", never_stuck(), eventually(over(STEP, False)), *properties
+        f"{words} later", never_stuck(), eventually(has_ended(STEP, False)), *properties
     )
     planner, feet, user = (
         scenario.module("planner"),
@@ -88,14 +84,14 @@ def cancelled(world: World) -> list[Seen]:
     return [task for task in world.tasks if task.is_over and task.state == "cancelled"]
 
 
-def test_a_kept_reply_is_given_by_another_handler() -> None:
-    good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
+def test_kept_reply_is_sent_by_another_handler() -> None:
+    assert_good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("keeps", [True, False])
-def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
-    good(
+def test_dropped_reply_is_failure_for_parent_task(*, keeps: bool) -> None:
+    assert_good(
         later("drop", keeps=keeps),
         eventually(failed(STEP)),
         eventually(handled(HIGHER)),
@@ -105,47 +101,49 @@ def test_a_dropped_reply_is_heard_of_by_the_task_above(*, keeps: bool) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("words", ["reply", "drop", "obey"])
-def test_a_kept_reply_of_a_killed_task_frees_its_slot(words: str) -> None:
+def test_kept_reply_of_killed_task_frees_its_slot(words: str) -> None:
     scenario = later(words)
     scenario.may_kill(STEP)
-    good(scenario)
+    assert_good(scenario)
 
 
 @pytest.mark.soak
-def test_a_reply_is_not_owed_after_an_accepted_cancel() -> None:
-    good(later("accept"), eventually(cancelled), never(failed(STEP)))
+def test_accepted_cancel_ends_owed_reply() -> None:
+    assert_good(later("accept"), eventually(cancelled), never(failed(STEP)))
 
 
-def test_a_kept_reply_fails_when_its_module_leaves() -> None:
-    assert "step {3} fails: module lost" in found(later("", never(failed(STEP)), may_leave=True))
+def test_kept_reply_fails_when_its_module_leaves() -> None:
+    assert "step {3} fails: module lost" in counterexample(
+        later("", never(failed(STEP)), may_leave=True)
+    )
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("words", ["reply", "drop", "accept"])
-def test_a_kept_reply_is_lost_with_its_module(words: str) -> None:
-    good(later(words, may_be_lost=1, comes_back=True), limit=20_000)
+def test_kept_reply_is_lost_with_its_module(words: str) -> None:
+    assert_good(later(words, may_be_lost=1, comes_back=True), limit=20_000)
 
 
-def test_a_kept_reply_that_is_never_given_is_found() -> None:
-    assert "legs in step {3} owes its reply" in found(later(""))
+def test_kept_reply_that_is_never_sent_is_found() -> None:
+    assert "legs in step {3} owes its reply" in counterexample(later(""))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     ("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")]
 )
-def test_a_library_that_owes_for_ever_is_found(
+def test_library_that_never_replies_is_found(
     broken: str, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(LaterReply, broken, lambda _: None)
-    assert "has not ended" in found(later(words))
+    assert "has not ended" in counterexample(later(words))
 
 
 @pytest.mark.parametrize(
     ("returns", "words"),
     [(1, "must return the LaterReply"), (None, r"kept without keep_reply\(\)")],
 )
-def test_a_reply_that_is_not_left_to_the_module_is_named(returns: object, words: str) -> None:
+def test_misused_later_reply_is_scenario_error(returns: object, words: str) -> None:
     owed: list[LaterReply[Any]] = []
 
     def step(task: tca.Task) -> object:

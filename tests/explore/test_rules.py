@@ -1,11 +1,20 @@
-"""What central promises, in every order in which things can happen; and that broken rules are
-found.
-"""
+"""Promises of central hold in every order of events, and broken rules are found."""
 
 from typing import Any
 
 import pytest
-from explore.scenarios import HIGHER, NOTE, REST, STEP, WALK, WHERE, found, good, helped, walking
+from explore.scenarios import (
+    HIGHER,
+    NOTE,
+    REST,
+    STEP,
+    WALK,
+    WHERE,
+    assert_good,
+    counterexample,
+    helped,
+    walking,
+)
 
 import tca_tools.explore as tca
 from tca_central.model.resources import Resource
@@ -32,16 +41,16 @@ REST_LAST = before(achieved(WALK), achieved(REST))
 # --- nothing starts before its constraints --------------------------------------------------------
 
 
-def test_nothing_starts_before_its_constraints() -> None:
-    good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
+def test_no_task_starts_before_its_constraints() -> None:
+    assert_good(walking(IN_ORDER, REST_LAST, never_stuck(), steps=3, capacity=2))
 
 
-def test_what_has_no_constraint_may_come_first() -> None:
-    found(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
+def test_unconstrained_step_may_start_first() -> None:
+    counterexample(walking(before(achieved(STEP, 1), begun(STEP, 2)), steps=3, capacity=2))
 
 
 def constrained(*properties: Any) -> tca.Scenario:
-    """Each flag once."""
+    """A scenario with each constraint flag once."""
     scenario = tca.Scenario("constrained", *properties)
     planner = scenario.module("planner", capacity=2)
 
@@ -66,8 +75,8 @@ def constrained(*properties: Any) -> tca.Scenario:
     return scenario
 
 
-def test_every_flag_holds() -> None:
-    good(
+def test_every_constraint_flag_holds() -> None:
+    assert_good(
         constrained(
             before(planned(REST, 1), begun(REST, 2)),
             before(achieved(REST, 2), begun(REST, 3)),
@@ -78,7 +87,7 @@ def test_every_flag_holds() -> None:
     )
 
 
-def test_what_is_planned_first_is_planned_first() -> None:
+def test_plan_first_goal_is_planned_before_its_steps() -> None:
     scenario = tca.Scenario("planned first", before(planned(WALK), begun(STEP)), never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -91,14 +100,14 @@ def test_what_is_planned_first_is_planned_first() -> None:
     def story(me: tca.Script) -> None:
         me.goal(WALK, plan_first=True).wait()
 
-    good(scenario)
+    assert_good(scenario)
 
 
 # --- resources ------------------------------------------------------------------------------------
 
 
 def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) -> tca.Scenario:
-    """Three (without *notes* two) who do not know each other want the legs at the same time."""
+    """Three independent users (two without *notes*) use the legs at the same time."""
     scenario = tca.Scenario("a crowd", *properties)
     feet = scenario.module("legs", capacity=capacity, **legs)
 
@@ -129,76 +138,76 @@ def crowd(*properties: Any, capacity: int = 2, notes: bool = True, **legs: Any) 
 
 @pytest.mark.parametrize("notes", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("capacity", [1, 2])
-def test_a_resource_is_never_over_capacity(capacity: int, notes: bool) -> None:
+def test_resource_stays_within_capacity(capacity: int, notes: bool) -> None:
     scenario = crowd(
         at_most(capacity, handled_by("legs")), never_stuck(), capacity=capacity, notes=notes
     )
-    good(scenario)
+    assert_good(scenario)
 
 
-def test_a_resource_is_used_to_its_capacity() -> None:
-    found(crowd(at_most(1, handled_by("legs")), notes=False))
+def test_resource_is_used_to_its_capacity() -> None:
+    counterexample(crowd(at_most(1, handled_by("legs")), notes=False))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("late_too", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_nor_when_slots_come_and_go(late_too: bool) -> None:
+def test_resource_stays_within_capacity_when_slots_change(late_too: bool) -> None:
     legs = {"capacity": 1, "may_leave": True, "arrives_late": late_too}
     scenario = crowd(at_most(1, handled_by("legs")), notes=late_too, **legs)
-    good(scenario, limit=5000)
+    assert_good(scenario, limit=5000)
 
 
 # --- kills and losses -----------------------------------------------------------------------------
 
 
-def test_a_killed_subtree_releases_its_waiters() -> None:
+def test_killed_subtree_releases_its_waiters() -> None:
     scenario = walking(eventually(achieved(REST)), never_stuck(), before(killed(WALK), never_true))
     scenario.may_kill(WALK)
-    good(scenario)
-    found(scenario, never(killed(STEP)))
+    assert_good(scenario)
+    counterexample(scenario, never(killed(STEP)))
 
 
 def never_true(_: object) -> bool:
     return False
 
 
-def test_a_failed_step_ends_the_walk_and_releases_its_waiters() -> None:
-    good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
-    found(walking(eventually(achieved(WALK)), slips=True))
+def test_failed_step_ends_its_goal_and_releases_waiters() -> None:
+    assert_good(walking(eventually(achieved(REST)), never_stuck(), slips=True))
+    counterexample(walking(eventually(achieved(WALK)), slips=True))
 
 
 @pytest.mark.soak
-def test_a_lost_module_releases_those_who_wait() -> None:
-    good(
+def test_lost_module_releases_waiters() -> None:
+    assert_good(
         walking(eventually(achieved(REST)), never_stuck(), steps=1, may_be_lost=1, comes_back=True)
     )
 
 
-def test_without_its_legs_it_waits() -> None:
-    assert "queued" in found(walking(never_stuck(), steps=1, may_be_lost=1))
+def test_step_stays_queued_without_its_module() -> None:
+    assert "queued" in counterexample(walking(never_stuck(), steps=1, may_be_lost=1))
 
 
-# --- who waits for an exception handler is helped by somebody -------------------------------------
+# --- exception handlers of departed modules -----------------------------------------------------
 
 ALL_ENDS = (never_stuck(), never(killed(STEP)), eventually(resolved(STEP)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("may_leave", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_an_exception_handler_that_waits_when_its_module_goes_is_passed_over(
+def test_exception_handler_of_departed_module_is_skipped(
     may_leave: bool,
 ) -> None:
-    good(helped(*ALL_ENDS, may_leave=may_leave))
-    found(helped(never(killed(HIGHER)), may_leave=may_leave))
+    assert_good(helped(*ALL_ENDS, may_leave=may_leave))
+    counterexample(helped(never(killed(HIGHER)), may_leave=may_leave))
 
 
-def test_an_exception_handler_that_is_not_passed_over_is_found(
+def test_unskipped_exception_handler_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(
-        "tca_central.failing.failures.skip_exception_handler", lambda _central, _handler: None
+    monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
+    assert "nobody handles 'higher', and the search does not go on" in counterexample(
+        helped(*ALL_ENDS)
     )
-    assert "no handler of 'higher', and the search does not continue" in found(helped(*ALL_ENDS))
 
 
 # --- locks and reservations -----------------------------------------------------------------------
@@ -207,8 +216,8 @@ GRIP = Command("grip")
 
 
 def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario:
-    """Two handlers that each need both of two resources; one locks *first* first, the other
-    *second*.
+    """Two handlers that lock both of two resources: one in the order legs, arm, the other in the
+    given order.
     """
     scenario = tca.Scenario("two arms", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -232,11 +241,11 @@ def two_arms(first: str, second: str, *properties: tca.Property) -> tca.Scenario
     return scenario
 
 
-def both(world: tca.World) -> bool:
+def one_holds_both(world: tca.World) -> bool:
     return len(world.held_by) == 2 and len({claim.sender for claim in world.held_by.values()}) == 1
 
 
-def test_who_locks_in_another_order_may_wait_for_ever() -> None:
+def test_locks_in_opposite_order_may_deadlock() -> None:
     result = tca.explore(two_arms("arm", "legs", never_stuck()))
     assert result.violation is not None
     text = tca.report(result)
@@ -244,17 +253,17 @@ def test_who_locks_in_another_order_may_wait_for_ever() -> None:
     assert "rester in rest {3} waits to lock legs" in text
 
 
-def test_who_locks_in_one_order_does_not() -> None:
-    good(two_arms("legs", "arm", never_stuck()))
+def test_locks_in_one_order_never_deadlock() -> None:
+    assert_good(two_arms("legs", "arm", never_stuck()))
 
 
-def test_it_is_seen_who_has_what() -> None:
-    found(two_arms("legs", "arm", never(both)))
+def test_property_sees_lock_holders() -> None:
+    counterexample(two_arms("legs", "arm", never(one_holds_both)))
 
 
 def reserved() -> tca.Result:
-    """The planner reserves the legs for its own steps, as long as its walk takes: the promises say
-    that none of the user's comes between.
+    """The planner reserves the legs for its own steps during its walk. No step of the user may
+    start in between.
     """
     scenario = tca.Scenario("reserved", never_stuck())
     scenario.module("legs").handles(STEP)(lambda _: None)
@@ -273,19 +282,19 @@ def reserved() -> tca.Result:
     return tca.explore(scenario)
 
 
-def test_a_reservation_lasts_as_long_as_its_task() -> None:
+def test_reservation_lasts_as_long_as_its_task() -> None:
     assert reserved().ok
 
 
-def test_a_central_that_lets_others_in_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_central_that_ignores_reservation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Resource, "admits", lambda _self, _message: True)
     result = reserved()
     assert result.violation is not None
     assert "step {3} was given to legs, which planner has reserved" in tca.report(result)
 
 
-def test_a_lock_of_a_module_that_may_be_lost() -> None:
-    """That it is gone is no mistake of the scenario."""
+def test_lock_of_module_that_may_be_lost_is_valid() -> None:
+    """A lost module is no error of the scenario."""
     scenario = tca.Scenario("a lost base", never_stuck())
     scenario.module("legs", may_be_lost=1).handles(STEP)(lambda _: None)
 
@@ -295,16 +304,16 @@ def test_a_lock_of_a_module_that_may_be_lost() -> None:
             pass
 
     scenario.module("user").does(lambda me: [me.goal(WALK, "there")])
-    good(scenario)
+    assert_good(scenario)
 
 
-def test_a_property_that_can_not_be_asked_is_a_mistake_in_the_scenario() -> None:
+def test_property_that_raises_is_scenario_error() -> None:
     with pytest.raises(tca.ScenarioError, match="can't be asked: AttributeError"):
         tca.explore(two_arms("legs", "arm", never(lambda world: world.taks)))
 
 
 def unlocked(*properties: tca.Property) -> tca.Result:
-    """An operator takes the legs from a planner, whether that has them just then or not."""
+    """An operator unlocks the legs, whether the planner holds the lock or not."""
     scenario = tca.Scenario("an operator unlocks", *properties)
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -318,11 +327,11 @@ def unlocked(*properties: tca.Property) -> tca.Result:
     return tca.explore(scenario)
 
 
-def test_a_handler_fails_that_has_lost_its_lock() -> None:
+def test_handler_fails_when_its_lock_is_taken_away() -> None:
     result = unlocked(never(failed(WALK)))
     assert result.violation is not None
     assert "lock lost" in tca.report(result)
 
 
-def test_a_handler_that_has_lost_its_lock_comes_to_its_end() -> None:
+def test_handler_ends_when_its_lock_is_taken_away() -> None:
     assert unlocked(never_stuck()).ok

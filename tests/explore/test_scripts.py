@@ -1,4 +1,4 @@
-"""What scripts can do, and what is said of those that can't be played."""
+"""Scripts: their calls, their choices, and the errors of unplayable ones."""
 
 import contextlib
 import signal
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explore.accepting import those
+from explore.accepting import messages_with
 from explore.scenarios import (
     HEIGHTS,
     LIFT,
@@ -17,8 +17,8 @@ from explore.scenarios import (
     STEP,
     WALK,
     WHERE,
-    found,
-    good,
+    assert_good,
+    counterexample,
     slips,
 )
 
@@ -45,11 +45,11 @@ from tca_wire.points import THIS
 from tca_wire.vocabulary import Refusal
 
 
-def one(
+def scenario_of(
     handler: Any, *properties: Any, story: Any = lambda me: [me.goal(WALK).wait()]
 ) -> tca.Scenario:
-    """A user who walks, a planner that does it in some way, and others who do what they are
-    told.
+    """A user that sends a walk, a planner with the given handler, and a module that handles the
+    rest.
     """
     scenario = tca.Scenario("one", *properties)
     scenario.module("planner").handles(WALK)(handler)
@@ -60,15 +60,15 @@ def one(
     return scenario
 
 
-def test_a_script_that_ends_because_what_it_waits_for_is_killed_with_it_has_not_failed() -> None:
-    scenario = one(lambda task: task.command(STEP).result(), never(failed(WALK)))
+def test_script_killed_with_its_subtask_has_not_failed() -> None:
+    scenario = scenario_of(lambda task: task.command(STEP).result(), never(failed(WALK)))
     scenario.may_kill(WALK)
-    good(scenario)
+    assert_good(scenario)
     scenario.may_kill(STEP)
-    found(scenario)
+    counterexample(scenario)
 
 
-def test_a_script_can_do_what_a_module_can() -> None:
+def test_script_supports_calls_of_a_module() -> None:
     seen = set()
 
     def everything(task: tca.Task) -> None:
@@ -77,20 +77,20 @@ def test_a_script_can_do_what_a_module_can() -> None:
         task.inform(NOTE, here)
         first = task.command(STEP, {"left": here})
         second = task.command(STEP, priority=1)
-        with contextlib.suppress(Refused):  # too late, where the second has begun
+        with contextlib.suppress(Refused):  # too late if the second has begun
             task.constrain(sequential_achievement(first.id, second.id))
         seen.add(f"{here} {heights} {second.wait()}")
 
-    good(one(everything, eventually(achieved(WALK)), never_stuck()))
+    assert_good(scenario_of(everything, eventually(achieved(WALK)), never_stuck()))
     assert seen == {"7 [7] done"}
 
 
-def test_every_choice_is_explored() -> None:
+def test_every_choice_of_script_is_explored() -> None:
     def chooses(task: tca.Task) -> None:
         if task.choose("well", "badly") == "badly":
             raise SLIPPED(text="ice")
 
-    scenario = one(chooses)
+    scenario = scenario_of(chooses)
     bad, good = (
         tca.explore(scenario, never(failed(WALK))),
         tca.explore(scenario, never(achieved(WALK))),
@@ -101,43 +101,43 @@ def test_every_choice_is_explored() -> None:
     assert "planner in walk {1} chooses well, returns" in tca.report(good)
 
 
-def test_a_handler_may_hang() -> None:
-    result = tca.explore(one(lambda task: task.hang(), never_stuck()))
-    assert "planner in walk {1} waits forever" in tca.report(result)
+def test_hanging_handler_is_reported_as_stuck() -> None:
+    result = tca.explore(scenario_of(lambda task: task.hang(), never_stuck()))
+    assert "planner in walk {1} never goes on" in tca.report(result)
 
 
-def test_a_killed_handler_is_told() -> None:
+def test_killed_handler_sees_cancelled() -> None:
     def obeys(task: tca.Task) -> None:
         while not task.cancelled:
             task.query(WHERE)
 
-    scenario = one(
+    scenario = scenario_of(
         obeys, never_stuck(), eventually(killed(WALK)), story=lambda me: [me.goal(WALK).kill()]
     )
     assert tca.explore(scenario, limit=150).violation is None
-    deaf = one(
+    deaf = scenario_of(
         lambda task: task.command(STEP) and None,
         never(handled(STEP)),
         story=lambda me: [me.goal(WALK).kill()],
     )
-    found(deaf)
+    counterexample(deaf)
 
 
-def test_a_failed_query_is_an_error_in_the_script() -> None:
+def test_failed_query_raises_in_script() -> None:
     def asks(task: tca.Task) -> None:
         with pytest.raises(QueryFailed, match="query 'where' failed: slipped"):
             task.query(WHERE)
         task.command(STEP)
 
-    scenario = one(asks, never_stuck(), eventually(handled(STEP)))
+    scenario = scenario_of(asks, never_stuck(), eventually(handled(STEP)))
     scenario.module("newest").handles(WHERE)(slips)
-    good(scenario)
-    careless = one(lambda task: task.query(WHERE), eventually(failed(WALK)))
+    assert_good(scenario)
+    careless = scenario_of(lambda task: task.query(WHERE), eventually(failed(WALK)))
     careless.module("newest").handles(WHERE)(slips)
-    good(careless)
+    assert_good(careless)
 
 
-def test_a_refusal_can_be_caught() -> None:
+def test_script_may_catch_refusal() -> None:
     refusals = set()
 
     def circle(task: tca.Task) -> None:
@@ -147,25 +147,25 @@ def test_a_refusal_can_be_caught() -> None:
         except Refused as error:
             refusals.add(error.refusal)
 
-    good(one(circle, never_stuck()))
+    assert_good(scenario_of(circle, never_stuck()))
     assert refusals == {Refusal.TOO_LATE}
 
 
-def under_what_has_ended(task: tca.Task) -> SentTask[Any]:
-    """Sends in vain."""
+def send_under_ended_task(task: tca.Task) -> SentTask[Any]:
+    """Send under an ended task, which is refused."""
     first = task.command(STEP)
     first.wait()
     return task.under(first).command(STEP)
 
 
 @pytest.mark.parametrize("ending", ["returns", "goes on", "orders", "waits"])
-def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> None:
-    """Whether it goes on with it, or with something else, or returns; and what it was to send then
-    is not sent.
+def test_handler_that_ignores_refused_send_fails(ending: str) -> None:
+    """The handler uses the refused task, sends another one, or returns. Its later sends have no
+    effect.
     """
 
     def walk(task: tca.Task) -> None:
-        refused = under_what_has_ended(task)
+        refused = send_under_ended_task(task)
         if ending == "goes on":
             task.command(STEP)
         elif ending == "orders":
@@ -173,34 +173,38 @@ def test_a_handler_that_does_not_care_for_a_refused_send_fails(ending: str) -> N
         elif ending == "waits":
             refused.wait()
 
-    good(one(walk, eventually(failed(WALK)), at_most_in_all(1, sent(STEP)), never_stuck()))
+    assert_good(
+        scenario_of(walk, eventually(failed(WALK)), at_most_in_all(1, sent(STEP)), never_stuck())
+    )
 
 
-def test_a_refused_send_is_as_if_it_had_never_been_sent() -> None:
+def test_refused_send_has_no_effect() -> None:
     def walk(task: tca.Task) -> None:
         with task.sequence():
-            refused = under_what_has_ended(task)
+            refused = send_under_ended_task(task)
             with pytest.raises(Refused, match=r"command 'step' was refused: task .* has ended"):
                 refused.id  # noqa: B018
             task.command(STEP)
             task.command(STEP)
 
-    good(one(walk, eventually(achieved(WALK)), at_most(1, begun(STEP)), never_stuck()))
+    assert_good(
+        scenario_of(walk, eventually(achieved(WALK)), at_most(1, begun(STEP)), never_stuck())
+    )
 
 
-def uses_what_nobody_handles(task: tca.Task) -> None:
+def sends_unhandled_command(task: tca.Task) -> None:
     task.command(LIFT)
 
 
-def asks_for_a_circle(task: tca.Task) -> None:
+def constrains_task_to_itself(task: tca.Task) -> None:
     task.goal(WALK, constraints=[sequential_achievement(THIS, THIS)])
 
 
-def sends_the_wrong_way(task: tca.Task) -> None:
+def sends_command_as_goal(task: tca.Task) -> None:
     task.goal(STEP)  # type: ignore[call-overload]
 
 
-def breaks(task: tca.Task) -> None:
+def raises_key_error(task: tca.Task) -> None:
     task.query(WHERE)
     raise KeyError("left")
 
@@ -209,27 +213,25 @@ def breaks(task: tca.Task) -> None:
     ("handler", "words"),
     [
         (
-            uses_what_nobody_handles,
+            sends_unhandled_command,
             "planner sends command 'lift', which no module of the scenario handles",
         ),
-        (asks_for_a_circle, "goal 'walk' was refused"),
-        (sends_the_wrong_way, r"goal\(\) takes messages of class Goal, not Command\('step'"),
-        (breaks, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
+        (constrains_task_to_itself, "goal 'walk' was refused"),
+        (sends_command_as_goal, r"goal\(\) takes messages of class Goal, not Command\('step'"),
+        (raises_key_error, r"test_scripts.py, line \d+\): KeyError\('left'\)"),
         (lambda _: (yield), "make it a plain function"),
         (lambda: None, r"declare it with \(task, data\)"),
     ],
 )
-def test_what_cannot_be_played_is_named(handler: Any, words: str) -> None:
+def test_unplayable_script_is_named(handler: Any, words: str) -> None:
     with pytest.raises(tca.ScenarioError, match=words):
-        tca.explore(one(handler))
+        tca.explore(scenario_of(handler))
 
 
-def test_a_script_that_catches_everything_and_goes_on_is_named(
+def test_script_that_catches_base_exception_for_ever_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Also what ends its runs here: no limit would come, as nothing that is raised in it leaves
-    it.
-    """
+    """The script catches even the exception that ends a run, so no limit would stop it."""
 
     def walk(task: tca.Task) -> object:
         while True:
@@ -240,7 +242,7 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(
                     print("asks again")
 
     with pytest.raises(tca.ScenarioError) as found:
-        tca.explore(one(walk))
+        tca.explore(scenario_of(walk))
     line = walk.__code__.co_firstlineno + 4
     assert (
         f"the script of 'walk' in planner ({__file__}, line {line}): it catches the exception that ends a run"
@@ -250,7 +252,7 @@ def test_a_script_that_catches_everything_and_goes_on_is_named(
     assert capsys.readouterr().out.count("asks again") >= 10_000
 
 
-def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> None:
+def test_script_that_catches_scenario_error_for_ever_is_named() -> None:
     def walk(task: tca.Task) -> None:
         while True:
             with contextlib.suppress(Exception):
@@ -259,10 +261,10 @@ def test_a_script_that_catches_what_cannot_be_played_and_goes_on_is_named() -> N
     with pytest.raises(
         tca.ScenarioError, match=r"nothing to choose from.*; it catches this, and continues forever"
     ):
-        tca.explore(one(walk))
+        tca.explore(scenario_of(walk))
 
 
-def test_a_script_may_catch_everything_for_a_while() -> None:
+def test_script_may_catch_base_exception_a_few_times() -> None:
     def walk(task: tca.Task) -> object:
         for _ in range(3):
             try:
@@ -271,11 +273,11 @@ def test_a_script_may_catch_everything_for_a_while() -> None:
                 pass
         return None
 
-    good(one(walk, never_stuck()))
+    assert_good(scenario_of(walk, never_stuck()))
 
 
-def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration() -> None:
-    """Ctrl-C ends the wait; what goes on in the thread ends, too."""
+def test_interrupted_exploration_ends_its_threads() -> None:
+    """Ctrl-C ends the search in its thread, too."""
     began = set(threading.enumerate())
 
     def watch(states: int, _: int) -> None:
@@ -293,7 +295,7 @@ def test_whoever_does_not_wait_for_it_any_more_is_left_alone_by_an_exploration()
         assert not thread.is_alive()
 
 
-def test_a_script_that_remembers_is_found_out() -> None:
+def test_script_with_memory_of_runs_is_refused() -> None:
     runs: list[int] = []
 
     def remembers(task: tca.Task) -> None:
@@ -303,11 +305,11 @@ def test_a_script_that_remembers_is_found_out() -> None:
         task.command(STEP)
         task.query(WHERE)
 
-    with pytest.raises(tca.ScenarioError, match="acts differently when it is run again"):
-        tca.explore(one(remembers))
+    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+        tca.explore(scenario_of(remembers))
 
 
-def test_scenarios_are_checked_when_they_are_written() -> None:
+def test_scenario_checks_its_declarations() -> None:
     scenario = tca.Scenario("bad")
     module = scenario.module("planner")
     module.handles(WALK)(lambda _: None)
@@ -332,7 +334,7 @@ def test_scenarios_are_checked_when_they_are_written() -> None:
     assert Goal(WALK.name).name == WALK.name
 
 
-# --- whoever is killed while it asks ends at once, and is woken once, as on the robot -------------
+# --- a killed handler is woken once from its wait, as on the robot ------------------------------
 
 HELD = "arm"
 
@@ -348,23 +350,24 @@ WAITS: dict[str, Callable[[tca.Task], Any]] = {
 }
 
 
-def some(*names: str) -> list[Any]:
-    return [pytest.param(how, marks=[] if how in names else [pytest.mark.soak]) for how in WAITS]
+def soak_all_but(*names: str) -> list[Any]:
+    return [
+        pytest.param(wait_name, marks=[] if wait_name in names else [pytest.mark.soak])
+        for wait_name in WAITS
+    ]
 
 
 def walk_is_killed(world: tca.World) -> object:
-    return those(world, WALK, "is_killed")
+    return messages_with(world, WALK, "is_killed")
 
 
 def returned(world: tca.World) -> object:
-    """What it waits for may go on for ever, and if that is under it, it ends no sooner."""
-    return [walk for walk in those(world, WALK, "is_killed") if not walk.is_handled]
+    """The handler of a killed walk has returned. Its subtasks may last for ever."""
+    return [walk for walk in messages_with(world, WALK, "is_killed") if not walk.is_handled]
 
 
 def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any) -> tca.Scenario:
-    """A walk that asks, and may be killed; nobody answers it, ends what it waits for or frees the
-    arm.
-    """
+    """A walk that waits and may be killed; no other event ends its wait."""
     scenario = tca.Scenario("asking", *properties)
     scenario.module("planner", **planner).handles(WALK)(handler)
     others = scenario.module("others", capacity=3)
@@ -385,19 +388,19 @@ def asking(handler: Callable[[tca.Task], Any], *properties: Any, **planner: Any)
     return scenario
 
 
-@pytest.mark.parametrize("how", some("query", "lock"))
-def test_whoever_is_killed_while_it_asks_ends_at_once(how: str) -> None:
-    scenario = asking(WAITS[how], within(0, walk_is_killed, returned), never(failed(WALK)))
+@pytest.mark.parametrize("wait_name", soak_all_but("query", "lock"))
+def test_killed_handler_returns_at_once_from_any_wait(wait_name: str) -> None:
+    scenario = asking(WAITS[wait_name], within(0, walk_is_killed, returned), never(failed(WALK)))
     result = tca.explore(scenario, limit=20_000)
     assert result.ok, tca.report(result)
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("how", some("query", "lock"))
-def test_who_was_woken_may_ask_further(how: str) -> None:
+@pytest.mark.parametrize("wait_name", soak_all_but("query", "lock"))
+def test_killed_handler_may_ask_while_it_cleans_up(wait_name: str) -> None:
     def cleans_up(task: tca.Task) -> None:
         try:
-            WAITS[how](task)
+            WAITS[wait_name](task)
         except TaskKilled:
             assert task.cancelled
             task.wait_until_handled(NOTE)
@@ -409,7 +412,7 @@ def test_who_was_woken_may_ask_further(how: str) -> None:
     assert "the operator kills walk" in tca.report(result)
 
 
-def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
+def test_killed_handler_is_not_woken_after_it_read_cancelled() -> None:
     def waits_on(task: tca.Task) -> None:
         if task.cancelled:
             task.query(WHERE)
@@ -419,11 +422,11 @@ def test_who_has_read_that_it_is_killed_is_not_woken() -> None:
     assert "waits for the answer to query where" in tca.report(result)
 
 
-# --- its module ends ------------------------------------------------------------------------------
+# --- end of the module ----------------------------------------------------------------------------
 
 
 def lost(world: tca.World) -> object:
-    return [walk for walk in those(world, WALK, "failure") if walk.failure == "module lost"]
+    return [walk for walk in messages_with(world, WALK, "failure") if walk.failure == "module lost"]
 
 
 def gone(world: tca.World) -> bool:
@@ -431,14 +434,14 @@ def gone(world: tca.World) -> bool:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("how", some("lock"))
-def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
-    """With Stopped, as on the robot: the walk fails, and the module can go."""
+@pytest.mark.parametrize("wait_name", soak_all_but("lock"))
+def test_waiting_handler_is_woken_when_its_module_leaves(wait_name: str) -> None:
+    """The wait raises Stopped, as on the robot: the walk fails, and the module can leave."""
     seen = set()
 
     def asks(task: tca.Task) -> None:
         try:
-            WAITS[how](task)
+            WAITS[wait_name](task)
         except Stopped:
             seen.add(task.cancelled)
             task.wait_until_handled(NOTE)
@@ -454,7 +457,7 @@ def test_whoever_asks_when_its_module_leaves_is_woken(how: str) -> None:
         )
 
 
-def test_who_knows_that_its_module_ends_and_returns_may_have_done_half_of_it() -> None:
+def test_handler_that_returns_after_stop_may_fail_module_lost() -> None:
     def returns(task: tca.Task) -> None:
         if task.cancelled:
             return

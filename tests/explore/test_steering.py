@@ -1,5 +1,5 @@
-"""What central promises of failures, wiretaps, monitors, suspension and time, in every order in
-which things happen.
+"""Promises of central for failures, wiretaps, monitors, suspension and time hold in every order of
+events.
 """
 
 import contextlib
@@ -19,8 +19,8 @@ from explore.scenarios import (
     SLIPPED,
     STEP,
     WALK,
-    found,
-    good,
+    assert_good,
+    counterexample,
 )
 
 import tca_tools.explore as tca
@@ -48,25 +48,27 @@ from tca_tools.explore import (
 
 
 @pytest.mark.parametrize("condition", [Condition.BEFORE_HANDLING, Condition.BEFORE_ACHIEVING])
-def test_a_before_tap_holds_what_it_taps_until_its_listener_is_done(condition: Condition) -> None:
+def test_before_tap_holds_task_until_listener_ends(condition: Condition) -> None:
     in_turn = [before(achieved(CHECK, number), begun(STEP, number)) for number in (1, 2)]
-    good(scenarios.tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck())
+    assert_good(
+        scenarios.tapped(condition), *in_turn, at_most_in_all(2, fired(CHECK)), never_stuck()
+    )
 
 
 @pytest.mark.parametrize("safety_arrives_late", [False, True])
-def test_a_tap_that_comes_while_a_step_waits_holds_it(*, safety_arrives_late: bool) -> None:
+def test_late_tap_holds_queued_step(*, safety_arrives_late: bool) -> None:
     scenario = scenarios.tapped_late(safety_arrives_late=safety_arrives_late)
-    good(
+    assert_good(
         scenario,
         before(achieved(CHECK, 1), begun(STEP, 1)),
         at_most_in_all(1, fired(CHECK)),
         never_stuck(),
     )
-    assert "queued: step {2} for legs" in found(scenario, never(fired(CHECK)))
+    assert "queued: step {2} for legs" in counterexample(scenario, never(fired(CHECK)))
 
 
-def test_a_when_tap_holds_the_end() -> None:
-    good(
+def test_when_tap_holds_end_of_task() -> None:
+    assert_good(
         scenarios.tapped(Condition.WHEN_ACHIEVED),
         before(achieved(CHECK, 1), achieved(STEP, 1)),
         never_stuck(),
@@ -74,29 +76,36 @@ def test_a_when_tap_holds_the_end() -> None:
 
 
 @pytest.mark.parametrize("condition", [Condition.WHILE_ACHIEVING, Condition.AFTER_ACHIEVED])
-def test_while_and_after_hold_nothing(condition: Condition) -> None:
-    story = found(scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2)))
+def test_while_and_after_taps_hold_nothing(condition: Condition) -> None:
+    story = counterexample(
+        scenarios.tapped(condition), before(achieved(CHECK, 1), achieved(STEP, 2))
+    )
     assert "tapped: {1} for step {2}: check {3}" in story
 
 
-def test_a_tap_that_calls_at_once_calls_exactly_once() -> None:
-    told = Inform("told")
+def test_tap_with_at_once_fires_exactly_once() -> None:
+    notice = Inform("told")
 
     def tapped(*, at_once: bool) -> tca.Scenario:
         scenario = tca.Scenario("tapped at once")
         scenario.module("legs").handles(STEP)(scenarios.nothing)
-        scenario.module("log").handles(told)(scenarios.nothing)
+        scenario.module("log").handles(notice)(scenarios.nothing)
 
         @scenario.module("user").does
         def story(me: tca.Script) -> None:
             step = me.command(STEP)
             with contextlib.suppress(Refused):  # it has ended
-                me.tap(Condition.AFTER_ACHIEVED, step, told, at_once=at_once)
+                me.tap(Condition.AFTER_ACHIEVED, step, notice, at_once=at_once)
 
         return scenario
 
-    good(tapped(at_once=True), at_most_in_all(1, sent(told)), eventually(sent(told)), never_stuck())
-    found(tapped(at_once=False), eventually(sent(told)))
+    assert_good(
+        tapped(at_once=True),
+        at_most_in_all(1, sent(notice)),
+        eventually(sent(notice)),
+        never_stuck(),
+    )
+    counterexample(tapped(at_once=False), eventually(sent(notice)))
 
 
 # --- failures -------------------------------------------------------------------------------------
@@ -107,21 +116,21 @@ def is_handled_twice(world: tca.World) -> list[tca.Seen]:
     return [seen for seen in world.messages if seen.is_handled and handlers.count(seen.message) > 1]
 
 
-def test_a_recovery_ladder_always_ends() -> None:
-    """Retry, then plan anew, then give up: twice two steps at most, and whoever waits goes on."""
+def test_recovery_ladder_always_ends() -> None:
+    """Retry, replan, give up: at most two attempts each, and all waits end."""
     bounds = (
         at_most_in_all(2, retried(STEP)),
         at_most_in_all(1, retried(WALK)),
-        at_most_in_all(4, begun_anew),
+        at_most_in_all(4, sent_or_retried),
         at_most(1, recovering(STEP)),
     )
-    result = good(scenarios.ladder(), *bounds, never(is_handled_twice), never_stuck())
-    assert result.longest is not None  # no run goes on for ever
-    found(scenarios.ladder(), eventually(retried(STEP)))  # it may go well
+    result = assert_good(scenarios.ladder(), *bounds, never(is_handled_twice), never_stuck())
+    assert result.longest is not None  # no run is endless
+    counterexample(scenarios.ladder(), eventually(retried(STEP)))  # no slip is possible, too
 
 
-def begun_anew(world: tca.World) -> list[tca.Seen]:
-    """Steps that were sent or retried with the last action."""
+def sent_or_retried(world: tca.World) -> list[tca.Seen]:
+    """Steps that the last action sent or retried."""
     return [
         seen
         for seen in world.tasks
@@ -130,13 +139,13 @@ def begun_anew(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.soak
-def test_a_ladder_without_an_end_is_found() -> None:
-    story = found(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
-    assert "it has happened 3 times: walk {2}" in story
+def test_endless_recovery_ladder_is_found() -> None:
+    story = counterexample(scenarios.ladder(gives_up=False), at_most_in_all(2, retried(WALK)))
+    assert "here it comes to 3: walk {2}" in story
 
 
-def test_the_steps_of_a_recovery_can_be_read() -> None:
-    story = found(scenarios.ladder(), never(failed(WALK)))
+def test_counterexample_shows_each_recovery_action() -> None:
+    story = counterexample(scenarios.ladder(), never(failed(WALK)))
     for line in (
         "1. user attaches higher for slipped to all step",
         '2. user sends goal walk "straight", with replan for slipped',
@@ -149,7 +158,7 @@ def test_the_steps_of_a_recovery_can_be_read() -> None:
 
 
 def retried_while_running(*properties: Any) -> tca.Scenario:
-    """Somebody retries a step whose handler runs."""
+    """A user retries a step with a running handler."""
     scenario = tca.Scenario("retried while it runs", *properties)
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
@@ -163,13 +172,13 @@ def retried_while_running(*properties: Any) -> tca.Scenario:
     return scenario
 
 
-def test_a_retried_task_is_never_handled_twice_at_once() -> None:
-    result = good(retried_while_running(), at_most(1, handled(STEP)), never_stuck())
+def test_retried_task_has_one_handler_at_a_time() -> None:
+    result = assert_good(retried_while_running(), at_most(1, handled(STEP)), never_stuck())
     assert result.longest is not None
-    found(retried_while_running(), never(achieved(STEP, "again")))
+    counterexample(retried_while_running(), never(achieved(STEP, "again")))
 
 
-def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
+def test_failure_raised_from_outside_leaves_nothing_stuck() -> None:
     scenario = tca.Scenario("raised from outside")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -182,33 +191,33 @@ def test_a_failure_that_is_raised_from_outside_leaves_nothing_hanging() -> None:
         step = me.command(STEP, on_failure=[Recovery(SLIPPED, HIGHER)])
         step.fail(SLIPPED(text="seen from afar"))
 
-    good(scenario, never_stuck(), at_most(1, recovering(STEP)))
-    assert "user raises slipped on step {1}" in found(scenario, never(failed(STEP)))
+    assert_good(scenario, never_stuck(), at_most(1, recovering(STEP)))
+    assert "user raises slipped on step {1}" in counterexample(scenario, never(failed(STEP)))
 
 
 # --- suspension -----------------------------------------------------------------------------------
 
 
-def test_a_suspended_subtree_starts_nothing() -> None:
-    """That nothing suspended is given to a handler is checked of every scenario; here something is
-    suspended.
-    """
-    result = good(
+def test_suspended_subtree_starts_nothing() -> None:
+    """Every scenario checks that no suspended task is delivered; this one suspends a task."""
+    result = assert_good(
         scenarios.suspending(),
         never(starts_suspended),
         before(achieved(WALK), achieved(REST)),
         never_stuck(),
     )
     assert result.longest is not None
-    assert "the operator suspends walk {1}" in found(scenarios.suspending(), never(suspended(STEP)))
+    assert "somebody suspends walk {1}" in counterexample(
+        scenarios.suspending(), never(suspended(STEP))
+    )
 
 
-def test_what_is_created_suspended_can_be_ordered_whoever_kills_it() -> None:
-    good(
+def test_suspended_new_tasks_can_be_ordered() -> None:
+    assert_good(
         scenarios.ordered(suspended=True), before(achieved(STEP, 2), begun(STEP, 1)), never_stuck()
     )
-    good(scenarios.ordered(suspended=True, kills=2), never(failed(WALK)), never_stuck())
-    found(scenarios.ordered(suspended=False), never(failed(WALK)))
+    assert_good(scenarios.ordered(suspended=True, kills=2), never(failed(WALK)), never_stuck())
+    counterexample(scenarios.ordered(suspended=False), never(failed(WALK)))
 
 
 def starts_suspended(world: tca.World) -> list[tca.Seen]:
@@ -219,19 +228,19 @@ def starts_suspended(world: tca.World) -> list[tca.Seen]:
 
 
 @pytest.mark.soak
-def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_hanging() -> None:
-    assert good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
-    is_retried_once = at_most_in_all(
-        1, retried(STEP)
-    )  # the deadline is over: what is retried has no new one
+def test_deadline_during_reply_leaves_nothing_stuck() -> None:
     assert (
-        good(
+        assert_good(scenarios.late(), eventually(achieved(REST)), never_stuck()).longest is not None
+    )
+    is_retried_once = at_most_in_all(1, retried(STEP))  # a retry gets no new deadline
+    assert (
+        assert_good(
             scenarios.late(handled=True), eventually(achieved(REST)), is_retried_once, never_stuck()
         ).longest
         is not None
     )
-    assert "5 s pass" in found(scenarios.late(), never(killed(STEP)))
-    found(scenarios.late(), never(achieved(STEP)))  # and in time
+    assert "5 s pass" in counterexample(scenarios.late(), never(killed(STEP)))
+    counterexample(scenarios.late(), never(achieved(STEP)))  # the step may also be in time
 
 
 @pytest.mark.soak
@@ -239,20 +248,22 @@ def test_a_deadline_that_is_over_while_the_reply_is_under_way_leaves_nothing_han
     ("options", "fires"),
     [({"maximum": 2}, 2), ({"maximum": 1, "fire_every": 2}, 1), ({"duration": 2.5}, 3)],
 )
-def test_a_polling_monitor_acts_so_often_and_no_more(options: dict[str, Any], fires: int) -> None:
-    good(
+def test_polling_monitor_acts_up_to_its_bound(options: dict[str, Any], fires: int) -> None:
+    assert_good(
         scenarios.polling(BATTERY, **options), at_most_in_all(fires, fired(RECHARGE)), never_stuck()
     )
-    found(scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE)))
+    counterexample(
+        scenarios.polling(BATTERY, **options), at_most_in_all(fires - 1, fired(RECHARGE))
+    )
 
 
-def test_what_comes_round_for_ever_comes_to_the_same_state_again() -> None:
-    result = good(scenarios.polling(GAUGE, waited_for=True), at_most(1, sent(GAUGE)))
+def test_endless_polling_has_finitely_many_states() -> None:
+    result = assert_good(scenarios.polling(GAUGE, waited_for=True), at_most(1, sent(GAUGE)))
     assert result.longest is None
     assert result.states < 10
 
 
-def test_nothing_starts_before_its_delay() -> None:
+def test_no_task_starts_before_its_delay() -> None:
     scenario = tca.Scenario("delays", never_stuck())
     scenario.module("legs", capacity=2).handles(STEP)(lambda _: None)
 
@@ -266,17 +277,17 @@ def test_nothing_starts_before_its_delay() -> None:
             constraints=[first.handling.end + 2.0 <= this.achieving.start],
         )
 
-    good(
+    assert_good(
         scenario,
         before(lambda world: world.now >= 1, begun(STEP, 1)),
         before(achieved(STEP, 1), begun(STEP, 2)),
         before(lambda world: world.now >= 3, begun(STEP, 2)),
     )
-    story_of_it = found(scenario, never(achieved(STEP, 2)))
+    story_of_it = counterexample(scenario, never(achieved(STEP, 2)))
     assert re.search(r"\n  \d\. 1 s pass\n.*\n  \d\. 2 s pass\n", story_of_it, re.DOTALL)
 
 
-def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
+def test_wait_with_timeout_may_time_out() -> None:
     scenario = tca.Scenario("impatient")
     scenario.module("legs").handles(STEP)(lambda _: None)
 
@@ -288,9 +299,9 @@ def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
         except Timeout:
             step.kill("too slow")
 
-    good(scenario, never_stuck())
-    found(scenario, never(achieved(STEP)))
-    assert "user times out and no longer waits for end achieving of step {1}" in found(
+    assert_good(scenario, never_stuck())
+    counterexample(scenario, never(achieved(STEP)))
+    assert "user no longer waits for end achieving of step {1}" in counterexample(
         scenario, never(killed(STEP))
     )
 
@@ -299,7 +310,7 @@ def test_whoever_waits_for_so_long_may_wait_in_vain() -> None:
 
 
 def parting(*properties: Any) -> tca.Scenario:
-    """A walk that is killed some time after its planning, and leaves things safe."""
+    """A walk that is killed some time after its planning, with a termination message."""
     scenario = tca.Scenario("parting", *properties)
 
     @scenario.module("planner").handles(WALK)
@@ -322,18 +333,18 @@ def walk_is_over(world: tca.World) -> list[tca.Seen]:
     ]
 
 
-def test_what_is_killed_leaves_things_safe() -> None:
-    good(
+def test_killed_goal_sends_its_termination_message() -> None:
+    assert_good(
         parting(),
         before(achieved(REST), walk_is_over),
         before(killed(WALK), sent(REST)),
         never_stuck(),
     )
-    found(parting(), never(killed(WALK)))
-    found(parting(), never(achieved(WALK)))
+    counterexample(parting(), never(killed(WALK)))
+    counterexample(parting(), never(achieved(WALK)))
 
 
-def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
+def test_foreign_monitor_ends_with_its_running_task() -> None:
     scenario = tca.Scenario("watched from outside")
     legs, user, watcher = (
         scenario.module("legs"),
@@ -353,6 +364,6 @@ def test_a_monitor_that_others_put_under_a_task_ends_with_it() -> None:
             except Refused as refused:
                 too_late.append(refused.text)
 
-    good(scenario, eventually(achieved(STEP)), never_stuck())
+    assert_good(scenario, eventually(achieved(STEP)), never_stuck())
     assert "nothing can be added under it" in too_late[0]
-    found(scenario, never(achieved(GAUGE)))
+    counterexample(scenario, never(achieved(GAUGE)))

@@ -1,16 +1,26 @@
-"""What central has accepted it does, or says why not: whatever comes in between. Nobody may be left
-waiting, either.
+"""Central keeps each accepted request, or reports why not, whatever happens in between. No task may
+be stuck.
 
-A small scenario for each request; for those of a task one (accepting.py) and a table of what *kept*
-means. Not here is what central is never asked for: timers and later replies are a module's own, and
-direct messages go from module to module. What is asked for is in test_what_is_given.py.
+Each request has a small scenario. Requests about a task share one (accepting.py), with a table of
+the meaning of *kept*. Timers, later replies and direct messages are left out, as modules handle
+them alone. Messages, variables and resources are in test_what_is_given.py.
 """
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import pytest
-from explore.accepting import BETWEEN, EVER, HELP, LOST, at_once, holds, over, robot, those
+from explore.accepting import (
+    BETWEEN,
+    EVENTUALLY,
+    HELP,
+    LOST,
+    assert_holds,
+    has_ended,
+    kept_at_once,
+    messages_with,
+    robot,
+)
 from explore.scenarios import (
     BATTERY,
     GAUGE,
@@ -53,8 +63,8 @@ GROUND = PointMonitor("ground", condition=IS_LOW, action=RECHARGE)
 SOAKED_LOSS = pytest.param(LOST, marks=pytest.mark.soak)
 
 
-def later(task: tca.Task) -> Any:
-    """After the handler of a task has returned."""
+def after_handler(task: tca.Task) -> Any:
+    """A constraint on the return of a task's handler."""
     return task.handling.end <= this.achieving.start
 
 
@@ -62,9 +72,9 @@ def later(task: tca.Task) -> Any:
 
 
 def has(moment: Moment) -> Callable[[tca.World], list[tca.Seen]]:
-    """Rests that have come to that moment, and were not killed."""
+    """Rests that have reached that moment, and were not killed."""
     return lambda world: [
-        rest for rest in those(world, REST) if rest.has(moment) and not rest.is_killed
+        rest for rest in messages_with(world, REST) if rest.has(moment) and not rest.is_killed
     ]
 
 
@@ -90,7 +100,7 @@ COMES_TRUE: dict[Condition, Callable[[tca.World], object]] = {
 
 
 def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
-    """A rest that may fail, be killed, or be lost with its couch; somebody listens."""
+    """A tapped rest that may fail, be killed, or be lost with its module."""
     scenario = tca.Scenario(title)
     scenario.module("couch", may_be_lost=1, comes_back=True).handles(REST)(slips_or_not)
     ear = scenario.module("ear")
@@ -113,17 +123,18 @@ def tapped(title: str, tap: Callable[[tca.Script], object]) -> tca.Scenario:
         for at, one in enumerate(COMES_TRUE)
     ],
 )
-def test_a_wiretap_is_fired_when_its_condition_comes_true(condition: Condition) -> None:
-    listener = (
-        WALK if condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED) else LIFT
-    )  # a goal has planning to hold
+def test_wiretap_fires_when_its_condition_comes_true(condition: Condition) -> None:
+    holds_planning = condition in (Condition.BEFORE_PLANNING, Condition.WHEN_PLANNED)
+    listener = WALK if holds_planning else LIFT  # the planning of a goal can be awaited
     scenario = tapped(condition, lambda me: me.tap(condition, REST, listener))
-    holds(scenario, before(fired(listener), COMES_TRUE[condition]), eventually(accepted("tap")))
+    assert_holds(
+        scenario, before(fired(listener), COMES_TRUE[condition]), eventually(accepted("tap"))
+    )
 
 
-def test_a_wiretap_that_was_removed_is_not_fired() -> None:
+def test_removed_wiretap_does_not_fire() -> None:
     scenario = tapped("removed", lambda me: me.tap(Condition.WHEN_SENT, REST, LIFT).remove())
-    holds(scenario, never(sent(LIFT)), eventually(accepted("remove")))
+    assert_holds(scenario, never(sent(LIFT)), eventually(accepted("remove")))
 
 
 def helped(task: tca.Task) -> None:
@@ -132,17 +143,17 @@ def helped(task: tca.Task) -> None:
     task.trouble.failing.retry()
 
 
-def helps_who_is_alone(world: tca.World) -> list[tca.Seen]:
+def help_after_removal(world: tca.World) -> list[tca.Seen]:
     return [
         one
-        for one in those(world, HELP)
+        for one in messages_with(world, HELP)
         if (step := world.parent(one)) is not None and step.data == "alone"
     ]
 
 
 @pytest.mark.soak
-def test_an_exception_handler_is_called_until_it_is_removed() -> None:
-    """Of a failure of its own, and of a module that is lost; once only."""
+def test_exception_handler_is_called_until_removed() -> None:
+    """For failures of the handler and for lost modules; only once."""
     scenario = tca.Scenario("help")
     scenario.module("legs", **LOST).handles(STEP)(slips_or_not)
     scenario.module("others").handles(HELP)(helped)
@@ -156,11 +167,11 @@ def test_an_exception_handler_is_called_until_it_is_removed() -> None:
             attached.remove()
             me.command(STEP, "alone")
 
-    holds(
+    assert_holds(
         scenario,
         before(begun(HELP), failed(STEP, "helped")),
-        never(helps_who_is_alone),
-        within(EVER, accepted("remove"), over(STEP, "alone")),
+        never(help_after_removal),
+        within(EVENTUALLY, accepted("remove"), has_ended(STEP, "alone")),
     )
 
 
@@ -172,7 +183,7 @@ def low(task: tca.Task) -> bool:
 
 
 def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenario:
-    """Somebody watches a battery, which is asked and charged by others."""
+    """A user watches a battery, which others read and charge."""
     scenario = tca.Scenario("watched")
     scenario.module("battery", **battery).handles(IS_LOW)(low)
     dock = scenario.module("dock")
@@ -183,7 +194,7 @@ def watched(watch: Callable[[tca.Script], object], **battery: Any) -> tca.Scenar
 
 
 def watching(world: tca.World) -> list[tca.Seen]:
-    """Monitors that are to act some time: none was killed, or has ended."""
+    """The monitors that have neither ended nor been killed."""
     return [
         one
         for one in world.tasks
@@ -196,34 +207,36 @@ MONITORS: dict[str, tuple[Any, Callable[[tca.Script], Any], list[Any]]] = {
     "for 2.5 s": (
         BATTERY,
         lambda me: me.monitor(BATTERY, period=1.0, duration=2.5, maximum=1),
-        [within(2.5, sent(BATTERY), lambda world: not watching(world) or over(BATTERY)(world))],
+        [
+            within(
+                2.5, sent(BATTERY), lambda world: not watching(world) or has_ended(BATTERY)(world)
+            )
+        ],
     ),
     "until the end of a rest": (
         GAUGE,
         lambda me: me.monitor(GAUGE, period=1.0, until=me.goal(REST).achieving.end),
-        [within(EVER, achieved(REST), lambda world: not watching(world))],
+        [within(EVENTUALLY, achieved(REST), lambda world: not watching(world))],
     ),
 }
 
 
-@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["", "and a loss"])
+@pytest.mark.parametrize("battery", [{}, SOAKED_LOSS], ids=["no loss", "loss"])
 @pytest.mark.parametrize("name", MONITORS)
-def test_a_monitor_watches_as_long_as_was_said(name: str, battery: dict[str, Any]) -> None:
-    """Or it is killed: by somebody, or because what answers its condition is lost, which is a
-    failure of its own.
-    """
+def test_monitor_lasts_as_long_as_requested(name: str, battery: dict[str, Any]) -> None:
+    """Or until it is killed, or the handler of its condition is lost."""
     monitor, watch, properties = MONITORS[name]
     scenario = watched(watch, **battery)
     scenario.may_kill(monitor)
-    holds(scenario, eventually(over(monitor)), *properties)
+    assert_holds(scenario, eventually(has_ended(monitor)), *properties)
 
 
 def sends_a_step(me: tca.Script) -> None:
     me.command(STEP)
 
 
-def test_a_monitor_that_is_ended_acts_no_more() -> None:
-    """Also one that somebody else has put under a task that runs."""
+def test_ended_monitor_acts_no_more() -> None:
+    """The monitor is under a running task of another module."""
     scenario = watched(sends_a_step)
     scenario.module("legs").handles(STEP)(nothing)
 
@@ -233,26 +246,28 @@ def test_a_monitor_that_is_ended_acts_no_more() -> None:
             me.under(step).monitor(BATTERY, period=1.0, maximum=1).end()
 
     scenario.may_kill(STEP)
-    holds(
+    assert_holds(
         scenario,
-        within(EVER, accepted("end"), over(BATTERY)),
-        eventually(over(STEP)),
+        within(EVENTUALLY, accepted("end"), has_ended(BATTERY)),
+        eventually(has_ended(STEP)),
     )
 
 
-def test_a_monitor_that_is_ended_before_it_began_never_asks() -> None:
+def test_monitor_ended_before_start_never_asks() -> None:
     scenario = watched(lambda me: [me.goal(WALK)])
 
     @scenario.module("planner").handles(WALK)
     def walk(task: tca.Task) -> None:
-        task.monitor(BATTERY, period=1.0, maximum=1, constraints=[later(task)]).end()
+        task.monitor(BATTERY, period=1.0, maximum=1, constraints=[after_handler(task)]).end()
 
     scenario.may_kill(WALK)
     scenario.may_suspend(WALK)
-    holds(scenario, never(sent(IS_LOW)), within(EVER, accepted("end"), over(BATTERY)))
+    assert_holds(
+        scenario, never(sent(IS_LOW)), within(EVENTUALLY, accepted("end"), has_ended(BATTERY))
+    )
 
 
-def test_a_fire_that_is_accepted_sends_the_action() -> None:
+def test_accepted_fire_sends_the_action() -> None:
     def watch(me: tca.Script) -> None:
         rocks = me.monitor(ROCKS, maximum=2)
         assert rocks.fire(NOTE, "a rock") in (True, False)
@@ -260,14 +275,18 @@ def test_a_fire_that_is_accepted_sends_the_action() -> None:
 
     scenario = watched(watch)
     scenario.may_kill(ROCKS)
-    holds(scenario, at_once("fire", fired(NOTE)), within(EVER, fired(NOTE), over(NOTE)))
+    assert_holds(
+        scenario,
+        kept_at_once("fire", fired(NOTE)),
+        within(EVENTUALLY, fired(NOTE), has_ended(NOTE)),
+    )
 
 
 # --- order and time -------------------------------------------------------------------------------
 
 
 def two_steps(plan: Callable[[tca.Task], None], **legs: Any) -> tca.Scenario:
-    """A walk of two steps that might be done at the same time. One of them is killed, or lost."""
+    """A walk of two steps that could overlap. One of them is killed or lost."""
     scenario = tca.Scenario("two steps")
     scenario.module("planner").handles(WALK)(plan)
     scenario.module("legs", **legs).handles(STEP)(nothing)
@@ -284,7 +303,7 @@ def two_steps(plan: Callable[[tca.Task], None], **legs: Any) -> tca.Scenario:
 
 def constrained(task: tca.Task) -> None:
     first = task.command(STEP, 1)
-    second = task.command(STEP, 2, sequential=False, constraints=[later(task)])
+    second = task.command(STEP, 2, sequential=False, constraints=[after_handler(task)])
     task.constrain(first.achieving.end <= second.achieving.start)
 
 
@@ -297,35 +316,37 @@ def with_delay(task: tca.Task) -> None:
 
 def with_priority(task: tca.Task) -> None:
     for number in (1, 2):
-        task.command(STEP, number, sequential=False, priority=number, constraints=[later(task)])
+        task.command(
+            STEP, number, sequential=False, priority=number, constraints=[after_handler(task)]
+        )
 
 
-def second_is_ahead(world: tca.World) -> bool:
-    """The second was begun, or it never will be."""
-    return any(step.is_begun or step.is_killed for step in those(world, STEP, data=2))
+def second_begun_or_killed(world: tca.World) -> bool:
+    """The second step has begun, or was killed."""
+    return any(step.is_begun or step.is_killed for step in messages_with(world, STEP, data=2))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
-def test_a_constraint_added_later_holds(legs: dict[str, Any]) -> None:
-    holds(two_steps(constrained, **legs), before(over(STEP, 1), begun(STEP, 2)))
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "loss"])
+def test_constraint_added_later_holds(legs: dict[str, Any]) -> None:
+    assert_holds(two_steps(constrained, **legs), before(has_ended(STEP, 1), begun(STEP, 2)))
 
 
-@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "a loss"])
-def test_what_is_delayed_comes_in_the_end(legs: dict[str, Any]) -> None:
-    holds(
+@pytest.mark.parametrize("legs", [{"capacity": 2}, SOAKED_LOSS], ids=["two legs", "loss"])
+def test_delayed_step_starts_after_its_delay(legs: dict[str, Any]) -> None:
+    assert_holds(
         two_steps(with_delay, **legs),
         within(
             1.0,
-            over(STEP, 1),
-            lambda world: second_is_ahead(world) or not those(world, STEP, data=2),
+            has_ended(STEP, 1),
+            lambda world: second_begun_or_killed(world) or not messages_with(world, STEP, data=2),
         ),
-        eventually(over(WALK)),
+        eventually(has_ended(WALK)),
     )
 
 
-@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
-def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
-    holds(two_steps(with_priority, **legs), before(second_is_ahead, begun(STEP, 1)))
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["kill", "loss"])
+def test_command_with_higher_priority_is_first(legs: dict[str, Any]) -> None:
+    assert_holds(two_steps(with_priority, **legs), before(second_begun_or_killed, begun(STEP, 1)))
 
 
 @pytest.mark.parametrize(
@@ -334,25 +355,25 @@ def test_who_has_priority_is_first(legs: dict[str, Any]) -> None:
         ({}, killed(STEP), "killed"),
         pytest.param(LOST, failed(STEP), "failed", marks=pytest.mark.soak),
     ],
-    ids=["a kill", "a loss"],
+    ids=["kill", "loss"],
 )
-def test_who_waits_for_a_moment_is_told_how_the_task_stands(
+def test_wait_for_moment_returns_outcome_of_task(
     legs: dict[str, Any], ends: Any, word: str
 ) -> None:
     def plan(task: tca.Task) -> None:
         step = task.command(STEP, 1)
         task.inform(NOTE, str(step.wait_for(step.handling.end)))
 
-    holds(
+    assert_holds(
         two_steps(plan, **legs),
         before(achieved(STEP), sent(NOTE, "done")),
         before(ends, sent(NOTE, word)),
-        within(EVER, accepted("wait_for"), sent(NOTE)),
+        within(EVENTUALLY, accepted("wait_for"), sent(NOTE)),
     )
 
 
-@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["a kill", "a loss"])
-def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> None:
+@pytest.mark.parametrize("legs", [{}, SOAKED_LOSS], ids=["kill", "loss"])
+def test_retained_task_is_known_until_released(legs: dict[str, Any]) -> None:
     def plan(task: tca.Task) -> None:
         step = task.command(STEP, 1)
         step.keep()
@@ -361,52 +382,56 @@ def test_what_is_kept_is_remembered_until_it_is_let_go(legs: dict[str, Any]) -> 
         step.release()
         task.inform(NOTE, step.info() is None)
 
-    known = lambda world: sent(NOTE, True)(world) or over(WALK)(world)  # noqa: E731
-    holds(two_steps(plan, **legs), never(sent(NOTE, False)), within(EVER, accepted("keep"), known))
+    known = lambda world: sent(NOTE, True)(world) or has_ended(WALK)(world)  # noqa: E731
+    assert_holds(
+        two_steps(plan, **legs),
+        never(sent(NOTE, False)),
+        within(EVENTUALLY, accepted("keep"), known),
+    )
 
 
-# --- of a task: a table of what *kept* means of each ----------------------------------------------
+# --- requests about a task, with the meaning of *kept* --------------------------------------------
 
 
 class Request(NamedTuple):
-    """Something that is asked of a step, and when it is kept."""
+    """A request about a step, with the condition that keeps it."""
 
     call: str
     ask: Callable[[Any, TaskRef], object]
     kept: Callable[[tca.World], object]
     seconds: float = 0
-    """How long after; 0: at once."""
+    """The allowed time; 0: at once."""
 
 
 def gone(world: tca.World) -> bool:
-    """No step is left that was not killed."""
-    return all(one.is_killed or one.is_over for one in those(world, STEP))
+    """Every step has ended or was killed."""
+    return all(one.is_killed or one.is_over for one in messages_with(world, STEP))
 
 
-def parted(world: tca.World) -> bool:
-    """It ended unharmed, or was killed before it began, or what leaves things safe is done before
+def ended_safely(world: tca.World) -> bool:
+    """The step ended, was killed before its start, or its termination message was handled before
     its end.
     """
-    ended = those(world, STEP, "is_over")
-    return bool(those(world, LIFT, "is_over")) or any(
+    ended = messages_with(world, STEP, "is_over")
+    return bool(messages_with(world, LIFT, "is_over")) or any(
         not (one.is_killed and one.is_begun) for one in ended
     )
 
 
 def timed_out(world: tca.World) -> bool:
-    return gone(world) or any(one.failure == "timeout" for one in those(world, STEP))
+    return gone(world) or any(one.failure == "timeout" for one in messages_with(world, STEP))
 
 
 def handled_again(world: tca.World) -> bool:
-    return gone(world) or bool(those(world, STEP, "is_handled", data="again"))
+    return gone(world) or bool(messages_with(world, STEP, "is_handled", data="again"))
 
 
 def is_held(world: tca.World) -> bool:
-    return gone(world) or bool(those(world, STEP, "is_suspended"))
+    return gone(world) or bool(messages_with(world, STEP, "is_suspended"))
 
 
 def has_failed(world: tca.World) -> bool:
-    return gone(world) or bool(those(world, HELP) or those(world, STEP, "failure"))
+    return gone(world) or bool(messages_with(world, HELP) or messages_with(world, STEP, "failure"))
 
 
 def suspend_and_resume(_: Any, step: TaskRef) -> None:
@@ -414,7 +439,7 @@ def suspend_and_resume(_: Any, step: TaskRef) -> None:
     step.resume()
 
 
-def kill_all_under_the_walk(_: Any, step: TaskRef) -> None:
+def kill_descendants_of_parent(_: Any, step: TaskRef) -> None:
     if (walk := step.parent()) is not None:
         walk.kill(scope=Scope.DESCENDANTS)
 
@@ -423,19 +448,19 @@ REQUESTS = {
     "kill": Request("kill", lambda _, step: step.kill(), gone),
     "kill in 1 s": Request("kill", lambda _, step: step.kill(delay=1.0), gone, 1.0),
     "kill after its handling": Request(
-        "kill", lambda _, step: step.kill(after=step.handling.end), gone, EVER
+        "kill", lambda _, step: step.kill(after=step.handling.end), gone, EVENTUALLY
     ),
-    "kill of all beside it": Request(
+    "kill of siblings": Request(
         "kill", lambda me, _: me.command(LIFT, sequential=False).kill(scope=Scope.SIBLINGS), gone
     ),
-    "kill of all under the task above": Request("kill", kill_all_under_the_walk, gone),
+    "kill of all descendants of the parent": Request("kill", kill_descendants_of_parent, gone),
     "on termination": Request(
-        "on_termination", lambda _, step: step.on_termination(LIFT), parted, EVER
+        "on_termination", lambda _, step: step.on_termination(LIFT), ended_safely, EVENTUALLY
     ),
     "deadline": Request("deadline", lambda _, step: step.deadline(5.0), timed_out, 5.0),
-    "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVER),
+    "retry": Request("retry", lambda _, step: step.retry(STEP, "again"), handled_again, EVENTUALLY),
     "suspend": Request("suspend", suspend_and_resume, is_held),
-    "resume": Request("resume", suspend_and_resume, gone, EVER),
+    "resume": Request("resume", suspend_and_resume, gone, EVENTUALLY),
     "failure": Request(
         "fail", lambda _, step: step.fail(SLIPPED(text="seen from afar")), has_failed
     ),
@@ -443,23 +468,23 @@ REQUESTS = {
 
 
 @pytest.mark.parametrize(("name", "between"), one_in(6, REQUESTS, BETWEEN))
-def test_what_is_asked_of_a_task(name: str, between: str) -> None:
+def test_accepted_request_about_task_is_kept(name: str, between: str) -> None:
     request = REQUESTS[name]
-    ends_it = between in ("loss of who asked", "loss of who handles it")
-    is_timed = 0 < request.seconds < EVER and not ends_it
+    ends_it = between in ("loss of client", "loss of server")
+    is_timed = 0 < request.seconds < EVENTUALLY and not ends_it
     scenario = robot(name, request.ask, BETWEEN[between] + ", last" * is_timed)
     properties = [within(request.seconds, accepted(request.call), request.kept)]
     if not request.seconds:
-        properties.append(at_once(request.call, request.kept))
-    holds(scenario, *properties)
+        properties.append(kept_at_once(request.call, request.kept))
+    assert_holds(scenario, *properties)
 
 
 def killed_and_over(world: tca.World) -> list[tca.Seen]:
-    return those(world, STEP, "is_killed", "is_over")
+    return messages_with(world, STEP, "is_killed", "is_over")
 
 
-def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> None:
-    """Also where the kill came first, and the handler did not know yet."""
+def test_termination_message_is_handled_before_killed_task_ends() -> None:
+    """Even if the kill came first, unknown to the handler."""
     scenario = tca.Scenario("a brake that was asked for is used")
     motor, brake, user = scenario.module("motor"), scenario.module("brake"), scenario.module("user")
 
@@ -473,4 +498,4 @@ def test_what_a_handler_keeps_for_its_termination_is_done_before_its_end() -> No
     def story(me: tca.Script) -> None:
         me.command(STEP).kill()
 
-    holds(scenario, before(begun(LIFT), killed_and_over))
+    assert_holds(scenario, before(begun(LIFT), killed_and_over))

@@ -1,7 +1,7 @@
-"""The same promise of messages, variables and resources: each is answered, handled or given, or
-whoever asked is told.
+"""The same promise for messages, variables and resources: each request is answered, handled or
+granted, or its sender is notified.
 
-Whoever asks says in a note what came of it. Programs are lost, come back, and leave in between.
+Each sender notes the result. Programs are lost, return, and leave in between.
 """
 
 import contextlib
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from explore.accepting import EVER, LOST, at_once, holds, over, those
+from explore.accepting import EVENTUALLY, LOST, assert_holds, has_ended, kept_at_once, messages_with
 from explore.scenarios import HEIGHTS, NOTE, STEP, WALK, WHERE, nothing
 from sampling import one_in
 
@@ -34,10 +34,10 @@ POSITION: Variable[int] = Variable("position", int)
 # --- messages -------------------------------------------------------------------------------------
 
 
-def asks(me: tca.Script, what: Callable[[tca.Script], Any]) -> None:
-    """Note what came of it."""
+def note_result(me: tca.Script, request: Callable[[tca.Script], Any]) -> None:
+    """Note the result."""
     try:
-        me.inform(NOTE, str(what(me)))
+        me.inform(NOTE, str(request(me)))
     except (QueryFailed, Timeout, Refused) as error:
         me.inform(NOTE, type(error).__name__)
 
@@ -51,50 +51,53 @@ def given_up(me: tca.Script) -> str:
 ASKED: dict[str, Callable[[tca.Script], Any]] = {
     "query": lambda me: me.query(WHERE),
     "query with a timeout": lambda me: me.query(WHERE, timeout=2.0),
-    "query that is given up": given_up,
-    "query if it is handled": lambda me: me.execute_if_handled(WHERE),
+    "cancelled query": given_up,
+    "query if handled": lambda me: me.execute_if_handled(WHERE),
     "multi-query": lambda me: me.multi_query(HEIGHTS),
-    "multi-query, the first": lambda me: me.multi_query(HEIGHTS, maximum=1),
-    "wait until it is handled": lambda me: me.wait_until_handled(WHERE),
+    "multi-query with maximum": lambda me: me.multi_query(HEIGHTS, maximum=1),
+    "wait until handled": lambda me: me.wait_until_handled(WHERE),
 }
 
 
-HOWS: dict[str, dict[str, Any]] = {
+MODULE_OPTIONS: dict[str, dict[str, Any]] = {
     "lost": LOST,
     "leaves": {"may_leave": True},
     "late": {"arrives_late": True},
 }
 
 
-@pytest.mark.parametrize(("name", "how"), one_in(3, ASKED, HOWS))
-def test_whoever_asks_is_answered(name: str, how: str) -> None:
-    """What waits for who handles it waits as long as nobody does: one of the two maps stays."""
+@pytest.mark.parametrize(("name", "options_name"), one_in(3, ASKED, MODULE_OPTIONS))
+def test_every_query_is_answered(name: str, options_name: str) -> None:
+    """A request waits as long as it has no handler; one of the two maps stays."""
     scenario = tca.Scenario(name)
-    for module in (scenario.module("map"), scenario.module("other map", **HOWS[how])):
+    for module in (
+        scenario.module("map"),
+        scenario.module("other map", **MODULE_OPTIONS[options_name]),
+    ):
         for message in (WHERE, HEIGHTS):
             module.handles(message)(lambda _: 7)
     scenario.module("ear").handles(NOTE)(nothing)
-    scenario.module("user").does(lambda me: asks(me, ASKED[name]))
-    holds(scenario, eventually(over(NOTE)))
+    scenario.module("user").does(lambda me: note_result(me, ASKED[name]))
+    assert_holds(scenario, eventually(has_ended(NOTE)))
 
 
 @pytest.mark.soak
-def test_what_is_told_is_handled() -> None:
-    """By all, of a broadcast. Who dies while he handles it has had it: nobody is told it twice."""
+def test_sent_inform_and_broadcast_are_handled() -> None:
+    """A broadcast goes to all. A message to a handler that dies is not repeated."""
     scenario = tca.Scenario("telling")
     for name in ("ear", "other ear"):
         scenario.module(name, **(LOST if name == "ear" else {})).handles(ALARM)(nothing)
     scenario.modules["other ear"].handles(NOTE)(nothing)
 
     @scenario.module("user", may_be_lost=1).does
-    def tell(me: tca.Script) -> None:
+    def send_both(me: tca.Script) -> None:
         me.broadcast(ALARM, "fire")
         me.inform(NOTE, "told")
 
-    holds(
+    assert_holds(
         scenario,
-        within(EVER, sent(NOTE), over(NOTE)),
-        within(EVER, sent(ALARM), handled(ALARM)),
+        within(EVENTUALLY, sent(NOTE), has_ended(NOTE)),
+        within(EVENTUALLY, sent(ALARM), handled(ALARM)),
         at_most(2, handled(ALARM)),
     )
 
@@ -102,8 +105,8 @@ def test_what_is_told_is_handled() -> None:
 # --- variables ------------------------------------------------------------------------------------
 
 
-def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
-    """Also to those who come later, or again; whoever set it may be gone."""
+def test_variable_value_reaches_every_watcher() -> None:
+    """Even if the watcher comes late or returns, or the sender has left."""
     scenario = tca.Scenario("watching")
     scenario.module("display", arrives_late=True, **LOST).handles(POSITION)(nothing)
 
@@ -111,10 +114,10 @@ def test_a_value_that_was_set_comes_to_all_who_watch() -> None:
     def sense(me: tca.Script) -> None:
         me.set_variable(POSITION, 1)
 
-    holds(scenario, within(EVER, accepted("set_variable"), handled(POSITION, 1)))
+    assert_holds(scenario, within(EVENTUALLY, accepted("set_variable"), handled(POSITION, 1)))
 
 
-def test_a_value_is_swapped_by_one_of_two() -> None:
+def test_swap_of_variable_succeeds_for_one_of_two() -> None:
     scenario = tca.Scenario("swapping")
     scenario.module("ear").handles(NOTE)(nothing)
 
@@ -128,7 +131,7 @@ def test_a_value_is_swapped_by_one_of_two() -> None:
         def swap(me: tca.Script) -> None:
             me.inform(NOTE, me.swap_variable(POSITION, 1))
 
-    holds(
+    assert_holds(
         scenario,
         at_most_in_all(1, sent(NOTE, 0)),
         eventually(sent(NOTE, 0)),
@@ -168,24 +171,24 @@ CLAIMS = {
 LOSES = ("legs", "its claim", "nothing", "planner")
 
 
-def given(world: tca.World) -> bool:
-    """Who wanted a resource has it; or he is told, as he may be by his own end."""
+def granted_or_ended(world: tca.World) -> bool:
+    """The planner holds the resource, or its walk has ended."""
     return any(
         held.sender.startswith("planner") for held in world.held_by.values()
-    ) or not going_on(world)
+    ) or not has_living_walk(world)
 
 
-def going_on(world: tca.World) -> bool:
-    return any(not (walk.is_over or walk.is_killed) for walk in those(world, WALK))
+def has_living_walk(world: tca.World) -> bool:
+    return any(not (walk.is_over or walk.is_killed) for walk in messages_with(world, WALK))
 
 
-def kept_too_long(world: tca.World) -> bool:
-    return bool(world.held_by) and not those(world, WALK)
+def held_after_end(world: tca.World) -> bool:
+    return bool(world.held_by) and not messages_with(world, WALK)
 
 
 @pytest.mark.parametrize(("claim", "loses"), one_in(4, CLAIMS, LOSES))
-def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses: str) -> None:
-    """What waits behind him is done in the end, too, whatever becomes of him and his resource."""
+def test_claim_is_granted_and_later_commands_are_handled(claim: str, loses: str) -> None:
+    """Queued commands are done afterwards, whatever happens to the lock holder and the resource."""
     scenario = tca.Scenario(f"{claim}, and loses {loses}")
     planner, legs = (
         scenario.module(name, **(LOST if name == loses else {})) for name in ("planner", "legs")
@@ -201,12 +204,12 @@ def test_who_wants_a_resource_gets_it_and_all_others_after_him(claim: str, loses
     if loses == "its claim":
         scenario.module("operator").does(lambda me: me.unlock("legs") and None)
     properties = [
-        within(EVER, accepted(claim.partition(" ")[0]), given),
-        never(kept_too_long),
-        eventually(over(STEP, "others'")),
+        within(EVENTUALLY, accepted(claim.partition(" ")[0]), granted_or_ended),
+        never(held_after_end),
+        eventually(has_ended(STEP, "others'")),
     ]
     if loses == "its claim":
-        properties.append(at_once("unlock", lambda world: not world.held_by))
+        properties.append(kept_at_once("unlock", lambda world: not world.held_by))
     if loses in ("nothing", "its claim"):
         scenario.may_kill(WALK)
-    holds(scenario, *properties)
+    assert_holds(scenario, *properties)

@@ -1,4 +1,4 @@
-"""Scenarios in which a slot has messages ahead, and something comes that goes before them."""
+"""Scenarios with prefetched messages, and events that overtake them."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,9 +27,7 @@ def note(_: tca.Task, __: int) -> None: ...
 
 
 class Street:
-    """A slot of "legs" with messages ahead, a user who sends it some, and others who come
-    between.
-    """
+    """A slot of "legs" with prefetched messages, a user that sends them, and others that overtake."""
 
     def __init__(self, title: str, prefetch: int | None, *, act: Act = note, **legs: Any) -> None:
         self.scenario = tca.Scenario(title)
@@ -45,7 +43,7 @@ class Street:
         return module
 
     def does(self, name: str, *acts: Callable[[tca.Script], object]) -> None:
-        """A module that does this, one after the other."""
+        """Add a module with these actions, in order."""
 
         def story(me: tca.Script) -> None:
             for act in acts:
@@ -264,9 +262,9 @@ LARGE = [
     listened,
     given_up_and_leaving,
 ]
-"""What comes of these with messages ahead may come of them without."""
+"""Scenarios whose outcomes with prefetching are possible without it, too."""
 
 UNLIKE = [lost, lock_given_up, locked_from_both]
-"""Who is lost takes along all that it has ahead; and a lock that is wanted for so many seconds may
-be given up before a slot has given back what it has ahead.
+"""Scenarios with further outcomes. A lost module loses its prefetched messages. A lock with a
+timeout may end before a slot returns its prefetched messages.
 """

@@ -1,5 +1,5 @@
-"""Modules whose handlers do nothing while they wait: lives of them, in which anything that blocks
-may happen.
+"""Random lives of modules whose handlers block while they wait, in all ways in which a handler can
+block.
 """
 
 from collections.abc import Mapping
@@ -58,18 +58,18 @@ class Blocking(Player):
     def free(self) -> list[Delivery]:
         return free_handlers(self.central)
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         """One handler, or the user, does something."""
         free, tasks = self.free(), [*self.central.tree.tasks.values()]
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.handling_id if delivery else 0
-        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+        sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         task = tasks[b % len(tasks)] if tasks else None
-        if what == "return" and delivery:
-            self.reply(who, origin)
-        elif what == "send":
+        if operation == "return" and delivery:
+            self.reply(sender, origin)
+        elif operation == "send":
             names = ("walk", "move", "step")
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
             flags = (Flags.NONE, Flags.SEQ_ACH, DELAYED, Flags.PLAN_FIRST)[c % 4]
@@ -79,97 +79,104 @@ class Blocking(Player):
                 else ()
             )
             self.send(
-                who, names[b % 3], under=parent, flags=flags, constraints=constraints * (c % 5 == 0)
+                sender,
+                names[b % 3],
+                under=parent,
+                flags=flags,
+                constraints=constraints * (c % 5 == 0),
             )
-        elif what == "ask":
+        elif operation == "ask":
             blocks = self.blocks(delivery)
-            self.send(who, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
-        elif what == "wait" and task:
+            self.send(sender, ("where", "look", "pose")[b % 3], origin=origin, blocking=blocks)
+        elif operation == "wait" and task:
             blocks = self.blocks(delivery)
             self.request(
-                who,
+                sender,
                 headers.AwaitPoint,
                 point(task.id, list(Moment)[c % 6]),
                 origin,
                 blocking=blocks,
             )
-        elif what in ("follow", "any") and tasks:
+        elif operation in ("follow", "any") and tasks:
             followed = [tasks[b % len(tasks)], tasks[c % len(tasks)]][: 1 + a % 2]
-            self._wait_for(who, delivery, followed, what, is_below=c % 3 == 0)
-        elif what in ("await", "give up"):
-            self._await(what, b, c)
-        elif what == "lock":
+            self._wait_for(sender, delivery, followed, operation, is_below=c % 3 == 0)
+        elif operation in ("await", "give up"):
+            self._await(operation, b, c)
+        elif operation == "lock":
             resource, reserve = ("a", "b", "c")[b % 3], c % 2 == 0
-            self.request(who, headers.Lock, resource, "", reserve, origin, blocking=True)
+            self.request(sender, headers.Lock, resource, "", reserve, origin, blocking=True)
         else:
-            self._steer(what, a, b, c)
+            self._steer(operation, a, b, c)
 
-    def _await(self, what: str, b: int, c: int) -> None:
-        """A coroutine asks some more and awaits what comes first; or its timeout is over, and one
-        answer less is awaited.
+    def _await(self, operation: str, b: int, c: int) -> None:
+        """A coroutine sends more queries and awaits the first answer; or a timeout ends one of its
+        waits.
         """
         coroutines = [one for one in self.central.dispatcher.running.values() if is_coroutine(one)]
         if not coroutines:
             return
         delivery = coroutines[b % len(coroutines)]
         assert delivery.slot
-        who, waits = delivery.slot.id.decode(), delivery.slot.waits
-        if what == "give up":
+        sender, waits = delivery.slot.id.decode(), delivery.slot.waits
+        if operation == "give up":
             for number in [number for number, wait in waits.items() if wait.is_coroutine][:1]:
-                self.receive(who, headers.GiveUp(number))
+                self.receive(sender, headers.GiveUp(number))
         elif not waits_in(delivery.slot, delivery):
             for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
-                self.send(who, name, origin=delivery.handling_id)
+                self.send(sender, name, origin=delivery.given_as)
             asked = [number for number in delivery.slot.outstanding if number not in waits]
-            self.receive(who, headers.AwaitAny(delivery.handling_id, asked[-1 - c % 3 :]))
+            self.receive(sender, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
 
     def _wait_for(
-        self, who: str, by: Delivery | None, tasks: list[Task], what: str, *, is_below: bool
+        self, sender: str, by: Delivery | None, tasks: list[Task], operation: str, *, is_below: bool
     ) -> None:
-        """A wait for the first news of tasks, or of what is under them; or for the first to end."""
-        asked, origin = [], by.handling_id if by else 0
+        """Wait for the first change of tasks or their descendants; or for the first end."""
+        asked, origin = [], by.given_as if by else 0
         for task in tasks:
-            number, place = self.number(who), point(task.id, Moment.END_ACHIEVING)
+            number, place = self.number(sender), point(task.id, Moment.END_ACHIEVING)
             about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))
             following = Observe(number, *about, origin=origin)
             self.receive(
-                who, following if what == "follow" else headers.AwaitPoint(number, place, origin)
+                sender,
+                following if operation == "follow" else headers.AwaitPoint(number, place, origin),
             )
             asked.append(number)
-        outstanding = self.central.registry.connections[who.encode()].outstanding  # type: ignore[index]
+        outstanding = self.central.registry.connections[sender.encode()].outstanding  # type: ignore[index]
         seen = sum(
             one.told for number in asked if isinstance(one := outstanding[number], Observation)
         )
-        self.receive(who, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
+        self.receive(sender, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
 
     def blocks(self, by: Delivery | None) -> bool:
         """Whether the thread of a handler waits with it."""
         return by is None or not is_coroutine(by)
 
-    def _steer(self, what: str, a: int, b: int, c: int) -> None:
-        """The operator does something; he never waits."""
+    def _steer(self, operation: str, a: int, b: int, c: int) -> None:
+        """The operator steers tasks; it never waits."""
         tasks = [TaskId(task) for task in self.central.tree.tasks]
         if not tasks:
             return
         one, other = tasks[a % len(tasks)], tasks[b % len(tasks)]
         header: object = headers.Kill(self.number("operator"), one)
-        if what == "constrain":
+        if operation == "constrain":
             wanted = before(point(one, list(Moment)[b % 6]), point(other, list(Moment)[c % 6]))
             header = headers.Constrain(self.number("operator"), [wanted])
-        elif what == "suspend":
+        elif operation == "suspend":
             header = headers.Suspend(self.number("operator"), one, c % 2 == 0)
-        elif what != "kill":
+        elif operation != "kill":
             return
         self.receive("operator", header)
 
     def go_on(self) -> None:
-        """Everything that can go on does, until nothing can."""
+        """Let every handler return that can, until none can."""
         for _ in range(1000):
             for task in [task for task in self.central.tree.tasks.values() if task.suspended]:
                 self.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             self.tick(1.0)
             free = self.free()
-            for claim in list(self.central.claims.values()):  # whoever can will release what he has
+            for claim in list(
+                self.central.claims.values()
+            ):  # every lock holder that can releases its lock
                 if claim.is_granted and (
                     claim.holder in free or not (claim.holder or claim.slot.waits)
                 ):
@@ -185,7 +192,7 @@ def is_coroutine(delivery: Delivery) -> bool:
 
 
 def free_handlers(central: Central) -> list[Delivery]:
-    """What is handled by a handler that waits for nothing: the newest of its slot, and every
+    """The deliveries of handlers that wait for nothing: the newest of each slot, and every
     coroutine.
     """
     attended = central.dispatcher.running.values()

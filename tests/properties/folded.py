@@ -7,7 +7,7 @@ from tca_tools.journal.fold import History
 
 
 class Folding(Player):
-    """Folds every entry; ``compare`` then looks whether the fold and central agree."""
+    """Folds every entry; ``compare`` then checks that the fold and central agree."""
 
     history: History
 
@@ -20,11 +20,11 @@ class Folding(Player):
         return effects
 
     def compare(self) -> None:
-        """Raises AssertionError where they do not."""
+        """Raise AssertionError if the fold and central differ."""
 
 
 class FoldedPlayer(Folding):
-    """Looks at nothing else."""
+    """Folds without a comparison and without the invariants of central."""
 
     def __init__(self) -> None:
         super().__init__(check=False)

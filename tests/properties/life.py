@@ -1,4 +1,4 @@
-"""Random lives: numbers become things that a module could do now."""
+"""Random lives: numbers become operations that a module could do now."""
 
 import random
 from typing import Any, Self
@@ -40,23 +40,57 @@ MONITORS = {
 }
 FAILURES = ("slipped", "stumbled", "module lost", "timeout", "")
 small = st.integers(0, 1000)
-OPERATIONS = ["send"] * 8 + ["reply"] * 8 + ["fail"] * 3 + [
-    "kill", "constrain", "wait", "lose", "join", "bye", "give up", "attach", "attach", "remove", "raise", "retry",
-    "suspend", "deadline", "pass", "pass", "tap", "tap", "fire", "end monitor", "monitor", "monitor", "set", "await",
-    "keep", "keep", "release", "lock", "lock", "unclaim", "unclaim", "unlock", "unregister", "fetch",
-]  # fmt: skip
+OPERATIONS = (
+    ["send"] * 8
+    + ["reply"] * 8
+    + ["fail"] * 3
+    + [
+        "kill",
+        "constrain",
+        "wait",
+        "lose",
+        "join",
+        "bye",
+        "give up",
+        "attach",
+        "attach",
+        "remove",
+        "raise",
+        "retry",
+        "suspend",
+        "deadline",
+        "pass",
+        "pass",
+        "tap",
+        "tap",
+        "fire",
+        "end monitor",
+        "monitor",
+        "monitor",
+        "set",
+        "await",
+        "keep",
+        "keep",
+        "release",
+        "lock",
+        "lock",
+        "unclaim",
+        "unclaim",
+        "unlock",
+        "unregister",
+        "fetch",
+    ]
+)
 operation = st.tuples(st.sampled_from(OPERATIONS), small, small, small, small)
 operations = st.lists(operation, max_size=lives(60, soak=200))
 Operations = list[tuple[str, int, int, int, int]]
 BEGINNING = ("send", "fire", "monitor", "set", "tap", "attach", "suspend", "constrain")
 CROWDED, CONNECTIONS, ASIDES = 50, 20, 40
-"""So much may be to be done in a long life, by so many, with so many exception handlers and
-wiretaps.
-"""
+"""The limits of a long life: tasks and messages, connections, attachments and taps."""
 
 
 class Life:
-    """Turns numbers into something that a module could do now."""
+    """Turns numbers into operations that a module could do now."""
 
     modules = MODULES
     messages = MESSAGES
@@ -92,7 +126,7 @@ class Life:
         )
 
     def copies_of(self, message: str) -> set[int]:
-        """The deliveries of a message that goes to many."""
+        """The deliveries of a message with several receivers."""
         sent = {fact.id for fact in self.player.facts(Received) if fact.message == message}
         return {fact.id for fact in self.player.facts(Delivered) if fact.message_id in sent}
 
@@ -102,7 +136,7 @@ class Life:
         return self
 
     def go_on(self, seed: int, events: int) -> None:
-        """A long life: so many events more. Where it gets crowded more is finished than begun."""
+        """A long life: *events* more. A crowded life ends more tasks than it begins."""
         dice, end = random.Random(seed), self.central.events + events
         while self.central.events < end:
             name = dice.choice(self.operations)
@@ -122,7 +156,7 @@ class Life:
             self.do(name, *(dice.randrange(1001) for _ in range(4)))
 
     def crowd(self) -> int:
-        """What is to be done."""
+        """The number of tasks and queued messages."""
         registry = self.central.registry
         resources = [
             resource
@@ -142,9 +176,8 @@ class Life:
     def send_(self, a: int, b: int, c: int, d: int) -> None:
         senders = self.connections()
         tasks = [0, *self.central.tree.tasks]
-        parent = tasks[
-            c % len(tasks) if c % 2 else c % min(3, len(tasks))
-        ]  # so that there are siblings
+        siblings = min(3, len(tasks))  # few parents, so that tasks have siblings
+        parent = tasks[c % len(tasks) if c % 2 else c % siblings]
         constraints = []
         if d % 4 == 0 and len(tasks) > 2:
             one, moment = tasks[1:][c % (len(tasks) - 1)], list(Moment)[d % 6]
@@ -160,8 +193,8 @@ class Life:
                         self.seconds(d % 5),
                     )
                 )
-        attended = list(self.central.dispatcher.running.values())
-        origin = attended[a % len(attended)].handling_id if attended and b % 2 else 0
+        running = list(self.central.dispatcher.running.values())
+        origin = running[a % len(running)].given_as if running and b % 2 else 0
         self.player.send(
             senders[a % len(senders)],
             self.sent_name(b),
@@ -187,7 +220,7 @@ class Life:
         return Player.format(self.messages[b % len(self.messages)]).name
 
     def seconds(self, number: int) -> float:
-        """A time from now."""
+        """A delay of that many seconds."""
         return float(number)
 
     @staticmethod
@@ -196,18 +229,18 @@ class Life:
         return Attachment(FAILURES[b % len(FAILURES)], handler, b % 3)
 
     def reply_(self, a: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.running.values())
-        if attended:
-            delivery = attended[a % len(attended)]
+        running = list(self.central.dispatcher.running.values())
+        if running:
+            delivery = running[a % len(running)]
             assert delivery.slot
             if a % 3 and delivery.role is Role.EXCEPTION:
                 self.player.resolve(delivery.slot.id.decode(), delivery.handling_id)
             self.player.reply(delivery.slot.id.decode(), delivery.handling_id, value=a)
 
     def fail_(self, a: int, b: int, c: int, *_: int) -> None:
-        attended = list(self.central.dispatcher.running.values())
-        if attended:
-            delivery = attended[a % len(attended)]
+        running = list(self.central.dispatcher.running.values())
+        if running:
+            delivery = running[a % len(running)]
             assert delivery.slot
             failure, kinds = (
                 FAILURES[b % 2],
@@ -221,11 +254,11 @@ class Life:
             self.player.fail(name, failure, delivery.handling_id, kinds=kinds, reissue=is_reissue)
 
     def request(self, header: type, *fields: Any, **options: Any) -> None:
-        """Something that only the user asks for."""
+        """Send a request of the user."""
         self.player.request("user", header, *fields, body=b"\x08", **options)
 
     def task(self, a: int) -> TaskId | None:
-        """A living task, or now and then what may have been one."""
+        """A living task, or sometimes a number that may belong to an ended one."""
         tasks = list(self.central.tree.tasks)
         if a % 13 == 12:
             return TaskId(max(1, self.central.tree.newest - a % 5))
@@ -249,10 +282,8 @@ class Life:
         places = [
             one.place.id for one in self.central.attached.values() if isinstance(one.place, Task)
         ]
-        among_others = (
-            places[a % len(places)] if places and a % 4 else None
-        )  # several to one task, or the root
-        task = among_others if among_others is not None else self.task(a) or TaskId(0)
+        shared = places[a % len(places)] if places and a % 4 else None  # several to one task
+        task = shared if shared is not None else self.task(a) or TaskId(0)
         self.request(headers.Attach, self.attachment(b, d), TaskId(0) if message else task, message)
 
     def remove_(self, a: int, b: int, *_: int) -> None:
@@ -276,7 +307,7 @@ class Life:
         if handler is not None and handler.slot is not None:
             name = handler.slot.id.decode()
             path = list(trouble_of(handler).failing.lineage())
-            task = TaskId(path[c % len(path)].id) if d % 4 else task  # what it may retry
+            task = TaskId(path[c % len(path)].id) if d % 4 else task  # a task that it may retry
         if task:
             self.player.request(name, headers.Retry, task, b % 2 == 0, body=b"\x08")
 
@@ -312,15 +343,12 @@ class Life:
         tasks = [0, *self.central.tree.tasks]
         options, name = self.watch_options(a, b, c, waited_for=d % 5 == 0), list(MONITORS)[a % 3]
         parent = tasks[c % len(tasks)]
-        attended, origin = list(self.central.dispatcher.running.values()), 0
-        if attended and d % 3 == 2:  # a handler, of whatever task or of what it is about
-            handled = attended[b % len(attended)]
-            origin, living = (
-                handled.handling_id,
-                [one for one in self.causes(handled) if one in tasks],
-            )
+        running, origin = list(self.central.dispatcher.running.values()), 0
+        if running and d % 3 == 2:  # sent by a handler, under any task or under its cause
+            handled = running[b % len(running)]
+            origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
             parent = living[c % len(living)] if living and a % 4 else parent
-        elif parent and d % 3:  # its own, while it is at work or afterwards
+        elif parent and d % 3:  # sent by the parent's handler, running or returned
             task = self.central.tree.tasks[TaskId(parent)]
             is_or_was_handled = task.is_running or (task.returned and not task.killed)
             origin = (
@@ -340,7 +368,7 @@ class Life:
         )
 
     def causes(self, handled: Delivery) -> list[int]:
-        """The tasks because of which a handler may have been called."""
+        """The tasks that may have caused the call of a handler."""
         if handled.role is Role.LISTENER:
             return [listener_cause(handled).tapped.task]
         if isinstance(handled, Task):
@@ -382,7 +410,7 @@ class Life:
             self.request(headers.EndMonitor, TaskId(watchers[a % len(watchers)].id))
 
     def keep_(self, a: int, b: int, *_: int) -> None:
-        """Somebody keeps a task, or the record of one."""
+        """A module retains a task, or an ended task that central still retains."""
         tasks, names = [*self.central.tree.tasks, *self.central.memory.kept], self.connections()
         if tasks:
             name = names[b % len(names)]
@@ -434,14 +462,14 @@ class Life:
         self.player.receive("user", headers.GiveUp(1 + a % self.player.numbers["user"]))
 
     def fetch_(self, a: int, b: int, *_: int) -> None:
-        """Somebody waits for the reply to what he has asked."""
+        """A connection waits for the reply to one of its requests."""
         names = self.connections()
         name = names[a % len(names)]
         number = 1 + b % (self.player.numbers.get(name, 0) + 1)
         self.player.receive(name, headers.Await(number, blocking=b % 3 > 0))
 
     def lock_(self, a: int, b: int, c: int, d: int) -> None:
-        modules, attended = (
+        modules, running = (
             self.central.registry.modules.values(),
             list(self.central.dispatcher.running.values()),
         )
@@ -450,8 +478,8 @@ class Life:
             return
         senders, resource, origin = self.connections(), resources[b % len(resources)], 0
         name = senders[a % len(senders)]
-        if attended and c % 4:  # a handler asks
-            handled = attended[a % len(attended)]
+        if running and c % 4:  # for a running handler
+            handled = running[a % len(running)]
             assert handled.slot
             name, origin = handled.slot.id.decode(), handled.handling_id
         timeout = self.seconds(d % 5) if c % 3 == 0 else -1
@@ -484,7 +512,7 @@ class Life:
             self.player.receive(others[a % len(others)], headers.Bye())
 
     def unregister_(self, a: int, b: int, *_: int) -> None:
-        """A module goes on, and handles one of its messages no longer."""
+        """A module stays connected, but no longer handles one of its messages."""
         if handling := [
             module for module in self.central.registry.modules.values() if module.handlers
         ]:

@@ -1,5 +1,5 @@
-"""Random lives in which clients and handlers take transitions of tasks at random, rightly and
-wrongly, and late.
+"""Random lives in which clients and handlers request transitions of tasks: possible, impossible and
+late ones.
 """
 
 from typing import Any, NamedTuple
@@ -19,18 +19,18 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Party
 
 LIFE_CYCLES = {"lift": PAUSABLE, "step": BASIC}
-WISHES: list[dict[str, Any]] = [
+HANDLER_OPTIONS: list[dict[str, Any]] = [
     {},
     {"takes": ["update", "cancel"]},
     {"takes": ["cancel"], "accepts": True},
     {"takes": ["update"], "refuses": ["cancel"]},
     {"refuses": ["update", "cancel"]},
 ]
-"""What the handlers of a module say of changes: each run of it the next."""
+"""The options of a module's handlers; each run of a module has the next ones."""
 
 
-class Asked(NamedTuple):
-    """A change that somebody asked for, and what was so just before."""
+class AskedChange(NamedTuple):
+    """A requested change, with the state of the task just before it."""
 
     task: TaskId
     name: str
@@ -38,18 +38,18 @@ class Asked(NamedTuple):
     by: Party
     body: bytes
     takes: tuple[str, ...] | None
-    """The transitions that the handler which has the task takes (None: none has it)."""
+    """The transitions that the task's handler receives (None: no handler has the task)."""
     refuses: tuple[str, ...]
-    """Of that handler, and of one that the task would be given to."""
+    """The refused transitions of the current handler, and of the next one."""
     refuses_next: tuple[str, ...]
     answer: Any
     facts: list[Fact]
     entries: int
-    """So many entries of the journal came before it."""
+    """The number of journal entries before it."""
 
 
 class LifeOfStates(Life):
-    """Also has changes of states, and an observer of all, who comes first."""
+    """A life with changes of states, and an observer of all, which joins first."""
 
     operations = OPERATIONS + ["change"] * 24 + ["handler"] * 16
     busy: tuple[Busy, ...] = (Busy.QUEUE,)
@@ -57,36 +57,36 @@ class LifeOfStates(Life):
     def __init__(self, player: Player | None = None) -> None:
         player = player or Player()
         player.life_cycles |= {name: cycle.text for name, cycle in LIFE_CYCLES.items()}
-        self.asked: Asked | None = None
+        self.asked: AskedChange | None = None
         super().__init__(player)
         self.observing = player.numbers["user"] + 1
         player.request("user", Observe)
 
     @staticmethod
     def life_cycle(message: str) -> LifeCycle | None:
-        """That of a message of its own."""
+        """The life cycle of a message, if it is not the general one."""
         return LIFE_CYCLES.get(message)
 
     def join(self, module: str) -> None:
-        """A module's tasks have handlers with wishes, the basic life cycle's without."""
+        """Join with options for the handlers of tasks; those with the basic life cycle have none."""
         self.generation += 1
         name = f"{module}{self.generation}"
         self.player.hello(name)
         messages = [self.player.declared(words) for words in self.modules[module]]
-        handlers = [HandlerFormat(one.name, name, **self.wishes_of(one)) for one in messages]
+        handlers = [HandlerFormat(one.name, name, **self.handler_options(one)) for one in messages]
         self.player.request(name, headers.Register, messages, handlers)
         for slot in range(2):
             self.player.hello(f"{name}/{slot + 1}", name, name)
 
-    def wishes_of(self, message: Any) -> dict[str, Any]:
+    def handler_options(self, message: Any) -> dict[str, Any]:
         if not message.message_class.is_task:
             return {}
-        wishes: dict[str, Any] = dict(WISHES[self.generation % len(WISHES)])
-        if message.name == "lift" and "takes" in wishes:
-            wishes["takes"] = [*wishes["takes"], "pause"]
+        options: dict[str, Any] = dict(HANDLER_OPTIONS[self.generation % len(HANDLER_OPTIONS)])
+        if message.name == "lift" and "takes" in options:
+            options["takes"] = [*options["takes"], "pause"]
         if message.name == "step":
-            wishes = {"accepts": "accepts" in wishes}
-        return wishes | {"busy": self.busy[self.generation % len(self.busy)]}
+            options = {"accepts": "accepts" in options}
+        return options | {"busy": self.busy[self.generation % len(self.busy)]}
 
     def give_up_(self, a: int, *_: int) -> None:
         number = 1 + a % self.player.numbers["user"]
@@ -94,7 +94,7 @@ class LifeOfStates(Life):
             self.player.receive("user", headers.GiveUp(number))
 
     def change_(self, a: int, b: int, c: int, d: int) -> None:
-        """A client, which may be a handler of something else, wants a change."""
+        """A client requests a change; it may be a handler of another task."""
         if (number := self.task(a)) is not None:
             others = [
                 one
@@ -124,7 +124,7 @@ class LifeOfStates(Life):
     def _ask(
         self, connection: str, origin: int, number: TaskId, by: Party, b: int, c: int, d: int
     ) -> None:
-        self.player.tick(1.0)  # what is due comes first
+        self.player.tick(1.0)  # due timers come first
         self.player.time -= 1.0
         task = self.central.tree.tasks.get(number)
         names = ["fly"]
@@ -159,7 +159,7 @@ class LifeOfStates(Life):
         ]
         assert len(answers) == 1, "each request is answered once"
         found = [fact for entry in self.player.entries[entries:] for fact in entry.facts]
-        self.asked = Asked(
+        self.asked = AskedChange(
             number,
             name,
             seen,
@@ -174,7 +174,7 @@ class LifeOfStates(Life):
         )
 
     def seen(self) -> list[StateChange]:
-        """All that the observer has been told, oldest first."""
+        """All changes that the observer has received, oldest first."""
         return [
             msgspec.msgpack.decode(body, type=StateChange)
             for header, body in self.player.inbox["user"]

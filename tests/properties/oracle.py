@@ -1,24 +1,32 @@
 """A reference scheduler: a second central that is simple, slow and, one hopes, obviously right.
 
-It is written from what the semantics and docs/decisions say, and shares no rule with tca_central:
-there are no agendas, counters, heaps and tickets here. Tasks are plain records, constraints a list
-of pairs of points, timers a list of times. It gets the same events as central. After each it tries
-all rules on all tasks, again and again until nothing moves, and so finds which points are past;
-then it looks who may be given to a handler and which of them is next at each resource. Central must
-have done the same: reached the same points of the same tasks, given away what may be given, in the
-order of priority and arrival, told those who waited for a point, and sent nothing else.
+It is written from the semantics and docs/decisions, and shares no rule with tca_central: it has no
+agendas, counters, heaps or tickets. Tasks are plain records, constraints a list of pairs of points,
+timers a list of times.
 
-What the rules leave open is taken from central (``Seen``): ids of what it makes itself; which of
-those that came to wait at the same time is first; which slot of several. So is what central calls a
-deadlock (test_deadlocks.py judges that). Left out are pending limits and variables (what gives way
-is a rule of queues, which transcripts/pending_limits.txt holds), and which of two timers is first
-that are due at the very same time: lives for the oracle have none. What central refuses is not
-judged, and changes nothing.
+The oracle gets the same events as central. After each event it tries every rule on every task until
+nothing moves: this gives the points that are reached. Then it determines which tasks and messages
+may start, and which is next at each resource. Central must have reached the same points and
+answered the same waits. It must have delivered in the order of priority and arrival, and sent
+nothing else.
 
-    oracle.py           what each message does          oracle_rules.py     points, constraints,
-    birth and end of tasks oracle_records.py   the records                     oracle_failures.py
-    failures, retries, kills, suspension oracle_slots.py     resources and their order
-    oracle_locks.py     locks and reservations oracle_taps.py, oracle_monitors.py
+The rules leave some choices open. The oracle takes these from central (``Seen``): ids of messages
+that central makes, the order of equal arrivals, and the slot. It also accepts what central calls a
+deadlock; test_deadlocks.py judges deadlocks. A request that central refuses is not judged, and
+changes nothing.
+
+Lives for the oracle have no variables and no pending limits; transcripts/pending_limits.txt holds
+the rules of displacement. No two timers are due at the same time.
+
+    oracle.py           the effect of each message.
+    oracle_rules.py     points, constraints, birth and end of tasks.
+    oracle_records.py   the records.
+    oracle_failures.py  failures, retries, kills, suspension.
+    oracle_slots.py     resources and their order.
+    oracle_locks.py     locks and reservations.
+    oracle_taps.py      wiretaps.
+    oracle_monitors.py  monitors.
+    oracle_states.py    the states of tasks, judged on their own.
 """
 
 from collections.abc import Callable
@@ -53,7 +61,7 @@ from tca_wire.vocabulary import Condition, MessageClass, Role
 
 LOST = ("module lost",)
 STEPS = (
-    oracle_failures.pass_over_all,
+    oracle_failures.skip_stranded,
     oracle_monitors.start_all,
     oracle_slots.give,
     oracle_locks.end_deadlocks,
@@ -61,22 +69,20 @@ STEPS = (
 
 
 class Oracle:
-    """``judge`` is told what came in and what central did about it, and raises Disagreement if that
-    is wrong.
-    """
+    """Judges each event with the effects that central had; raises Disagreement if they are wrong."""
 
     def __init__(self) -> None:
         self.world = World()
-        self.reached: dict[int, int] = {}  # by task that has not ended, as central says
-        self.claimed: dict[int, bool] = {}  # who wants (False) or has a resource, as central says
-        self.queued: dict[int, int] = {}  # by delivery, the messages that wait, as central says
+        self.reached: dict[int, int] = {}  # by living task, according to central
+        self.claimed: dict[int, bool] = {}  # by claim: granted or pending, according to central
+        self.queued: dict[int, int] = {}  # by delivery: the queued message, according to central
 
     def judge(self, event: Event, effects: list[Effect]) -> None:
         world = self.world
         seen = world.seen = Seen(effects)
         world.time = max(world.time, event.time)
         world.step += 1
-        oracle_rules.let_time_pass(world, self._settle)
+        oracle_rules.pass_time(world, self._settle)
         if isinstance(event, ConnectionLost):
             self._leave(event.connection.decode(), lost=True)
         elif (
@@ -94,75 +100,75 @@ class Oracle:
             oracle_rules.settle(self.world)
 
     def _compare(self, seen: Seen) -> None:
-        """Whether central did just what it had to."""
+        """Compare the points, deliveries, waits and claims of central with those of the oracle."""
         world = self.world
         for fact in seen.facts:
             if isinstance(fact, facts.Reached):
                 self.reached[fact.task] = self.reached.get(fact.task, 0) | fact.moments
         for task in world.nodes:
-            mine, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
-            if mine != theirs:
+            ours, theirs = sum(world.nodes[task].past), self.reached.setdefault(task, 0)
+            if ours != theirs:
                 raise Disagreement(
-                    f"task {task} has reached {_words(mine)}; central says {_words(theirs)}"
+                    f"task {task} has reached {_words(ours)}; central says {_words(theirs)}"
                 )
         for task in self.reached.keys() - world.nodes.keys():
             if (theirs := self.reached.pop(task)) != 63:
                 raise Disagreement(f"task {task} has ended; central says {_words(theirs)}")
         if world.seen.made or world.seen.given:
-            raise Disagreement(f"central did without reason: {world.seen.made} {world.seen.given}")
+            raise Disagreement(
+                f"central sent or delivered more: {world.seen.made} {world.seen.given}"
+            )
         self._compare_queues(seen)
         self._compare_waits(seen)
         self._compare_claims(seen)
 
     def _compare_queues(self, seen: Seen) -> None:
-        """Whether those tasks wait for a slot that may start."""
+        """Compare the tasks that wait for a slot."""
         for fact in seen.facts:
             if isinstance(fact, facts.Queued):
                 self.queued[fact.id] = fact.message_id
             elif isinstance(fact, facts.Unqueued | facts.Delivered):
                 self.queued.pop(fact.id, None)
-        mine = {node.id for node in self.world.nodes.values() if node.waiting}
+        ours = {node.id for node in self.world.nodes.values() if node.waiting}
         theirs = self.world.nodes.keys() & self.queued.values()
-        if mine != theirs:
-            raise Disagreement(f"tasks that wait for a slot: {mine}; central says {theirs}")
+        if ours != theirs:
+            raise Disagreement(f"tasks that wait for a slot: {ours}; central says {theirs}")
 
     def _compare_waits(self, seen: Seen) -> None:
         world = self.world
         answered = {
             (name, header.number)
-            for name, header in seen.told
+            for name, header in seen.transmitted
             if isinstance(header, headers.Answer)
         }
         for key, (node, moment) in list(world.waits.items()):
             if (moment in node.past) != (key in answered):
                 raise Disagreement(
-                    f"{key} waits for {moment} of {node.id}: {key in answered} that it is answered"
+                    f"{key} waits for {moment} of {node.id}: answered {key in answered}"
                 )
             if moment in node.past:
                 del world.waits[key]
 
     def _compare_claims(self, seen: Seen) -> None:
-        """Whether just those have, and want, a resource that do, and who has got one is told."""
+        """Compare granted and pending claims, and the answers to those granted."""
         for fact in seen.facts:
             if isinstance(fact, facts.Claimed | facts.Granted):
                 self.claimed[fact.id] = isinstance(fact, facts.Granted)
             elif isinstance(fact, facts.ClaimEnded):
                 del self.claimed[fact.id]
-        mine = {claim.id: claim.granted for claim in self.world.claims}
-        if mine != self.claimed:
-            raise Disagreement(
-                f"who wants (False) or has a resource: {mine}; central says {self.claimed}"
-            )
+        ours = {claim.id: claim.granted for claim in self.world.claims}
+        if ours != self.claimed:
+            raise Disagreement(f"claims (True: granted): {ours}; central says {self.claimed}")
         answered = {
             (name, header.number)
-            for name, header in seen.told
+            for name, header in seen.transmitted
             if isinstance(header, headers.Answer)
         }
         granted = {fact.id for fact in seen.facts if isinstance(fact, facts.Granted)}
         for claim in self.world.claims:
             if (claim.id in granted) != ((claim.sender, claim.number) in answered):
                 raise Disagreement(
-                    f"{claim.id in granted} that {claim} is granted, but not that its sender is told"
+                    f"{claim}: granted {claim.id in granted}, but its sender has another answer"
                 )
 
     # --- modules ----------------------------------------------------------------------------------
@@ -209,20 +215,20 @@ class Oracle:
         else:
             oracle_slots.wait(self.world, job)
 
-    def _own_origin(self, connection: str, origin: int) -> int:
-        """The delivery whose handler asks; 0 if that is somebody else's, whatever a module says."""
+    def _checked_origin(self, connection: str, origin: int) -> int:
+        """The delivery whose handler asks; 0 if that handler is another module's."""
         modules = self.world.modules
-        whose = [
+        owners = [
             modules[job.slot]
             for job in self.world.everything()
             if job.slot and job.handling_id == origin
         ]
-        return 0 if whose and modules[connection] not in whose else origin
+        return 0 if owners and modules[connection] not in owners else origin
 
     # --- sending ----------------------------------------------------------------------------------
 
     def send(self, connection: str, header: headers.Send, body: bytes) -> None:
-        """Central has taken a message: it says with which id, if it was not *if handled* or *when
+        """Central has accepted a message. It gives the id, except for *if handled* and *when
         killed*.
         """
         world = self.world
@@ -234,7 +240,7 @@ class Oracle:
                 if parent.killed:
                     oracle_rules.make(world, header.message, Role.TERMINATION, parent, parent)
                 else:
-                    parent.parting.append(header.message)
+                    parent.termination_messages.append(header.message)
             return
         if header.if_handled and not oracle_slots.is_served(world, header.message):
             return
@@ -246,7 +252,7 @@ class Oracle:
         job = Job(
             birth.id, header.message, kind, connection, module, header.number, header.priority
         )
-        job.origin = self._own_origin(connection, header.origin)
+        job.origin = self._checked_origin(connection, header.origin)
         oracle_taps.happened(world, job, {Condition.WHEN_SENT})
         if kind is MessageClass.MULTI_QUERY:
             pending = oracle_slots.copies(world, job)
@@ -271,12 +277,12 @@ class Oracle:
             connection,
             module,
             priority=header.priority,
-            run=world.gone[module],
+            run=world.ended_runs[module],
         )
         if kind.is_monitor:
-            oracle_monitors.born(node, header.watch)
-            node.is_guest = oracle_monitors.is_guest(
-                world, parent, self._own_origin(connection, header.origin)
+            oracle_monitors.init_watch(node, header.watch)
+            node.is_foreign = oracle_monitors.is_foreign(
+                world, parent, self._checked_origin(connection, header.origin)
             )
         oracle_rules.add(world, node, parent)
         last = world.last.get(oracle_rules.family(node))
@@ -319,7 +325,7 @@ class Oracle:
         return job
 
     def replies(self, connection: str, header: headers.Replies, body: bytes) -> None:
-        """Each but the first was given to the slot when the one before it had returned."""
+        """Each run but the first started when the run before it had returned."""
         at = 0
         for run in header.ended:
             if at:
@@ -339,7 +345,7 @@ class Oracle:
             oracle_failures.retry(self.world, job)
         else:
             job.returned = True
-            oracle_locks.warn(self.world, job)
+            oracle_locks.raise_lock_lost(self.world, job)
 
     def fail(self, _: str, header: headers.Fail, _body: bytes) -> None:
         job = self._returned(header.delivery)
@@ -409,7 +415,9 @@ class Oracle:
             *(node.attached for node in [world.root, *world.nodes.values()]),
         ]:
             attached[:] = [one for one in attached if one.id != header.id]
-        oracle_taps.let_go(world, header.id, world.modules[connection], for_all=header.for_all)
+        oracle_taps.remove_holder(
+            world, header.id, world.modules[connection], for_all=header.for_all
+        )
         if header.for_all and header.id in world.nodes:
             oracle_monitors.end(world, world.nodes[header.id])
 
@@ -434,7 +442,7 @@ class Oracle:
             oracle_failures.resolve(node)
 
     def _unkilled(self, task: int) -> Node | None:
-        """A task for which it is not too late."""
+        """A living task that is not killed."""
         node = self.world.nodes.get(task)
         return node if node is not None and not node.killed else None
 
@@ -453,8 +461,9 @@ class Oracle:
             for node in self.world.nodes.values()
             if node.watch and node.message == header.message
         ]
-        one = self.world.nodes.get(header.monitor)
-        for node in named if header.message else [one] if one is not None else []:
+        if not header.message:
+            named = [node for number, node in self.world.nodes.items() if number == header.monitor]
+        for node in named:
             if node.watch.is_on:
                 oracle_monitors.activate(self.world, node)
 
@@ -503,4 +512,4 @@ MESSAGES: dict[type, Callable[[Oracle, str, Any, bytes], None]] = {
     headers.Fire: Oracle.fire,
     headers.EndMonitor: Oracle.end_monitor,
 }
-"""One row per message that it understands."""
+"""One row per message that the oracle understands."""

@@ -9,7 +9,7 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Condition, Role, Scope
 
 MOST_NESTED = 8  # calls of one attachment inside one another
-FAILED_OTHERWISE = {
+UNINTENDED_FAILURES = {
     "module lost",
     "handler error",
     "bad data",
@@ -17,19 +17,20 @@ FAILED_OTHERWISE = {
     "overload",
     "deadlock",
     "lock lost",
-}  # than by choice
+}
+"""Failures that no handler raises on purpose."""
 
 
 # --- kill -----------------------------------------------------------------------------------------
 
 
 def kill(world: World, node: Node) -> None:
-    """End a task and all under it but what handles failures or leaves things safe."""
-    killed = [one for one in _doomed(world, node) if not one.killed]
+    """End a task and its descendants, except exception handlers and termination messages."""
+    killed = [one for one in _killed_with(world, node) if not one.killed]
     for one in killed:
         one.killed = True
         world.never_began |= {(one.id, moment) for moment in STARTS - one.past}
-        oracle_rules.bequeath(world, one)
+        oracle_rules.pass_on_leaders(world, one)
         if not one.slot:
             one.returned, one.wanted, one.waiting = True, False, False
     for one in killed:
@@ -40,22 +41,22 @@ def kill(world: World, node: Node) -> None:
             for child in world.children(one):
                 if child.suspended and child not in killed:
                     suspend(world, child, resume=True)
-        _leave_behind(world, one)
+        _clean_up_after_kill(world, one)
         if one.role is Role.EXCEPTION and not one.void:
             one.void = True
-            _search_on(world, one)
+            _continue_search(world, one)
 
 
-def _doomed(world: World, node: Node) -> list[Node]:
+def _killed_with(world: World, node: Node) -> list[Node]:
     found = [node]
     for each in found:
         found += [child for child in world.children(each) if not child.survives]
     return found
 
 
-def _leave_behind(world: World, node: Node) -> None:
+def _clean_up_after_kill(world: World, node: Node) -> None:
     if SH in node.past:
-        for message in node.parting:
+        for message in node.termination_messages:
             oracle_rules.make(world, message, Role.TERMINATION, node, node)
     oracle_monitors.stop(world, node)
     for listener in node.listeners:
@@ -64,7 +65,7 @@ def _leave_behind(world: World, node: Node) -> None:
 
 
 def end(world: World, ending: Ending) -> None:
-    """A kill that was asked for, now that its point is past."""
+    """Carry out a requested kill whose point is reached."""
     if ending.delay:
         oracle_rules.set_alarm(world, ending.delay, ending.node, ending=ending)
         return
@@ -99,7 +100,7 @@ def suspend(world: World, node: Node, *, resume: bool) -> None:
 
 
 def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """The handler of a task ended with a failure."""
+    """The handler of a task has failed."""
     if node.killed:
         node.returned = True
     elif node.again:
@@ -111,17 +112,17 @@ def returned_with_failure(world: World, node: Node, names: tuple[str, ...]) -> N
 
 
 def raise_beside(world: World, node: Node, names: tuple[str, ...]) -> None:
-    """A failure is raised on a task whatever its handler does."""
+    """A failure is raised on a task, whatever its handler does."""
     _search(world, node, names)
 
 
 def _search(
     world: World, node: Node, names: tuple[str, ...], after: Trouble | None = None
 ) -> Node | None:
-    """The task of the exception handler that is called; None, and somebody is killed, if there is
-    none.
+    """Call the next matching exception handler. Without one, kill the top-level task and return
+    None.
     """
-    around = _around(node)
+    around = _nearest_exception_handler(node)
     known = around.failing if around else after
     passed = known.passed if known else set()
     for at, attachment in _candidates(world, node, after):
@@ -139,8 +140,8 @@ def _search(
     lineage = node.lineage()
     outer = around.failing.node.lineage() if around and around.failing else []
     is_left_behind = any(one.again and one.asking.isdisjoint(lineage) for one in outer)
-    if around and (is_left_behind or set(names) & FAILED_OTHERWISE):
-        _pass_over(world, around)
+    if around and (is_left_behind or set(names) & UNINTENDED_FAILURES):
+        _skip(world, around)
         return None
     kill(world, lineage[-1])
     for above in reversed(lineage):
@@ -149,33 +150,31 @@ def _search(
     return None
 
 
-def _around(node: Node) -> Node | None:
+def _nearest_exception_handler(node: Node) -> Node | None:
     """The nearest exception handler from a task up."""
     return next((above for above in node.lineage() if above.role is Role.EXCEPTION), None)
 
 
-def _pass_over(world: World, handler: Node) -> None:
-    """An exception handler could not decide: who comes after it is asked, unless it had decided
-    before.
-    """
+def _skip(world: World, handler: Node) -> None:
+    """An exception handler could not decide: the search continues, unless it had decided before."""
     assert handler.failing is not None
     had_decided, handler.void = handler.void, True
     kill(world, handler)
     if not had_decided:
         handler.failing.passed.add((handler.failing.attachment, handler.failing.names[0]))
-        _search_on(world, handler)
+        _continue_search(world, handler)
 
 
-def pass_over_all(world: World) -> bool:
-    """Exception handlers that wait and that nobody handles any more cannot decide, in the order in
-    which they came to wait; whether there were any.
+def skip_stranded(world: World) -> bool:
+    """Skip queued exception handlers that no module handles any more, oldest arrival first. Returns
+    whether any was skipped.
     """
     world.spared &= stranded(world)
     if not (due := stranded(world) - world.spared):
         return False
-    said = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
+    killed_ids = [int(fact.task) for fact in world.seen.facts if isinstance(fact, facts.Killed)]
     for node in sorted(
-        due, key=lambda one: (one.arrival, said.index(one.id) if one.id in said else 0)
+        due, key=lambda one: (one.arrival, killed_ids.index(one.id) if one.id in killed_ids else 0)
     ):
         if not node.killed:
             kill(world, node)
@@ -183,7 +182,7 @@ def pass_over_all(world: World) -> bool:
 
 
 def stranded(world: World) -> set[Node]:
-    """The exception handlers that wait, and that nobody handles."""
+    """The queued exception handlers that no module handles."""
     waiting = {
         node for node in world.nodes.values() if node.waiting and node.role is Role.EXCEPTION
     }
@@ -194,7 +193,7 @@ def _candidates(
     world: World, node: Node, after: Trouble | None
 ) -> Iterator[tuple[Node, Attachment]]:
     """From the failing task up: its own exception handlers, then those of its message, newest
-    first; all after one.
+    first. With *after*: only the ones after it.
     """
     for at in [*node.lineage(), world.root]:
         own = sorted(at.attached, key=lambda one: -one.id)
@@ -213,11 +212,11 @@ def reissue(world: World, handler: Node) -> None:
     """An exception handler cannot deal with its failure."""
     had_decided, handler.void = handler.void, True
     if not had_decided:
-        _search_on(world, handler)
+        _continue_search(world, handler)
     handler.returned = True
 
 
-def _search_on(world: World, handler: Node) -> None:
+def _continue_search(world: World, handler: Node) -> None:
     trouble = handler.failing
     assert trouble is not None
     node = trouble.node
@@ -231,13 +230,13 @@ def _search_on(world: World, handler: Node) -> None:
 
 
 def handler_ended(world: World, handler: Node) -> None:
-    """An exception handler and all that it made has ended."""
+    """An exception handler has ended with all its descendants."""
     assert handler.failing is not None
     node = handler.failing.node
     if handler.void or node.killed:
         return
     if not handler.resolved:
-        _search_on(world, handler)
+        _continue_search(world, handler)
     elif node.recovering is handler:
         node.recovering, node.returned = None, True
 
@@ -251,16 +250,14 @@ def resolve(handler: Node) -> None:
 
 
 def retry(world: World, node: Node) -> None:
-    """Let a task that was started be handled once more; then it is like one that is new."""
+    """Let a started task be handled once more, like a new one."""
     node.again, node.wanted, node.returned = True, True, False
-    node.fired -= oracle_taps.to_come(world, node)
+    node.fired -= oracle_taps.taps_to_repeat(world, node)
     node.waiting = False
 
 
 def retry_now(world: World, node: Node, connection: str) -> None:
-    """Somebody asks that a task be handled once more: what is under it ends first, but for the
-    monitors of others.
-    """
+    """A retry is requested: the task's descendants end first, except foreign monitors."""
     node.resolved = False
     at_work = [one for one in world.everything() if one.slot == connection]
     found = max(at_work, key=lambda one: one.turn, default=None)
@@ -274,7 +271,7 @@ def retry_now(world: World, node: Node, connection: str) -> None:
         return
     oracle_monitors.stop(world, node)
     for child in world.children(node):
-        if not (child.survives or child.is_guest):
+        if not (child.survives or child.is_foreign):
             kill(world, child)
     if asking is not None:
         node.asking.add(asking)

@@ -1,10 +1,9 @@
-"""The rules of locks and reservations: who may have a resource for himself, whom that keeps out,
-and when it ends.
+"""The rules of locks and reservations: when a claim is granted, what it keeps out, when it ends.
 
-Who wants one waits in line with the messages, until nobody is in the resource but himself.
-Deadlocks are not sought here (test_deadlocks.py looks after those): a wait that central refuses for
-one ends as if its sender had given up, so does what it takes away, and a failure that it raises for
-one is raised by somebody.
+A claim waits in one line with the messages, until its resource is empty except for its own handler.
+The oracle looks for no deadlocks; test_deadlocks.py judges them. If central calls a deadlock, the
+refused wait ends as if its sender had given up. The claim that it takes away ends the same way. The
+failure that it raises counts as raised by another module.
 """
 
 from properties import oracle_failures, oracle_slots
@@ -13,9 +12,8 @@ from properties.oracle_records import Claim, Job, Node, World, is_deadlock, is_l
 from tca_wire.journal import facts
 from tca_wire.packets import headers
 
-INSIDE = float(
-    "inf"
-)  # the priority of who asks from inside: nobody else's turn comes before he is out
+INSIDE = float("inf")
+"""The priority of a claim by a handler in that resource: all others wait for this handler."""
 
 
 def lock(world: World, connection: str, header: headers.Lock) -> None:
@@ -44,45 +42,45 @@ def lock(world: World, connection: str, header: headers.Lock) -> None:
     world.claims.append(claim)
 
 
-# --- who gets in ----------------------------------------------------------------------------------
+# --- grants ---------------------------------------------------------------------------------------
 
 
 def busy_slots(world: World, resource: tuple[str, str]) -> set[str]:
-    """The slots of a resource that somebody is in."""
-    mine = {slot for slot, its_resource in world.slots.items() if its_resource == resource}
-    return mine - oracle_slots.free_slots(world).get(resource, set())
+    """The busy slots of a resource."""
+    ours = {slot for slot, its_resource in world.slots.items() if its_resource == resource}
+    return ours - oracle_slots.free_slots(world).get(resource, set())
 
 
-def owner(world: World, resource: tuple[str, str]) -> Claim | None:
-    """Who has the resource."""
+def granted_claim(world: World, resource: tuple[str, str]) -> Claim | None:
+    """The granted claim of a resource."""
     return next(
         (claim for claim in world.claims if claim.resource == resource and claim.granted), None
     )
 
 
-def in_line(world: World, resource: tuple[str, str]) -> list[Claim]:
-    """Who wants a resource that nobody has."""
+def pending_claims(world: World, resource: tuple[str, str]) -> list[Claim]:
+    """The pending claims of a resource without a granted one."""
     return (
         []
-        if owner(world, resource)
+        if granted_claim(world, resource)
         else [claim for claim in world.claims if claim.resource == resource]
     )
 
 
-def lets_in(world: World, job: Job, resource: tuple[str, str]) -> bool:
+def admits(world: World, job: Job, resource: tuple[str, str]) -> bool:
     """Whether neither a lock nor a reservation keeps a message out."""
-    claim = owner(world, resource)
+    claim = granted_claim(world, resource)
     return claim is None or (claim.reserves and claim.module == job.module)
 
 
 def is_locked(world: World, resource: tuple[str, str]) -> bool:
-    """Whether it is locked, not only reserved."""
-    claim = owner(world, resource)
+    """Whether a resource is locked rather than reserved."""
+    claim = granted_claim(world, resource)
     return claim is not None and not claim.reserves
 
 
-def may_have_it(world: World, claim: Claim) -> bool:
-    """Whether nobody else is in the resource that is wanted."""
+def may_be_granted(world: World, claim: Claim) -> bool:
+    """Whether the claimed resource is empty, except for the claim's sender."""
     return busy_slots(world, claim.resource) <= {claim.sender}
 
 
@@ -90,12 +88,12 @@ def may_have_it(world: World, claim: Claim) -> bool:
 
 
 def end_for(world: World, job: Job) -> None:
-    """What was locked for a task or message ends with it."""
+    """Claims of a task or message end with it."""
     world.claims = [claim for claim in world.claims if claim.holder is not job]
 
 
 def killed(world: World, node: Node) -> None:
-    """A killed task gets nothing more, and keeps what it has only while its handler runs."""
+    """A killed task gets no further claim; it keeps its granted ones while its handler runs."""
     world.claims = [
         claim for claim in world.claims if claim.holder is not node or (claim.granted and node.slot)
     ]
@@ -112,14 +110,14 @@ def module_left(world: World, module: str) -> None:
 
 
 def give_up(world: World, sender: str, number: int) -> None:
-    """Who has or wants a resource wants it no longer."""
+    """A claim is released or withdrawn."""
     world.claims = [
         claim for claim in world.claims if (claim.sender, claim.number) != (sender, number)
     ]
 
 
 def unlock(world: World, header: headers.Unlock) -> None:
-    """Somebody takes a resource from whoever has it."""
+    """Take a resource away from its lock holder."""
     places = {header.module} if header.module else {module for module, _ in world.slots.values()}
     taken = [
         claim
@@ -129,12 +127,12 @@ def unlock(world: World, header: headers.Unlock) -> None:
     world.claims = [claim for claim in world.claims if claim not in taken]
     for claim in taken:
         if isinstance(claim.holder, Node) and not claim.holder.slot:
-            warn(world, claim.holder)
+            raise_lock_lost(world, claim.holder)
 
 
-def warn(world: World, node: Node) -> None:
-    """Central raises "lock lost" on a task that keeps what was taken away; not if it knows of a
-    failure already.
+def raise_lock_lost(world: World, node: Node) -> None:
+    """Central raises "lock lost" on a task whose claim was taken away, unless it has failed
+    already.
     """
     oracle_slots.give_messages(world)  # wiretaps were fired first, as the handler returned
     fact = world.seen.given[0][0] if world.seen.given else None
@@ -144,7 +142,7 @@ def warn(world: World, node: Node) -> None:
 
 
 def time_out(world: World) -> None:
-    """Some have waited long enough."""
+    """End the claims whose timeout has passed."""
     world.claims = [claim for claim in world.claims if claim.granted or claim.due > world.due_by]
 
 
@@ -152,7 +150,7 @@ def time_out(world: World) -> None:
 
 
 def end_deadlocks(world: World) -> bool:
-    """End the waits that central calls deadlocks at this moment; whether there were any."""
+    """End the waits that central calls deadlocks now. Returns whether there were any."""
     any_ended = False
     while world.seen.given and is_deadlock(fact := world.seen.given[0][0]):
         del world.seen.given[0]

@@ -19,19 +19,19 @@ OF_HANDLING = {
     Condition.WHEN_SUCCESS,
     Condition.WHEN_FAILURE,
 }
-"""When wiretaps are fired for a task once more if it is retried."""
+"""The conditions whose wiretaps fire again when a task is retried."""
 
 
 @dataclass(eq=False)
 class Watch:
-    """What a monitor does from its start to its end."""
+    """The state of a monitor from its start to its end."""
 
     options: WatchOptions
     began: float | None = None
-    condition: Job | None = None  # that is being asked
-    since: float = 0  # from when its periods are counted
-    activations: int = 0  # how often it was fired and is still to test for that
-    count: int = 0  # how often it held
+    condition: Job | None = None  # the open query
+    since: float = 0  # start of its periods
+    activations: int = 0  # fires that still need a test
+    count: int = 0  # times its condition held
     fires: int = 0
     is_over: bool = False
 
@@ -40,7 +40,7 @@ class Watch:
         return self.began is not None and not self.is_over
 
 
-def born(node: Node, options: WatchOptions | None) -> None:
+def init_watch(node: Node, options: WatchOptions | None) -> None:
     """A new task is a monitor."""
     node.watch = Watch(options or WatchOptions())
     node.watches_over = (
@@ -48,13 +48,13 @@ def born(node: Node, options: WatchOptions | None) -> None:
     )
 
 
-def is_guest(world: World, parent: Node, origin: int) -> bool:
-    """Whether a monitor is put under a task, from the handler of a delivery, by what did not come
-    of handling that task.
+def is_foreign(world: World, parent: Node, origin: int) -> bool:
+    """Whether a new monitor under a task is foreign: its sender was not caused by the handling of
+    that task.
     """
     seen: list[Job] = []
-    while not origin or origin != parent.handling_id:
-        one = _at_work(world, origin)
+    while not origin or origin != parent.given_as:
+        one = _running_delivery(world, origin)
         while isinstance(one, Node) or (one is not None and one.role):
             cause = _cause(world, one, parent)
             if cause is parent:
@@ -68,7 +68,7 @@ def is_guest(world: World, parent: Node, origin: int) -> bool:
 
 
 def _cause(world: World, one: Job, parent: Node) -> Job | None:
-    """The task for which something was sent; None: it was sent by others, or once for all."""
+    """The task that caused a message; None if other tasks sent it, or if it is sent only once."""
     if one.role is Role.LISTENER:
         assert one.tap is not None
         taps = oracle_taps.taps_in_force(world)
@@ -78,18 +78,16 @@ def _cause(world: World, one: Job, parent: Node) -> Job | None:
     if one.role in (Role.CONDITION, Role.SET_UP, Role.ACTION, Role.CANCEL):
         return one.about
     assert isinstance(one, Node)
-    return None if one.role is Role.EXCEPTION or one.is_guest else one.parent
+    return None if one.role is Role.EXCEPTION or one.is_foreign else one.parent
 
 
-def _at_work(world: World, delivery: int) -> Job | None:
-    return next(
-        (one for one in world.everything() if one.slot and one.handling_id == delivery), None
-    )
+def _running_delivery(world: World, delivery: int) -> Job | None:
+    return next((one for one in world.everything() if one.slot and one.given_as == delivery), None)
 
 
 def start_all(world: World) -> bool:
-    """The turn of monitors has come: no handler gets them. Whether there was any. Which of several
-    is first is open.
+    """Start the queued monitors, which central itself carries out. Returns whether there were any.
+    The order among several is open.
     """
     monitors = [node for node in world.nodes.values() if node.waiting and node.kind.is_monitor]
     first: list[int] = [
@@ -105,7 +103,7 @@ def start_all(world: World) -> bool:
 
 
 def _start(world: World, node: Node) -> None:
-    if node.returned or _is_at_its_end(world, node):
+    if node.returned or _has_reached_until(world, node):
         oracle_rules.fire_before_end(world, node)
     oracle_rules.started(world, node)
     if node.returned:
@@ -116,7 +114,7 @@ def _start(world: World, node: Node) -> None:
     oracle_taps.happened(world, node, {Condition.WHILE_HANDLING})
     if options.duration:
         oracle_rules.set_alarm(world, options.duration, node, watch=watch)
-    if _is_at_its_end(world, node):
+    if _has_reached_until(world, node):
         end(world, node)
     elif node.kind is MessageClass.DEMON_MONITOR:
         _send(world, node, 0, Role.SET_UP)
@@ -126,7 +124,7 @@ def _start(world: World, node: Node) -> None:
         _test(world, node)
 
 
-def _is_at_its_end(world: World, node: Node) -> bool:
+def _has_reached_until(world: World, node: Node) -> bool:
     until = node.watch.options.until
     return until is not None and oracle_rules.is_past(
         oracle_rules.place(world, until.task, until.moment)
@@ -134,7 +132,7 @@ def _is_at_its_end(world: World, node: Node) -> bool:
 
 
 def _send(world: World, node: Node, part: int, role: Role) -> None:
-    """Send one of the messages that a monitor is made of, if it has it."""
+    """Send one of the messages of a monitor, if the monitor has it."""
     message = world.parts[node.message][part]
     if not message:
         return
@@ -142,7 +140,7 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
     if kind.is_task:
         oracle_rules.make(world, message, role, node, node)
     else:
-        made = world.seen.take_made(message, role, 0, node.id)
+        made = world.seen.take_made_id(message, role, 0, node.id)
         job = Job(
             made,
             message,
@@ -159,16 +157,16 @@ def _send(world: World, node: Node, part: int, role: Role) -> None:
 
 
 def _test_later(world: World, node: Node) -> None:
-    """At the next multiple of the period."""
+    """Set an alarm at the next multiple of the period."""
     period = node.watch.options.period
     wait = period - (world.time - node.watch.since) % period
-    if wait < period / 1000:  # floats are rounded: this is such a multiple
+    if wait < period / 1000:  # rounding: now is a multiple of the period
         wait += period
     oracle_rules.set_alarm(world, wait, node, watch=node.watch, is_test=True)
 
 
-def rings(world: World, alarm: Alarm) -> None:
-    """A monitor has watched long enough, or is to test again; it does not while it is suspended."""
+def on_alarm(world: World, alarm: Alarm) -> None:
+    """The time of a monitor is over, or its next test is due. A suspended monitor does not test."""
     node, watch = alarm.node, alarm.watch
     if not watch.is_on:
         return
@@ -181,7 +179,7 @@ def rings(world: World, alarm: Alarm) -> None:
 
 
 def activate(world: World, node: Node) -> None:
-    """Somebody fires a monitor: a demon acts, others test, one after the other."""
+    """Fire a monitor: a demon acts; others test, one test at a time."""
     if node.kind is MessageClass.DEMON_MONITOR:
         fire(world, node)
         return
@@ -191,7 +189,7 @@ def activate(world: World, node: Node) -> None:
 
 
 def go_on(world: World, node: Node) -> None:
-    """A monitor is resumed: it tests at once if it was fired meanwhile."""
+    """A monitor is resumed: it tests at once if it was fired while suspended."""
     if node.watch.is_on and node.watch.condition is None:
         _test_as_fired(world, node)
 
@@ -212,7 +210,7 @@ def _test(world: World, node: Node) -> None:
         ]
         _test_later(world, node)
     query = world.parts[node.message][0]
-    made = world.seen.take_made(query, Role.CONDITION, 0, node.id)
+    made = world.seen.take_made_id(query, Role.CONDITION, 0, node.id)
     is_listener = node.role is Role.LISTENER
     node.watch.condition = Job(
         made,
@@ -257,7 +255,7 @@ def fire(world: World, node: Node) -> None:
         end(world, node)
 
 
-# --- the end --------------------------------------------------------------------------------------
+# --- end ------------------------------------------------------------------------------------------
 
 
 def end(world: World, node: Node) -> None:
@@ -268,7 +266,7 @@ def end(world: World, node: Node) -> None:
 
 
 def stop(world: World, node: Node) -> None:
-    """A monitor, if it is one, watches no longer; what it has sent goes on."""
+    """Stop a monitor; its sent messages are not affected."""
     watch = node.watch
     if watch is None or watch.is_over:
         return
@@ -283,21 +281,21 @@ def stop(world: World, node: Node) -> None:
             _send(world, node, 2, Role.CANCEL)
 
 
-def end_what_is_to_end(world: World) -> bool:
-    """Monitors at their end point, and those that have nothing left to watch over; whether there
-    were any.
+def end_due_monitors(world: World) -> bool:
+    """End the monitors at their end point, and those whose parent has nothing else left. Returns
+    whether there were any.
     """
     to_kill: list[Node] = []
     to_end = [
         node
         for node in world.nodes.values()
-        if node.watch and node.watch.is_on and _is_at_its_end(world, node)
+        if node.watch and node.watch.is_on and _has_reached_until(world, node)
     ]
     for parent in world.nodes.values():
         children = world.children(parent)
         if parent.returned and all(child.watches_over for child in children):
             to_end += [child for child in children if not child.watch.is_over]
-            to_kill += [child for child in children if _would_wait(world, child)]
+            to_kill += [child for child in children if _is_held_before_start(world, child)]
     for node in to_end:
         if node not in to_kill:
             end(world, node)
@@ -306,8 +304,8 @@ def end_what_is_to_end(world: World) -> bool:
     return bool(to_end or to_kill)
 
 
-def _would_wait(world: World, node: Node) -> bool:
-    """Whether a monitor has yet to begin and can't, for others."""
+def _is_held_before_start(world: World, node: Node) -> bool:
+    """Whether a monitor has not begun and is held."""
     is_to_begin = not node.killed and (node.again or SH not in node.past)
     is_held = oracle_rules.is_checked(node) or any(
         held == node.id for held, _ in oracle_rules.held_points(world)

@@ -1,6 +1,4 @@
-"""What the oracle knows: plain records and lists of them, and what was seen of central in the event
-at hand.
-"""
+"""The records of the oracle, and the facts that central recorded for the current event."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -19,9 +17,7 @@ STARTS = {SH, SP, SA}
 
 
 Family = tuple[int, str, int]
-"""Tasks to which each other's flags may refer: by parent and, under the root, module and run of
-it.
-"""
+"""Siblings for constraint flags: by parent and, under the root, by module and its run."""
 
 
 class Disagreement(AssertionError):
@@ -35,26 +31,24 @@ class Job:
     id: int
     message: str
     kind: MessageClass
-    sender: str = ""  # the connection that sent it
-    module: str = ""  # of that; of what central made, of the message that it was made for
+    sender: str = ""  # the sending connection
+    module: str = ""  # of the sender; for messages by central, of their cause
     number: int = 0  # of the sender's request, if an answer is due
     priority: int = 0
     role: Role = Role.NONE
-    sent_for_listener: bool = False  # by a monitor that was sent for a wiretap
-    target: tuple[str, str] | None = (
-        None  # a copy's resource; others go to whoever handles their message
-    )
-    wanted: bool = True  # it shall be given to a handler
-    waiting: bool = False  # nothing but the want of a slot keeps it from that
-    since: tuple[int, int] = (0, 0)  # when it came to wait (step, round)
-    arrival: tuple[int, int] | None = None  # the same for the first time, unless it lost its place
-    slot: str = ""  # the connection that has it
-    handling_id: int = 0
+    sent_for_listener: bool = False  # by a monitor that is a listener
+    target: tuple[str, str] | None = None  # the resource of a copy
+    wanted: bool = True  # is to be delivered
+    waiting: bool = False  # is queued: only a slot is missing
+    since: tuple[int, int] = (0, 0)  # start of its wait (step, round)
+    arrival: tuple[int, int] | None = None  # first start of its wait, unless it lost its place
+    slot: str = ""  # the handling connection
+    given_as: int = 0
     nested: bool = False  # has a slot beyond the capacity
-    turn: int = 0  # how many were given away when it was
+    turn: int = 0  # number of its delivery, in order
     origin: int = 0  # the delivery whose handler sent it
-    about: "Job | None" = None  # what central made it for
-    tap: "Tap | None" = None  # for which it was sent
+    about: "Job | None" = None  # its cause, if central made it
+    tap: "Tap | None" = None  # of a listener: its wiretap
 
 
 @dataclass(eq=False)
@@ -62,9 +56,9 @@ class Node(Job):
     """A task."""
 
     parent: "Node | None" = None
-    run: int = 0  # of the module that sent it: how many namesakes had gone before
+    run: int = 0  # number of the sender's run
     past: set[Moment] = field(default_factory=set)
-    free: bool = False  # need not wait until its parent starts
+    free: bool = False  # may start before its parent
     survives: bool = False
     delayed: bool = False
     suspended: bool = False
@@ -74,27 +68,19 @@ class Node(Job):
     recovering: "Node | None" = None
     failing: "Trouble | None" = None  # of an exception handler: what it handles
     void: bool = False
-    resolved: bool = (
-        False  # of an exception handler: if it ends well its failure has been dealt with
-    )
+    resolved: bool = False  # of an exception handler: its failure is dealt with if it ends well
     attached: list["Attachment"] = field(default_factory=list)
-    calls: dict[int, int] = field(
-        default_factory=dict
-    )  # attachment -> how often it was called for this task
-    parting: list[str] = field(default_factory=list)
+    calls: dict[int, int] = field(default_factory=dict)  # by attachment, for this task
+    termination_messages: list[str] = field(default_factory=list)
     taps: list["Tap"] = field(default_factory=list)
-    fired: set[int] = field(default_factory=set)  # taps that were fired before a moment of it
-    unheard: set[int] = field(
-        default_factory=set
-    )  # those of them whose listener nobody handled then
-    checks: list["Node"] = field(
-        default_factory=list
-    )  # listeners that are handled before it is handled once more
-    listeners: list["Node"] = field(default_factory=list)  # that die with it
+    fired: set[int] = field(default_factory=set)  # taps fired before one of its moments
+    unheard: set[int] = field(default_factory=set)  # taps of *fired* with an unhandled listener
+    checks: list["Node"] = field(default_factory=list)  # listeners to handle before a retry
+    listeners: list["Node"] = field(default_factory=list)  # that are killed with it
     watch: Any = None  # of a monitor
-    watches_over: bool = False  # ends when there is nothing else left under its parent
-    is_guest: bool = False  # a monitor that nothing which its parent's handler has sent put there
-    asking: set["Node"] = field(default_factory=set)  # exception handlers that want it retried
+    watches_over: bool = False  # ends with the last other subtask of its parent
+    is_foreign: bool = False  # a monitor sent by neither its parent's handler nor its effects
+    asking: set["Node"] = field(default_factory=set)  # exception handlers that requested its retry
 
     @property
     def is_goal(self) -> bool:
@@ -102,9 +88,7 @@ class Node(Job):
 
     @property
     def first(self) -> Moment:
-        """The start that its handler waits for: goals are handled when they are planned, others
-        when achieved.
-        """
+        """The start that its handling begins with: planning for goals, achieving for commands."""
         return SP if self.is_goal else SA
 
     @property
@@ -126,26 +110,26 @@ class Node(Job):
 
 @dataclass(eq=False)
 class Claim:
-    """That a connection has a resource for itself (*granted*), or waits for it."""
+    """The claim of a connection: granted, or pending."""
 
     id: int
     resource: tuple[str, str]
     sender: str
-    number: int  # of its request
+    number: int  # of the request
     module: str
     reserves: bool
-    holder: Job | None = None  # for what it was made
+    holder: Job | None = None  # the task or message that it belongs to
     priority: float = 0
     since: tuple[int, int] = (0, 0)
     arrival: tuple[int, int] = (0, 0)
-    due: float = float("inf")  # when it has waited long enough
+    due: float = float("inf")  # when its timeout is over
     granted: bool = False
 
 
 @dataclass(eq=False)
 class Pair:
-    """*after* is reached no earlier than *delay* after *before*; *due* is known once that is
-    past.
+    """*after* is reached no earlier than *delay* after *before*. *due* is set once *before* is
+    reached.
     """
 
     before: tuple[Node, Moment] | None
@@ -156,9 +140,7 @@ class Pair:
 
 @dataclass(eq=False)
 class Alarm:
-    """Something that is due at a time for a task: a deadline, a kill, a monitor's end or
-    (*is_test*) its next test.
-    """
+    """A timer of a task: a deadline, a kill, a monitor's end or (*is_test*) its next test."""
 
     due: float
     step: int  # in which it was set
@@ -185,7 +167,7 @@ class Attachment:
     failure: str
     handler: str
     maximum: int
-    message: str  # of whose tasks; "": of one task
+    message: str  # of all tasks of a message; "": of one task
     by: str
 
 
@@ -197,9 +179,8 @@ class Trouble:
     names: tuple[str, ...]
     at: Node
     attachment: Attachment
-    passed: set[
-        tuple[Attachment, str]
-    ]  # that could not decide about failures so named, of this one and all below
+    passed: set[tuple[Attachment, str]]
+    """Exception handlers that could not decide, each with the failure, here and below."""
 
     @property
     def is_own(self) -> bool:
@@ -212,7 +193,7 @@ class Tap:
     id: int
     condition: Condition
     listener: str
-    watch: Any = None  # how it watches, if it is a monitor
+    watch: Any = None  # options of a monitor
     has_fired: bool = False
     holders: set[str] = field(default_factory=set)
 
@@ -235,15 +216,15 @@ class Collector:
 
 
 class Seen:
-    """What central did in one event. What the rules leave open is taken from here: the ids of what
-    it made itself, and who of several with equal rights came first.
+    """The effects of central for one event. The choices that the rules leave open are taken from
+    here: ids of new messages, and the order of equals.
     """
 
     def __init__(self, effects: list[Effect]) -> None:
         self.facts = [
             fact for effect in effects if isinstance(effect, Record) for fact in effect.entry.facts
         ]
-        self.told = [
+        self.transmitted = [
             (effect.connection.decode(), effect.header)
             for effect in effects
             if isinstance(effect, Transmit)
@@ -255,23 +236,27 @@ class Seen:
         self.made = [birth for birth in births if birth.sender == "central"]
         self.attached = [fact for fact in self.facts if isinstance(fact, facts.Attached)]
         slots = [
-            connection for connection, header in self.told if isinstance(header, headers.Deliver)
+            connection
+            for connection, header in self.transmitted
+            if isinstance(header, headers.Deliver)
         ]
         next_slot = iter(slots)
         self.given = [
             (fact, next(next_slot) if isinstance(fact, facts.Delivered) else "")
             for fact in self.facts
-            if is_turn(fact)
+            if is_delivery_or_grant(fact)
         ]
         refused = [
-            (name, header) for name, header in self.told if isinstance(header, headers.Refused)
+            (name, header)
+            for name, header in self.transmitted
+            if isinstance(header, headers.Refused)
         ]
         self.deadlocked = [
             (name, header.number) for name, header in refused if header.refusal is Refusal.DEADLOCK
         ]
 
     def place(self, task: int) -> int:
-        """The place of a task among those for which something was due."""
+        """The place of a task among those with a due timer."""
         return self.due.index(task) if task in self.due else len(self.due)
 
     @property
@@ -282,24 +267,25 @@ class Seen:
 
     def is_accepted_as(self, number: int) -> bool:
         return any(
-            isinstance(header, headers.Accepted) and header.id == number for _, header in self.told
+            isinstance(header, headers.Accepted) and header.id == number
+            for _, header in self.transmitted
         )
 
-    def take_made(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
-        """The id of a message that central must have made, for a wiretap."""
+    def take_made_id(self, message: str, role: Role, parent: int, about: int, tap: int = 0) -> int:
+        """Take the id of a message that central must have made."""
         fired = [
             fact.listener
             for fact in self.facts
             if isinstance(fact, facts.TapFired) and fact.tap == tap
         ]
         for birth in self.made:
-            is_it = (birth.message, birth.role, birth.parent, birth.about) == (
+            matches = (birth.message, birth.role, birth.parent, birth.about) == (
                 message,
                 role,
                 parent,
                 about,
             )
-            if is_it and (birth.id in fired or not tap):
+            if matches and (birth.id in fired or not tap):
                 self.made.remove(birth)
                 return birth.id
         raise Disagreement(
@@ -308,9 +294,7 @@ class Seen:
 
 
 def is_deadlock(fact: object) -> bool:
-    """Whether central ends a wait here, takes a claim away or raises a failure because of a
-    deadlock.
-    """
+    """Whether a fact ends a wait or claim, or raises a failure, because of a deadlock."""
     if isinstance(fact, facts.ClaimEnded):
         return fact.why.startswith(f"{Refusal.DEADLOCK}: ")
     if isinstance(fact, facts.Failed):
@@ -319,25 +303,23 @@ def is_deadlock(fact: object) -> bool:
 
 
 def is_lock_lost(fact: object) -> TypeGuard[facts.Failed]:
-    """Whether central tells a task of the loss of what it kept locked."""
+    """Whether a fact raises the loss of a lock on its task."""
     return isinstance(fact, facts.Failed) and fact.failure == LOCK_LOST and fact.is_beside
 
 
-def is_turn(fact: object) -> bool:
-    """Whether somebody's turn has come, or has to come no more; or whether a task is told of what
-    was taken.
-    """
+def is_delivery_or_grant(fact: object) -> bool:
+    """Whether a fact delivers, grants, ends a deadlock or raises a lost lock."""
     return (
         isinstance(fact, facts.Delivered | facts.Granted) or is_deadlock(fact) or is_lock_lost(fact)
     )
 
 
 class World:
-    """Everything that the oracle knows."""
+    """The complete state of the oracle."""
 
     def __init__(self) -> None:
         self.time = 0.0  # of the event
-        self.due_by = 0.0  # what is due by then has happened
+        self.due_by = 0.0  # timers up to here have been handled
         self.step = self.round = self.turns = 0
         self.kinds: dict[str, MessageClass] = {}
         self.parts: dict[str, list[str]] = {}
@@ -346,9 +328,9 @@ class World:
         self.slots: dict[str, tuple[str, str]] = {}  # by connection, its resource: (module, name)
         self.root = Node(0, "root", MessageClass.GOAL, past=set(STARTS))
         self.nodes: dict[int, Node] = {}  # tasks that have not ended, oldest first
-        self.jobs: list[Job] = []  # what is no task
-        self.gone: Counter[str] = Counter()  # how often a module of that name has gone
-        self.last: dict[Family, Node] = {}  # what flags refer to
+        self.jobs: list[Job] = []  # messages other than tasks
+        self.ended_runs: Counter[str] = Counter()  # ended runs, by module
+        self.last: dict[Family, Node] = {}  # the newest task that flags refer to
         self.pairs: list[Pair] = []
         self.alarms: list[Alarm] = []
         self.endings: list[Ending] = []
@@ -358,14 +340,10 @@ class World:
         self.collectors: list[Collector] = []
         self.claims: list[Claim] = []  # oldest first
         self.ended: set[int] = set()
-        self.came_to_nothing: set[int] = set()  # of these, the killed ones
-        self.never_began: set[tuple[int, Moment]] = (
-            set()
-        )  # the starts that tasks had not reached when they were killed
-        self.spared: set[Node] = (
-            set()
-        )  # exception handlers that nobody handles, and that wait all the same
-        self.news = False  # a wiretap has sent something
+        self.killed_tasks: set[int] = set()  # the killed ones of *ended*
+        self.never_began: set[tuple[int, Moment]] = set()  # unreached starts of killed tasks
+        self.spared: set[Node] = set()  # unhandled exception handlers that may wait
+        self.has_sent = False  # a wiretap has sent something
         self.seen = Seen([])
 
     def node(self, task: int) -> Node | None:

@@ -1,9 +1,8 @@
-"""The rules of the tree: which points are past, and who may be given to a handler.
+"""The rules of the tree: which points are reached, and which tasks may start.
 
 All rules are tried on all tasks until nothing moves. A task starts planning (achieving) after its
-parent has, a parent ends planning (achieving) after all its children have; a pair of points holds
-the second one back until the first is past; what is killed waits for nothing but its running
-handlers.
+parent has. A parent ends planning (achieving) after all its children have. A pair of points holds
+the second until the first is reached. A killed task waits only for its running handlers.
 """
 
 from collections.abc import Callable
@@ -34,13 +33,13 @@ ORDER = {
     True: {SA: {SP}, EH: {SP}, EP: {EH}, EA: {SA, EH, EP}},
     False: {EH: {SA}, EA: {EH}},
 }
-"""By whether it is a goal: what comes directly before a moment in the same task. The first start is
-reached by delivery.
+"""For goals and commands: the direct predecessors of each moment in the same task. Delivery reaches
+the first start.
 """
 
 
 def after(is_goal: bool, moment: Moment) -> set[Moment]:
-    """A moment, and those of the same task that come after it."""
+    """A moment, and the later moments of the same task."""
     found = {moment}
     while more := {later for later, befores in ORDER[is_goal].items() if befores & found} - found:
         found |= more
@@ -48,9 +47,7 @@ def after(is_goal: bool, moment: Moment) -> set[Moment]:
 
 
 def place(world: World, task: int, moment: Moment) -> tuple[Node, Moment] | None:
-    """A point; start handling is the start of what a task's handling starts with. None if it is
-    past for ever.
-    """
+    """A point, with start handling replaced by the task's first start. None if its task has ended."""
     node = world.nodes.get(task)
     return None if node is None else (node, node.first if moment == SH else moment)
 
@@ -60,7 +57,7 @@ def is_past(point: tuple[Node, Moment] | None) -> bool:
 
 
 def never_begins(world: World, task: int, moment: Moment) -> bool:
-    """Whether it is a point of an interval that never begins: its task was killed before."""
+    """Whether a point belongs to an interval that a kill has prevented."""
     return (task, {EH: SH, EP: SP, EA: SA}.get(moment, moment)) in world.never_began
 
 
@@ -70,7 +67,7 @@ def never_begins(world: World, task: int, moment: Moment) -> bool:
 def constrain(
     world: World, one: tuple[Node, Moment] | None, other: tuple[Node, Moment], delay: float
 ) -> None:
-    """Add a pair of points; one whose first is past holds nothing, or for its delay from now."""
+    """Add a pair of points. A reached first point holds nothing, except for a delay from now."""
     if not delay and is_past(one):
         return
     node, moment = other
@@ -100,8 +97,8 @@ def from_flags(flags: Flags, node: Node, last: Node | None) -> list[tuple[Any, A
     return pairs
 
 
-def bequeath(world: World, killed: Node) -> None:
-    """Whoever waits for a killed task waits for what that one waited for."""
+def pass_on_leaders(world: World, killed: Node) -> None:
+    """Followers of a killed task wait for its own leaders instead."""
     for pair in [
         pair
         for pair in world.pairs
@@ -122,12 +119,12 @@ def _inherit(world: World, one: tuple[Node, Moment], other: tuple[Node, Moment])
 
 
 def _is_void(world: World, pair: Pair) -> bool:
-    """Whether a delay counts from a point that never came."""
+    """Whether a delay counts from a point that was never reached."""
     return pair.before is not None and never_begins(world, pair.before[0].id, pair.before[1])
 
 
 def held_points(world: World) -> set[tuple[int, Moment]]:
-    """All points that some pair holds back. What will never hold again, nor be inherited, is
+    """All points that a pair holds. Pairs that no longer hold, and cannot be inherited, are
     dropped.
     """
     held, kept = set(), []
@@ -148,13 +145,15 @@ def held_points(world: World) -> set[tuple[int, Moment]]:
 
 
 def add(world: World, node: Node, parent: Node) -> None:
-    """Hang a new task under its parent."""
+    """Add a new task under its parent."""
     node.parent = parent
     if not node.is_goal:
         node.past = {SP, EP}
     node.suspended = parent.suspended and node.role not in (Role.TERMINATION, Role.CANCEL)
     world.nodes[node.id] = node
-    if (parent.killed or (parent.again and not (node.role or node.is_guest))) and not node.survives:
+    if (
+        parent.killed or (parent.again and not (node.role or node.is_foreign))
+    ) and not node.survives:
         oracle_failures.kill(world, node)
 
 
@@ -168,8 +167,8 @@ def make(
     *,
     prepare: Callable[[Node], None] = lambda _: None,
 ) -> Node:
-    """A task that central makes itself, for another message: it waits for nothing above it."""
-    task = world.seen.take_made(message, role, parent.id, about.id, tap)
+    """A task that central makes; it may start before its parent."""
+    task = world.seen.take_made_id(message, role, parent.id, about.id, tap)
     node = Node(task, message, world.kinds[message], module=about.module, role=role, free=True)
     node.about = about
     node.survives = role in (Role.EXCEPTION, Role.TERMINATION, Role.CANCEL)
@@ -184,7 +183,7 @@ def make(
 
 
 def family(node: Node) -> Family:
-    """Flags refer to siblings; under the root, to those from the same run of the same module."""
+    """The family of a task: siblings; under the root, from the same run of the same module."""
     assert node.parent is not None
     return (node.parent.id, "", 0) if node.parent.id else (0, node.module, node.run)
 
@@ -193,7 +192,7 @@ def _end(world: World, node: Node) -> None:
     del world.nodes[node.id]
     world.ended.add(node.id)
     if node.killed:
-        world.came_to_nothing.add(node.id)
+        world.killed_tasks.add(node.id)
     oracle_locks.end_for(world, node)
     key = family(node)
     if world.last.get(key) is node:
@@ -208,13 +207,13 @@ def _end(world: World, node: Node) -> None:
         oracle_failures.handler_ended(world, node)
 
 
-def set_alarm(world: World, seconds: float, node: Node, **what: Any) -> None:
-    world.alarms.append(Alarm(world.time + seconds, world.step, node, **what))
+def set_alarm(world: World, seconds: float, node: Node, **fields: Any) -> None:
+    world.alarms.append(Alarm(world.time + seconds, world.step, node, **fields))
 
 
-def let_time_pass(world: World, settle: Callable[[], None]) -> None:
-    """All that is due by now happens, in its order, each settled before the next; of those due at
-    the same time, the one set first is first. Of those set in one event, any may be.
+def pass_time(world: World, settle: Callable[[], None]) -> None:
+    """Handle all due timers in order, and settle after each. At equal times, the timer set first
+    comes first. The order of timers set in one event is open.
     """
     while (due := _next_due(world)) <= world.time:
         world.due_by = due
@@ -224,7 +223,7 @@ def let_time_pass(world: World, settle: Callable[[], None]) -> None:
             if alarm.ending is not None:
                 oracle_failures.kill_scope(world, alarm.ending)
             elif alarm.watch is not None:
-                oracle_monitors.rings(world, alarm)
+                oracle_monitors.on_alarm(world, alarm)
             elif (
                 alarm.moment is not None
                 and not alarm.node.killed
@@ -247,14 +246,14 @@ def _next_due(world: World) -> float:
 
 
 def settle(world: World) -> None:
-    """Let all points be reached that may be."""
+    """Reach all points that may be reached."""
     world.round += 1
-    while _pass(world) or _kill_what_is_to_end(world) or oracle_monitors.end_what_is_to_end(world):
+    while _pass(world) or _carry_out_due_kills(world) or oracle_monitors.end_due_monitors(world):
         pass
 
 
 def _pass(world: World) -> bool:
-    """Try every rule on every task once; whether anything moved."""
+    """Try every rule on every task once. Returns whether anything moved."""
     held = held_points(world)
     children: dict[int, list[Node]] = {}
     for node in world.nodes.values():
@@ -262,18 +261,18 @@ def _pass(world: World) -> bool:
         children.setdefault(node.parent.id, []).append(node)
     moved = False
     for node in list(world.nodes.values()):
-        mine = children.get(node.id, [])
-        if _advance(world, node, held, mine) or _consider_start(world, node, held, mine):
+        ours = children.get(node.id, [])
+        if _advance(world, node, held, ours) or _consider_start(world, node, held, ours):
             moved = True
-        if node.id not in world.nodes or oracle_taps.take_news(world):
-            return True  # who is there has changed
+        if node.id not in world.nodes or oracle_taps.consume_has_sent(world):
+            return True  # the tasks have changed
     return moved
 
 
 def _may_reach(
     node: Node, moment: Moment, held: set[tuple[int, Moment]], children: list[Node]
 ) -> bool:
-    """Whether nothing but the order within the task keeps a moment back."""
+    """Whether only the order within the task may hold a moment."""
     assert node.parent is not None
     if not node.killed and (node.id, moment) in held:
         return False
@@ -287,7 +286,7 @@ def _may_reach(
 
 
 def is_checked(node: Node) -> bool:
-    """Whether it is to be handled once more, and what is sent before that has not been handled."""
+    """Whether a listener before its next handling is still unhandled."""
     return any(EH not in check.past for check in node.checks)
 
 
@@ -299,7 +298,7 @@ def _is_ready(
     if node.again and (
         node.slot
         or node.asking & set(world.nodes.values())
-        or not all(child.is_guest for child in children)
+        or not all(child.is_foreign for child in children)
     ):
         return False
     if is_checked(node):
@@ -311,8 +310,8 @@ def _is_ready(
 def _consider_start(
     world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]
 ) -> bool:
-    """Let a task wait for a slot, or no longer. Whatever is to be sent before it is handled is sent
-    as long as it waits; that does not cost it its place.
+    """Queue a task, or take it out of the queue. Its *before* taps fire while it is queued; that
+    keeps its place.
     """
     is_ready = _is_ready(world, node, held, children)
     if node.waiting and not is_ready:
@@ -338,28 +337,26 @@ def _consider_start(
 
 
 def start_moments(node: Node) -> set[Moment]:
-    """What is reached when a task is first given to a handler."""
+    """The moments that the first delivery of a task reaches."""
     return STARTS if node.delayed else {SH, node.first}
 
 
 def started(world: World, node: Node) -> None:
-    """A handler was given the task."""
+    """A task was delivered."""
     if SH not in node.past:
         reach(world, node, start_moments(node) - node.past)
 
 
 def fire_before_end(world: World, node: Node) -> None:
-    """Send what comes before the end of a monitor that is over as it begins: before what comes with
-    its start.
-    """
+    """Fire the taps before the end of a monitor that ends as it starts."""
     held = held_points(world)
     if not ({(node.id, EH), (node.id, EA)} & held or world.children(node)):
         oracle_taps.fire_before(world, node, {EA})
 
 
 def _advance(world: World, node: Node, held: set[tuple[int, Moment]], children: list[Node]) -> bool:
-    """Let a task reach all moments that it may at once: what comes before one of them is sent
-    first, and what its end leaves open is known before anything above it moves.
+    """Reach all moments of a task that may be reached at once. Taps before a moment fire first. The
+    consequences of its end are known before anything above moves.
     """
     if node.killed and not node.slot and STARTS - node.past:
         reach(world, node, STARTS - node.past)
@@ -389,8 +386,8 @@ def reach(world: World, node: Node, moments: set[Moment]) -> None:
         oracle_taps.reached(world, node, moments)
 
 
-def _kill_what_is_to_end(world: World) -> bool:
-    """Kills that waited for points which are past now."""
+def _carry_out_due_kills(world: World) -> bool:
+    """Carry out the kills whose point is reached."""
     due = [ending for ending in world.endings if is_past(ending.after)]
     for ending in due:
         world.endings.remove(ending)

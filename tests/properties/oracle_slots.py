@@ -1,6 +1,5 @@
-"""The rules of resources: a slot handles one message at a time; of those that wait, the one of
-highest priority is next, then the one that has waited longest. Those who want to lock or reserve a
-resource wait in the same line.
+"""The rules of resources. A slot handles one message at a time. The next message has the highest
+priority; among equals, it has waited longest. Claims wait in the same line.
 """
 
 from properties import oracle_failures, oracle_locks, oracle_rules, oracle_taps
@@ -11,13 +10,13 @@ from tca_wire.vocabulary import Condition, MessageClass
 
 Resource = tuple[str, str]
 Choices = dict[Job | Claim, dict[str, bool]]
-"""Who is next: the slots that he may be given to, and whether that is beyond their capacity. A
-claim is given to none.
+"""The next messages: for each, its possible slots, and whether the slot is beyond the capacity. A
+claim has no slots.
 """
 
 
 def targets(world: World, job: Job) -> list[Resource]:
-    """The resources that may handle a message: the newest handler's, and those of its pool."""
+    """The resources that may handle a message: of the newest handler and its pool."""
     if job.target:
         return [job.target]
     handlers = world.handlers.get(job.message, [])
@@ -30,7 +29,7 @@ def targets(world: World, job: Job) -> list[Resource]:
 
 
 def free_slots(world: World) -> dict[Resource, set[str]]:
-    """The slots of each resource that handle nothing."""
+    """The free slots of each resource."""
     busy = {job.slot for job in world.everything() if job.slot and not job.nested}
     free: dict[Resource, set[str]] = {}
     for slot, resource in world.slots.items():
@@ -40,18 +39,18 @@ def free_slots(world: World) -> dict[Resource, set[str]]:
 
 
 def give(world: World) -> bool:
-    """Give slots to those who are next, as central did; whether there was anyone. What became
-    startable now is started together: only then follows what follows from that. What waited in a
-    queue is given one after the other.
+    """Deliver the next messages and grant the next claims, as central did. Returns whether there
+    were any. Tasks that became ready now start together, before any consequence. Queued messages
+    are delivered one by one.
     """
     choices = _choices(world)
     if not choices:
         return False
     given = _give_next(world, choices)
     if given is None:
-        said = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
-        what = world.seen.given[0] if world.seen.given else "nothing"
-        raise Disagreement(f"central gives {what} where these are next: {said}")
+        expected = ", ".join(f"{one.id} to {sorted(slots)}" for one, slots in choices.items())
+        actual = world.seen.given[0] if world.seen.given else "nothing"
+        raise Disagreement(f"central delivers {actual}, but the next are: {expected}")
     while given is not None and _is_new(world, given):
         given = _give_next(
             world, {one: slots for one, slots in _choices(world).items() if _is_new(world, one)}
@@ -64,9 +63,7 @@ def _is_new(world: World, one: Job | Claim) -> bool:
 
 
 def give_messages(world: World) -> None:
-    """Messages that are no tasks may be given away as they are sent, before anything else
-    follows.
-    """
+    """Deliver informs and queries as soon as they are sent, before anything else follows."""
     while (
         _give_next(
             world, {job: slots for job, slots in _choices(world).items() if type(job) is Job}
@@ -77,7 +74,7 @@ def give_messages(world: World) -> None:
 
 
 def _give_next(world: World, choices: Choices) -> Job | Claim | None:
-    """Deliver or grant what central did next, if that is right; what that is."""
+    """Deliver or grant the next item that central did, if it is a valid choice. Returns this item."""
     fact, slot = world.seen.given[0] if world.seen.given else (None, "")
     for one, slots in choices.items():
         if isinstance(one, Claim):
@@ -94,7 +91,9 @@ def _give_next(world: World, choices: Choices) -> Job | Claim | None:
 
 
 def _choices(world: World) -> Choices:
-    """Who may be delivered next, and to which slots, and who may have a resource for himself."""
+    """The messages that may be delivered next, with their slots, and the claims that may be
+    granted.
+    """
     waiting = [
         (job, targets(world, job))
         for job in world.everything()
@@ -103,32 +102,32 @@ def _choices(world: World) -> Choices:
     free = free_slots(world)
     choices: Choices = {}
     for resource in dict.fromkeys([*free, *(claim.resource for claim in world.claims)]):
-        claims = oracle_locks.in_line(world, resource)
+        claims = oracle_locks.pending_claims(world, resource)
         rivals: list[Job | Claim] = [*claims]
         rivals += [
             job
-            for job, mine in waiting
-            if resource in mine and oracle_locks.lets_in(world, job, resource)
+            for job, ours in waiting
+            if resource in ours and oracle_locks.admits(world, job, resource)
         ]
         for one in rivals:
             if any(_is_before(other, one) for other in rivals):
                 continue
-            if isinstance(one, Claim) and oracle_locks.may_have_it(world, one):
+            if isinstance(one, Claim) and oracle_locks.may_be_granted(world, one):
                 choices[one] = {}
             elif not isinstance(one, Claim) and resource in free:
                 choices.setdefault(one, {}).update(dict.fromkeys(free[resource], False))
-    return choices | _called_back(world, choices, waiting)
+    return choices | _nested_queries(world, choices, waiting)
 
 
-def _called_back(
+def _nested_queries(
     world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
 ) -> Choices:
-    """Who waits for the answer in a slot itself is called back there, where no other slot is free
-    for the question and its resource is not locked. (If slots become free when that lock ends, it
-    may be either.)
+    """Nested queries: a slot that waits for an answer may itself handle the query. No other slot is
+    free, and its resource is not locked. If its slots become free as a lock ends, either may
+    happen.
     """
     asked = [
-        job for job, mine in waiting if job.kind.has_reply and world.slots.get(job.sender) in mine
+        job for job, ours in waiting if job.kind.has_reply and world.slots.get(job.sender) in ours
     ]
     return {
         job: {job.sender: True} | choices.get(job, {})
@@ -139,9 +138,8 @@ def _called_back(
 
 
 def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
-    """Whether *one* must be delivered before *other*: by priority, then arrival. What came to wait
-    in the course of one event may come in any order, but for tasks that could start at once, and
-    claims.
+    """Whether *one* must be delivered before *other*: by priority, then arrival. Items that came to
+    wait in one event may be in any order, except ready tasks and claims.
     """
     assert one.arrival is not None
     assert other.arrival is not None
@@ -166,7 +164,7 @@ def _deliver(world: World, job: Job, slot: str, *, nested: bool) -> None:
 
 
 def wait(world: World, job: Job) -> None:
-    """What is no task waits as soon as it is sent."""
+    """A message other than a task is queued when it is sent."""
     job.waiting, job.wanted = True, True
     job.since = (world.step, world.round)
     job.arrival = job.arrival or job.since
@@ -210,7 +208,7 @@ def copies(world: World, job: Job) -> list[Job]:
 
 
 def answered(world: World, job: Job, *, done: bool) -> None:
-    """A message that is no task came to its end."""
+    """A message other than a task has ended."""
     if job in world.jobs:
         world.jobs.remove(job)
     for collector in [one for one in world.collectors if job in one.pending]:
@@ -225,7 +223,7 @@ def _complete(world: World, collector: Collector) -> None:
 
 
 def give_up(world: World, sender: str, number: int) -> None:
-    """The sender waits no longer: what nobody handles yet is dropped."""
+    """The sender gives a request up: undelivered messages are dropped."""
     world.waits.pop((sender, number), None)
     oracle_locks.give_up(world, sender, number)
     for collector in [
@@ -233,21 +231,21 @@ def give_up(world: World, sender: str, number: int) -> None:
     ]:
         world.collectors.remove(collector)
         world.jobs = [job for job in world.jobs if job not in collector.pending or job.slot]
-    mine = [
+    ours = [
         job
         for job in world.jobs
         if (job.sender, job.number) == (sender, number) and job.kind.has_reply
     ]
-    world.jobs = [job for job in world.jobs if job not in mine or job.slot or job.target]
+    world.jobs = [job for job in world.jobs if job not in ours or job.slot or job.target]
 
 
 # --- modules come and go --------------------------------------------------------------------------
 
 
 def remove_handler(world: World, message: str, module: str) -> None:
-    """A module handles a message no longer; what was meant for it alone comes to nothing."""
-    gone = [one for one in world.handlers.get(message, []) if one.module == module]
-    for handler in gone:
+    """A module no longer handles a message; copies for this module alone fail."""
+    removed = [one for one in world.handlers.get(message, []) if one.module == module]
+    for handler in removed:
         world.handlers[message].remove(handler)
         for job in list(world.jobs):
             if job.message == message and job.target == (module, handler.resource) and job.waiting:
@@ -255,13 +253,13 @@ def remove_handler(world: World, message: str, module: str) -> None:
 
 
 def is_served(world: World, message: str) -> bool:
-    """Whether somebody handles a message and has a slot for it."""
+    """Whether a message has a handler with a slot."""
     handlers = world.handlers.get(message, [])
     return any((one.module, one.resource) in world.slots.values() for one in handlers)
 
 
 def _has_work(world: World, module: str) -> bool:
-    """Whether a module handles anything, or has a slot in which something may be at work."""
+    """Whether a module has handlers or slots."""
     handlers = (one for handlers in world.handlers.values() for one in handlers)
     return any(one.module == module for one in handlers) or any(
         place[0] == module for place in world.slots.values()
@@ -269,7 +267,7 @@ def _has_work(world: World, module: str) -> bool:
 
 
 def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
-    """A connection is gone; what it was handling and did not end."""
+    """A connection has left. Returns the messages whose handling it did not finish."""
     module = world.modules.pop(connection)
     for key in [key for key in world.waits if key[0] == connection]:
         del world.waits[key]
@@ -282,12 +280,12 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
             remove_handler(world, message, module)
     if (
         is_own
-    ):  # what its slots have at work ends first: what waits is spared until a module is gone
+    ):  # handling in its slots ends first; queued handlers are spared until the module leaves
         world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:
         oracle_locks.module_left(world, module)
-        world.gone[module] += 1
+        world.ended_runs[module] += 1
     if is_last or not _has_work(world, module):
         world.spared.clear()
     orphans = [job for job in world.everything() if job.slot == connection]

@@ -1,14 +1,14 @@
-"""The states of tasks, found again from the tables and the rules of docs/decisions/0082, slowly: a
-list of all changes of each task, that an observer must have been told of in just that order.
+"""The states of tasks, derived slowly from the tables and the rules of docs/decisions/0082. Each
+task has a list of its changes; an observer must have received exactly these, in this order.
 
-It takes central's word for what others test: which handler has a task, when it is delivered,
-killed, retried and ends.
+The reference takes from central what other tests judge: the handler of a task, its delivery, kill,
+retry and end.
 """
 
 from collections.abc import Iterable
 from typing import Any
 
-from properties.life_of_states import LIFE_CYCLES, Asked
+from properties.life_of_states import LIFE_CYCLES, AskedChange
 
 from tca_central.life_cycles.changes import MOST_ASKED
 from tca_wire.journal import facts
@@ -18,23 +18,22 @@ from tca_wire.points import ALL_MOMENTS
 from tca_wire.vocabulary import Party, Refusal
 
 Seen = tuple[str, str, int]
-"""A transition, the state that it led to, and its number."""
+"""A transition, its target state and its number."""
 
 
-class Followed:
-    """A task: its state, and how it came there."""
+class TrackedTask:
+    """A task with its state and its changes."""
 
     def __init__(self, cycle: LifeCycle, goal: bytes) -> None:
         self.cycle, self.goal = cycle, goal
         self.state, self.serial = cycle.initial, 0
         self.changes: list[Seen] = [("initiated", cycle.initial, 0)]
-        self.open: list[
-            tuple[Transition, int, bytes]
-        ] = []  #: what clients want, and the handler was told, by number
+        #: requests of clients that the handler has received, each with its number and data
+        self.open: list[tuple[Transition, int, bytes]] = []
         self.newest_of_client = 0
         self.delivery = 0
-        self.deciding = 0  #: the exception handler that deals with the failure of its handler
-        self.is_given = False
+        self.deciding = 0  #: the exception handler for the failure of its handler
+        self.is_delivered = False
         self.reached = 0
         self.is_killed = self.is_over = self.has_failed = self.is_retried = False
 
@@ -67,20 +66,19 @@ WITH_DATA = {Party.CLIENT: (Effect.NEW_GOAL,), Party.SERVER: (Effect.RESULT, Eff
 
 
 class Reference:
-    """All tasks."""
+    """The states of all tasks."""
 
     def __init__(self) -> None:
-        self.tasks: dict[int, Followed] = {}
-        self.accepts: set[tuple[str, str]] = (
-            set()
-        )  #: module and message of handlers that accept themselves
+        self.tasks: dict[int, TrackedTask] = {}
+        #: handlers that accept tasks themselves, as module and message
+        self.accepts: set[tuple[str, str]] = set()
         self.names: dict[int, str] = {}
         self.killed_by_wish: set[int] = set()
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def ask(self, asked: Asked) -> None:
-        """A request, and whether it was answered as it must be."""
+    def ask(self, asked: AskedChange) -> None:
+        """Apply a request, and check its answer."""
         task = self.tasks.get(asked.task)
         if task is None:
             return  # a monitor, which central carries out
@@ -101,13 +99,13 @@ class Reference:
         assert asked.answer.id == (task.serial if is_taken else 0), (asked, task.changes)
 
     @staticmethod
-    def is_ignored(asked: Asked) -> bool:
+    def is_ignored(asked: AskedChange) -> bool:
         return isinstance(asked.answer, headers.Accepted) and asked.answer.id == 0
 
-    def refusal(self, task: Followed, asked: Asked) -> Refusal | None:
-        """Why a request must be refused; None if it is taken, or ignored."""
+    def refusal(self, task: TrackedTask, asked: AskedChange) -> Refusal | None:
+        """The refusal that a request must get; None if it is accepted or ignored."""
         if asked.serial > task.serial:
-            return Refusal.PROTOCOL  # it has missed changes
+            return Refusal.PROTOCOL  # its sender has missed changes
         row, _ = self.chosen(task, asked)
         if row is None:
             if not any(task.row(state, asked.name, asked.by) for state in task.cycle.states):
@@ -125,13 +123,13 @@ class Reference:
             return Refusal.PROTOCOL
         is_told = asked.takes is not None and asked.name in asked.takes
         if asked.by is Party.CLIENT and not is_told and not task.leads_to_an_answer(row.target):
-            return Refusal.PROTOCOL  # nobody would hear of it
+            return Refusal.PROTOCOL  # the handler would not receive it
         return None
 
-    def chosen(self, task: Followed, asked: Asked) -> tuple[Transition | None, bool]:
-        """The transition that is meant, and whether it comes before what the server has not seen of
-        clients' wishes: out of the state before those, if it is possible there, and no result that
-        can be told now.
+    def chosen(self, task: TrackedTask, asked: AskedChange) -> tuple[Transition | None, bool]:
+        """The requested transition, and whether it comes before the clients' requests that the
+        server has not seen. It then starts at the state before them, if possible there. A result
+        that is possible now comes last.
         """
         now, unseen = task.row(task.state, asked.name, asked.by), self.unseen(task, asked)
         before = task.row(unseen[0][0].source, asked.name, asked.by) if unseen else None
@@ -140,12 +138,12 @@ class Reference:
         return before, True
 
     @staticmethod
-    def unseen(task: Followed, asked: Asked) -> list[tuple[Transition, int, bytes]]:
+    def unseen(task: TrackedTask, asked: AskedChange) -> list[tuple[Transition, int, bytes]]:
         if asked.by is Party.CLIENT or asked.serial < 0:
             return []
         return [one for one in task.open if one[1] > asked.serial]
 
-    def by_client(self, task: Followed, row: Transition, asked: Asked) -> None:
+    def by_client(self, task: TrackedTask, row: Transition, asked: AskedChange) -> None:
         if len(task.open) >= MOST_ASKED:
             task.open = [one for one in task.open if task.leads_to_an_answer(one[0].target)]
         task.take(row.name, row.target)
@@ -172,7 +170,7 @@ class Reference:
         else:
             self.killed_by_wish.add(asked.task)
 
-    def by_server(self, task: Followed, asked: Asked) -> None:
+    def by_server(self, task: TrackedTask, asked: AskedChange) -> None:
         unseen, (row, is_first) = self.unseen(task, asked), self.chosen(task, asked)
         if row is None:
             return  # it comes too late
@@ -193,21 +191,21 @@ class Reference:
                 if body and (one, number, body) not in unseen
             ]
             if row.effect is Effect.TAKE_GOAL and (goal := asked.body or b"".join(goals[-1:])):
-                task.goal = goal  # the server may have made another one of what clients want
+                task.goal = goal  # the server may have changed the requested goal
             task.open = []
             task.take(row.name, row.target)
         for one, number, body in unseen if is_first else ():
-            again = task.row(task.state, one.name, Party.CLIENT)
-            if again is not None:
-                task.take(again.name, again.target)
+            row_again = task.row(task.state, one.name, Party.CLIENT)
+            if row_again is not None:
+                task.take(row_again.name, row_again.target)
                 task.open = [kept for kept in task.open if kept[1] != number] + [
-                    (again, number, body)
+                    (row_again, number, body)
                 ]
 
     # --- what other facts imply -------------------------------------------------------------------
 
     def note(self, recorded: Iterable[Any]) -> None:
-        """What central recorded with an event."""
+        """Apply the facts of one event."""
         returned: set[int] = set()
         for fact in recorded:
             match fact:
@@ -218,9 +216,9 @@ class Reference:
                 case facts.Caught() | facts.Recovered() | facts.Unhandled() if (
                     fact.task in self.tasks
                 ):
-                    self.searched(self.tasks[fact.task], fact, returned)
+                    self.search_ended(self.tasks[fact.task], fact, returned)
                 case facts.StateChanged() if fact.by is Party.CENTRAL and fact.task in returned:
-                    self.decided_instead(self.tasks[fact.task], fact)
+                    self.answer_by_central(self.tasks[fact.task], fact)
                 case facts.HandlerAdded() if fact.accepts:
                     self.accepts.add((fact.module, fact.message))
                 case facts.Received() if (
@@ -228,61 +226,63 @@ class Reference:
                 ):
                     cycle = LIFE_CYCLES.get(fact.message, GENERAL)
                     self.tasks[fact.id], self.names[fact.id] = (
-                        Followed(cycle, fact.body),
+                        TrackedTask(cycle, fact.body),
                         fact.message,
                     )
                 case facts.Queued() | facts.Delivered() if fact.message_id in self.tasks:
                     self.given(fact)
                 case facts.Unqueued():
-                    self.taken_back(fact.id)
+                    self.recalled(fact.id)
                 case facts.Failed() if not fact.is_beside and fact.id in self.tasks:
                     self.tasks[fact.id].has_failed = True
                 case facts.Retried() | facts.Killed() | facts.Reached() if fact.task in self.tasks:
-                    self.goes_on(self.tasks[fact.task], fact)
+                    self.apply_other(self.tasks[fact.task], fact)
         for task in (self.tasks[number] for number in returned if number in self.tasks):
             is_failing = task.has_failed or task.is_retried or task.is_killed or task.is_over
             wanted = [one for one in task.open if task.leads_to_an_answer(one[0].target)]
             assert is_failing or not wanted, (
-                f"task {next(n for n in self.tasks if self.tasks[n] is task)}: nobody answers {wanted}"
+                f"task {next(n for n in self.tasks if self.tasks[n] is task)}: no answer to {wanted}"
             )
             task.open = task.open if is_failing else []
         killed = [number for number in self.killed_by_wish if not self.tasks[number].is_killed]
-        assert not killed, f"{killed} were to be killed: nobody decides for them"
+        assert not killed, f"{killed} should have been killed"
 
     def given(self, fact: facts.Queued | facts.Delivered) -> None:
-        """A task goes to a handler: perhaps another time, with another delivery or, if the last one
-        never heard of it, the same.
+        """A task is queued or delivered. It restarts with another delivery, or with the same one if
+        its handler never began.
         """
         task = self.tasks[fact.message_id]
-        if task.delivery and (fact.id != task.delivery or task.is_given):
+        if task.delivery and (fact.id != task.delivery or task.is_delivered):
             self.restart(task)
-        task.delivery, task.is_given = fact.id, isinstance(fact, facts.Delivered)
-        is_new = task.is_given and task.state == task.cycle.initial
+        task.delivery, task.is_delivered = fact.id, isinstance(fact, facts.Delivered)
+        is_new = task.is_delivered and task.state == task.cycle.initial
         if is_new and (fact.module, self.names[fact.message_id]) not in self.accepts:
             task.take(task.cycle.accepted.name, task.cycle.accepted.target)
 
-    def taken_back(self, delivery: int) -> None:
-        """A handler has not begun with a task and will not, and nobody else gets it now."""
+    def recalled(self, delivery: int) -> None:
+        """A delivered task is recalled before its handler began, and is not queued again now."""
         for task in self.tasks.values():
-            if task.delivery == delivery and task.is_given and not task.is_over:
+            if task.delivery == delivery and task.is_delivered and not task.is_over:
                 self.restart(task)
-                task.is_given = False
+                task.is_delivered = False
 
     @staticmethod
-    def restart(task: Followed) -> None:
-        """A task waits for a handler once more."""
+    def restart(task: TrackedTask) -> None:
+        """A task is queued again."""
         task.open, task.newest_of_client = [], 0
-        is_to_end = task.name_of(task.state, Effect.STOP)  # it is killed
+        is_to_end = task.name_of(task.state, Effect.STOP)  # a kill follows
         task.has_failed = task.is_retried = False
         if task.state != task.cycle.initial and not is_to_end:
             task.take("restarted", task.cycle.initial)
 
     @staticmethod
-    def searched(
-        task: Followed, fact: facts.Caught | facts.Recovered | facts.Unhandled, returned: set[int]
+    def search_ended(
+        task: TrackedTask,
+        fact: facts.Caught | facts.Recovered | facts.Unhandled,
+        returned: set[int],
     ) -> None:
-        """A search for an exception handler goes on, or ends: of a failure beside its handler a
-        task does not return.
+        """The search for an exception handler continues or ends. A failure raised beside the
+        handler does not end the handling.
         """
         if isinstance(fact, facts.Caught):
             task.deciding = task.deciding if fact.is_beside else fact.handler
@@ -292,8 +292,8 @@ class Reference:
             task.has_failed = False
             returned.add(fact.task)
 
-    def decided_instead(self, task: Followed, fact: facts.StateChanged) -> None:
-        """The handler has returned without a word to what a client wants: central says it."""
+    def answer_by_central(self, task: TrackedTask, fact: facts.StateChanged) -> None:
+        """The handler has returned without an answer to a client's request: central answers it."""
         (row, number, body), task.open = task.open[-1], []
         assert row.target == task.state, (row, number)
         is_granted = fact.transition == task.name_of(task.state, Effect.TAKE_GOAL)
@@ -302,8 +302,8 @@ class Reference:
         task.take(fact.transition, "running")
 
     @staticmethod
-    def goes_on(task: Followed, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
-        """Something happens to a task that is no change of its state."""
+    def apply_other(task: TrackedTask, fact: facts.Retried | facts.Killed | facts.Reached) -> None:
+        """Something happens to a task that does not change its state."""
         match fact:
             case facts.Retried():
                 task.goal, task.is_retried = fact.body or task.goal, True

@@ -1,4 +1,4 @@
-"""The rules of wiretaps: what is sent when, and what it holds back."""
+"""The rules of wiretaps: which listeners are sent when, and which points they hold."""
 
 from msgspec.structs import replace
 from properties import oracle_monitors, oracle_rules, oracle_slots
@@ -30,8 +30,8 @@ BEFORE = {
     Condition.WHEN_PLANNED: (EP, None),
     Condition.WHEN_ACHIEVED: (EA, None),
 }
-"""The moment that a task does not pass before the listener is sent, and which end of the listener's
-it waits for. Of *when* listeners it waits as a parent does for its children.
+"""The moment before which the listener is sent, and the end of the listener that this moment waits
+for. A task waits for its *when* listeners as for its children.
 """
 
 AT = {
@@ -40,20 +40,22 @@ AT = {
     SA: Condition.WHILE_ACHIEVING,
     EA: Condition.AFTER_ACHIEVED,
 }
-"""What a task reaches, and what of that may be tapped. (Handling is what happens to a message: it
-is delivered and returns.)
+"""The condition that becomes true at each moment. Handling belongs to a message: its delivery and
+return.
 """
 
 CHILDREN = {*BEFORE, Condition.WHEN_SUCCESS, Condition.WHEN_FAILURE}
-"""Their listeners hang under the tapped task."""
+"""Conditions whose listeners are children of the tapped task."""
 
 WHILE = {Condition.WHILE_HANDLING: EH, Condition.WHILE_PLANNING: EP, Condition.WHILE_ACHIEVING: EA}
-"""Their listeners die with the tapped task; a monitor without an end of its own watches until this
-moment of it.
+"""Conditions whose listeners are killed with the tapped task. A monitor without an end of its own
+lasts until this moment.
 """
 
 ALIVE = {*WHILE, Condition.WHEN_SENT}
-"""Polling and demon monitors that listen so hang under the tapped task, too, but do not hold it."""
+"""Polling and demon monitors with these conditions are children of the tapped task, too, but do not
+hold it.
+"""
 
 
 def taps_of(world: World, job: Job) -> list[Tap]:
@@ -69,7 +71,7 @@ def taps_in_force(world: World) -> list[Tap]:
 
 
 def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
-    """Whether there was something to be sent before a task passes these moments."""
+    """Fire the taps before these moments. Returns whether there were any."""
     node.fired -= {
         tap.id
         for tap in taps_of(world, node)
@@ -106,17 +108,17 @@ def fire_before(world: World, node: Node, moments: set[Moment]) -> bool:
 
 
 def fire_again(world: World, node: Node) -> None:
-    """A task that has not begun is to be tried anew: what is to be done before it is done again."""
-    again = to_come(world, node)
-    if again:
-        node.fired -= again
+    """An unstarted task is retried: its *before* taps fire again."""
+    repeated = taps_to_repeat(world, node)
+    if repeated:
+        node.fired -= repeated
         if node.waiting:
             node.waiting, node.arrival = False, None
 
 
-def to_come(world: World, node: Node) -> set[int]:
-    """The taps that are fired anew when a task is retried: before it is handled, and before what it
-    has not reached.
+def taps_to_repeat(world: World, node: Node) -> set[int]:
+    """The taps that fire again at a retry: before handling, and before moments that are not
+    reached.
     """
     firsts = [
         (tap.id, BEFORE[tap.condition][0])
@@ -131,24 +133,26 @@ def reached(world: World, node: Node, moments: set[Moment]) -> None:
     happened(world, node, {AT[moment] for moment in moments if moment in AT})
 
 
-def happened(world: World, job: Job, what: set[Condition]) -> None:
-    """What is no task is not held: *before* is when it is delivered."""
-    if Condition.WHILE_HANDLING in what and not isinstance(job, Node):
-        what = what | {Condition.BEFORE_HANDLING}
+def happened(world: World, job: Job, conditions: set[Condition]) -> None:
+    """Fire the taps of a message. *Before* conditions of messages other than tasks come true at
+    delivery.
+    """
+    if Condition.WHILE_HANDLING in conditions and not isinstance(job, Node):
+        conditions = conditions | {Condition.BEFORE_HANDLING}
     for tap in taps_of(world, job):
-        if tap.condition in what:
-            world.news = True
+        if tap.condition in conditions:
+            world.has_sent = True
             _fire(world, tap, job)
 
 
-def take_news(world: World) -> bool:
-    """Whether something was sent since this was last asked."""
-    news, world.news = world.news, False
-    return news
+def consume_has_sent(world: World) -> bool:
+    """Whether a tap has fired since the last call."""
+    has_sent, world.has_sent = world.has_sent, False
+    return has_sent
 
 
 def is_heard(world: World, tap: Tap) -> bool:
-    """Whether somebody handles what a tap sends; monitors watch by themselves."""
+    """Whether the listener of a tap has a handler. Central handles monitors."""
     return bool(world.handlers.get(tap.listener)) or world.kinds[tap.listener].is_monitor
 
 
@@ -158,7 +162,7 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
         return None
     tap.has_fired = True
     if not kind.is_task:
-        made = world.seen.take_made(tap.listener, Role.LISTENER, 0, job.id, tap.id)
+        made = world.seen.take_made_id(tap.listener, Role.LISTENER, 0, job.id, tap.id)
         heard = Job(
             made, tap.listener, kind, module=job.module, role=Role.LISTENER, about=job, tap=tap
         )
@@ -183,9 +187,9 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
     def prepare(listener: Node) -> None:
         listener.tap = tap
         if kind.is_monitor:
-            oracle_monitors.born(listener, options)
+            oracle_monitors.init_watch(listener, options)
         listener.watches_over = listener.watches_over and is_beside
-        listener.is_guest = (
+        listener.is_foreign = (
             is_child and is_beside and tap.condition not in oracle_monitors.OF_HANDLING
         )
 
@@ -199,8 +203,8 @@ def _fire(world: World, tap: Tap, job: Job) -> Job | None:
 
 
 def _ends_first(world: World, tap: Tap, node: Node) -> bool:
-    """Whether a task passes its end with the points before: then it is over when a wiretap at one
-    of those is fired.
+    """Whether a task reaches its end together with earlier points: taps of the earlier points fire
+    after it has ended.
     """
     for fact in world.seen.facts:
         if isinstance(fact, facts.TapFired) and (fact.tap, fact.tapped) == (tap.id, node.id):
@@ -211,8 +215,8 @@ def _ends_first(world: World, tap: Tap, node: Node) -> bool:
 
 
 def tap(world: World, module: str, header: headers.Tap) -> None:
-    """A module taps; the same wiretap is there once, with all who want it, and a later one of its
-    own replaces it.
+    """Add a wiretap. Equal taps are shared by their modules; another tap of the same module is
+    replaced.
     """
     if not header.message and header.task not in world.nodes:
         _tap_ended(world, header)
@@ -225,26 +229,26 @@ def tap(world: World, module: str, header: headers.Tap) -> None:
     same = [
         one for one in taps if (one.condition, one.listener) == (header.condition, header.listener)
     ]
-    mine = next((one for one in same if one.watch == header.watch), None)
-    if mine is None:
+    ours = next((one for one in same if one.watch == header.watch), None)
+    if ours is None:
         added = next(fact for fact in world.seen.facts if isinstance(fact, facts.TapAdded))
-        mine = Tap(added.id, header.condition, header.listener, header.watch)
-        taps.append(mine)
-    mine.holders.add(module)
+        ours = Tap(added.id, header.condition, header.listener, header.watch)
+        taps.append(ours)
+    ours.holders.add(module)
     for other in same:
-        if other is not mine and module in other.holders:
-            let_go(world, other.id, module)
+        if other is not ours and module in other.holders:
+            remove_holder(world, other.id, module)
     if (
         header.at_once
-        and not mine.has_fired
+        and not ours.has_fired
         and _has_happened(world.nodes[header.task], header.condition)
     ):
-        world.news = True
-        _fire(world, mine, world.nodes[header.task])
+        world.has_sent = True
+        _fire(world, ours, world.nodes[header.task])
 
 
 def _has_happened(node: Node, condition: Condition) -> bool:
-    """Whether what a task is tapped for is past, and *while* it happens not over."""
+    """Whether a condition is true now for a task; for *while* conditions, whether it still is."""
     if condition is Condition.WHEN_SENT:
         return True
     if node.killed or condition is Condition.WHEN_KILLED:
@@ -261,10 +265,8 @@ def _has_happened(node: Node, condition: Condition) -> bool:
 
 
 def _tap_ended(world: World, header: headers.Tap) -> None:
-    """A task that has ended is tapped: its listener is sent now, for what has happened, and never
-    again.
-    """
-    killed, condition = header.task in world.came_to_nothing, header.condition
+    """Tap an ended task: the listener is sent once, now, for a past event."""
+    killed, condition = header.task in world.killed_tasks, header.condition
     is_so = condition is Condition.WHEN_SENT or killed is (condition is Condition.WHEN_KILLED)
     if header.task not in world.ended or not is_so or condition in WHILE:
         raise Disagreement(f"central takes {header}, which never comes")
@@ -273,8 +275,8 @@ def _tap_ended(world: World, header: headers.Tap) -> None:
     _fire(world, Tap(added.id, header.condition, header.listener, header.watch), node)
 
 
-def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
-    """A module wants a tap no longer; it is taken away if nobody else does, or *for all*."""
+def remove_holder(world: World, tap_id: int, module: str, *, for_all: bool = False) -> None:
+    """A module removes its tap. The tap ends with its last module, or at once *for all*."""
     for taps in [*world.taps.values(), *(node.taps for node in world.nodes.values())]:
         for tap in taps:
             if tap.id == tap_id:
@@ -283,22 +285,22 @@ def let_go(world: World, tap_id: int, module: str, *, for_all: bool = False) -> 
 
 
 def after_handler(kind: MessageClass, *, failed: bool, reissued: bool = False) -> set[Condition]:
-    """What has happened when a handler has returned."""
-    what = {Condition.AFTER_HANDLED}
+    """The conditions that become true when a handler has returned."""
+    conditions = {Condition.AFTER_HANDLED}
     if not reissued:
-        what |= (
+        conditions |= (
             {Condition.AFTER_FAILURE, Condition.WHEN_FAILURE}
             if failed
             else {Condition.AFTER_SUCCESS, Condition.WHEN_SUCCESS}
         )
     if kind.has_reply and not failed:
-        what.add(Condition.AFTER_REPLIED)
-    return what
+        conditions.add(Condition.AFTER_REPLIED)
+    return conditions
 
 
 def left(world: World, job: Job, *, lost: bool) -> None:
-    """Who handled it has gone: that is a failure of the handler, unless another one will begin with
-    it.
+    """The handling module has left. This is a failure of the handler, unless another handler
+    continues.
     """
     if lost or (job.killed if isinstance(job, Node) else job.target and job.kind.has_reply):
         happened(world, job, after_handler(job.kind, failed=True))

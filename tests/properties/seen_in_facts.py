@@ -1,6 +1,4 @@
-"""What really went on in a run, looked up in its facts one by one: slow, and without a single
-record of the tools.
-"""
+"""The spans of a run, found in its facts one by one: slow, and without any record of the tools."""
 
 from collections.abc import Iterator
 from math import inf
@@ -11,12 +9,12 @@ from tca_wire.journal import facts
 from tca_wire.points import ROOT, Moment, Point
 
 
-class Seen(NamedTuple):
-    """Something that went on, and who or what did."""
+class Span(NamedTuple):
+    """A span of a run: its kind, its owner, its start and end."""
 
-    what: str
+    kind: str
     """run, queue, wait, claim, lock, suspension, life or member"""
-    who: Any
+    owner: Any
     start: float
     end: float
     about: Any = None
@@ -29,39 +27,41 @@ class Seen(NamedTuple):
 
 
 class Facts:
-    """All spans of a run, by what they are."""
+    """All spans of a run, by kind."""
 
     def __init__(self, entries: list[facts.Entry], times: list[float]) -> None:
-        self.spans: list[Seen] = []
-        self.said: list[tuple[float, Any]] = []
+        self.spans: list[Span] = []
+        self.timed_facts: list[tuple[float, Any]] = []
         self._claims: dict[int, tuple[tuple[str, str], str]] = {}
         self._open: dict[tuple[str, Any], list[tuple[Any, float, Any]]] = {}
         for entry, time in zip(entries, times, strict=True):
             for fact in entry.facts:
-                self.said.append((time, fact))
-                self._take(fact, time)
-        for what, key in self._open:
-            while self._open[what, key]:
-                self._end(what, key, inf)
+                self.timed_facts.append((time, fact))
+                self._add(fact, time)
+        for kind, key in self._open:
+            while self._open[kind, key]:
+                self._end(kind, key, inf)
 
-    def of(self, what: str, who: Any = None) -> Iterator[Seen]:
-        return (one for one in self.spans if one.what == what and (who is None or one.who == who))
+    def of(self, kind: str, owner: Any = None) -> Iterator[Span]:
+        return (
+            one for one in self.spans if one.kind == kind and (owner is None or one.owner == owner)
+        )
 
-    def _begin(self, what: str, key: Any, who: Any, time: float, about: Any = None) -> None:
-        self._open.setdefault((what, key), []).append((who, time, about))
+    def _begin(self, kind: str, key: Any, owner: Any, time: float, about: Any = None) -> None:
+        self._open.setdefault((kind, key), []).append((owner, time, about))
 
-    def _end(self, what: str, key: Any, time: float) -> None:
-        if found := self._open.get((what, key)):
-            who, start, about = found.pop()
-            self.spans.append(Seen(what, who, start, time, about))
+    def _end(self, kind: str, key: Any, time: float) -> None:
+        if found := self._open.get((kind, key)):
+            owner, start, about = found.pop()
+            self.spans.append(Span(kind, owner, start, time, about))
 
-    def _take(self, fact: Any, time: float) -> None:
-        self._take_handling(fact, time)
-        self._take_waiting(fact, time)
-        self._take_life(fact, time)
+    def _add(self, fact: Any, time: float) -> None:
+        self._add_handling(fact, time)
+        self._add_waiting(fact, time)
+        self._add_life(fact, time)
 
-    def _take_handling(self, fact: Any, time: float) -> None:
-        """Runs of handlers, and stays in queues."""
+    def _add_handling(self, fact: Any, time: float) -> None:
+        """Record runs of handlers, and stays in queues."""
         if isinstance(fact, facts.Killed):
             self._end("queue", fact.task, time)
             return
@@ -78,16 +78,16 @@ class Facts:
                 "run", fact.id, fact.message_id, time, (fact.module, fact.resource, fact.id)
             )
 
-    def _take_waiting(self, fact: Any, time: float) -> None:
-        """Waits of handlers and programs, and locks."""
+    def _add_waiting(self, fact: Any, time: float) -> None:
+        """Record waits of handlers and programs, and locks."""
         match fact:
             case facts.Received() if fact.blocking and not fact.message_class.is_task:
                 self._waits(fact.id, fact.sender, fact.origin, time)
             case facts.Awaited():
                 sent = next(
-                    said
-                    for _, said in self.said
-                    if isinstance(said, facts.Received) and said.id == fact.id
+                    timed_facts
+                    for _, timed_facts in self.timed_facts
+                    if isinstance(timed_facts, facts.Received) and timed_facts.id == fact.id
                 )
                 self._waits(fact.id, sent.sender, sent.origin, time)
             case facts.Dropped() | facts.Answered():
@@ -105,21 +105,21 @@ class Facts:
                 self._begin("claim", fact.id, fact.id, time)
                 self._waits(fact.id, fact.sender, fact.origin, time)
             case facts.Granted() | facts.ClaimEnded():
-                for what in ("wait", "claim", "lock"):
-                    self._end(what, fact.id, time)
+                for kind in ("wait", "claim", "lock"):
+                    self._end(kind, fact.id, time)
         if isinstance(fact, facts.Granted):
             self._begin("lock", fact.id, fact.id, time)
 
     def _queued_copies(self, message: int) -> list[int]:
-        """Of what went to many, those that stand in queues."""
+        """The queued copies of a message with several receivers."""
         return [
             key
-            for (what, key), found in self._open.items()
-            if what == "queue" and found and found[-1][0] == message
+            for (kind, key), found in self._open.items()
+            if kind == "queue" and found and found[-1][0] == message
         ]
 
-    def _take_life(self, fact: Any, time: float) -> None:
-        """How long there are messages and modules, and suspensions."""
+    def _add_life(self, fact: Any, time: float) -> None:
+        """Record lifetimes of messages and modules, and suspensions."""
         match fact:
             case facts.Received():
                 self._begin("life", fact.id, fact.id, time)
@@ -142,8 +142,8 @@ class Facts:
 
     # --- questions --------------------------------------------------------------------------------
 
-    def bears_out(self, step: PathStep) -> bool:
-        """Whether a step of a path says what really went on, all the time."""
+    def confirms(self, step: PathStep) -> bool:
+        """Whether a step of a path agrees with the spans during all its time."""
         return bool(getattr(self, f"_{step.doing.name.lower()}")(step))
 
     def _work(self, step: PathStep) -> bool:
@@ -151,7 +151,7 @@ class Facts:
         runs = [one for one in runs if one.about[:2] == (step.module, step.resource)]
         return any(not any(self._own_waits(run, step)) for run in runs)
 
-    def _own_waits(self, run: Seen, step: PathStep) -> Iterator[Seen]:
+    def _own_waits(self, run: Span, step: PathStep) -> Iterator[Span]:
         module, _, delivery = run.about
         return (one for one in self.of("wait", (module, delivery)) if one.meets(step))
 
@@ -162,43 +162,43 @@ class Facts:
     def _delay(self, step: PathStep) -> bool:
         over = [
             fact
-            for time, fact in self.said
+            for time, fact in self.timed_facts
             if isinstance(fact, facts.TimedOut) and time == step.end
         ]
         is_over = any(fact.constraint.after.task == step.message_id for fact in over)
-        return is_over or step.end == self.said[-1][0] or self._is_cut_off(step)
+        return is_over or step.end == self.timed_facts[-1][0] or self._is_cut_off(step)
 
     def _is_cut_off(self, step: PathStep) -> bool:
         """Whether a delay would have lasted longer than the step."""
-        told = (
+        constraining = (
             (time, fact)
-            for time, fact in self.said
+            for time, fact in self.timed_facts
             if isinstance(fact, facts.Received | facts.Constrained)
         )
-        of_it = (
+        constraints = (
             (time, one)
-            for time, fact in told
+            for time, fact in constraining
             for one in fact.constraints
             if one.after.task == step.message_id
         )
         return any(
-            self._begun(one.before, time)
+            self._reached_at(one.before, time)
             <= step.start
             < step.end
-            <= max(time, self._begun(one.before, time)) + one.delay
-            for time, one in of_it
+            <= max(time, self._reached_at(one.before, time)) + one.delay
+            for time, one in constraints
         )
 
-    def _begun(self, point: Point, said: float) -> float:
-        """When a point was reached; of the root's, when the constraint was said."""
+    def _reached_at(self, point: Point, timed_facts: float) -> float:
+        """The time when a point was reached; for the root, the time of the constraint."""
         reached = (
             time
-            for time, fact in self.said
+            for time, fact in self.timed_facts
             if isinstance(fact, facts.Reached)
             and fact.task == point.task
             and fact.moments & point.moment
         )
-        return next(reached, said if point.task == ROOT else inf)
+        return next(reached, timed_facts if point.task == ROOT else inf)
 
     def _no_handler(self, step: PathStep) -> bool:
         return any(
@@ -212,49 +212,50 @@ class Facts:
         )
 
     def _locked(self, step: PathStep) -> bool:
-        """Somebody had a lock; or one was wanted, and not granted."""
+        """Whether the module held a lock, or a claim of the resource was pending."""
         had = any(
-            one.covers(step) and self._claims[one.who][1] == step.module for one in self.of("lock")
+            one.covers(step) and self._claims[one.owner][1] == step.module
+            for one in self.of("lock")
         )
         where = step.module, step.resource
         return had or any(
-            one.covers(step) and self._claims[one.who][0] == where for one in self.of("claim")
+            one.covers(step) and self._claims[one.owner][0] == where for one in self.of("claim")
         )
 
     def _suspended(self, step: PathStep) -> bool:
-        stood = any(one.covers(step) for one in self.of("suspension", step.message_id))
+        was_suspended = any(one.covers(step) for one in self.of("suspension", step.message_id))
         below = self.under(step.message_id)
-        at_work = (run for run in self.of("run") if run.who in below and run.meets(step))
-        return stood and all(any(self._own_waits(run, step)) for run in at_work)
+        runs_below = (run for run in self.of("run") if run.owner in below and run.meets(step))
+        return was_suspended and all(any(self._own_waits(run, step)) for run in runs_below)
 
     def _killed(self, step: PathStep) -> bool:
         return self._unknown(step)
 
     def _held(self, step: PathStep) -> bool:
-        return self._lives(step) and not any(
+        return self._is_alive(step) and not any(
             one.meets(step) for one in self.of("run", step.message_id)
         )
 
     def _circle(self, step: PathStep) -> bool:
-        return self._lives(step) and not any(self.at_work_under(step))
+        return self._is_alive(step) and not any(self.working_under(step))
 
     def _watching(self, step: PathStep) -> bool:
-        return self._lives(step)
+        return self._is_alive(step)
 
     def _unknown(self, step: PathStep) -> bool:
-        """Of what was over nothing is unknown; nobody was at work for it who would have been the
-        reason, and it stood in no queue.
+        """A step of unknown cause: no handler that could be the reason worked, and the task stood
+        in no queue.
         """
-        stood = any(one.covers(step) for one in self.of("queue", step.message_id))
-        return self._lives(step) and not stood and not any(self.at_work_under(step))
+        was_suspended = any(one.covers(step) for one in self.of("queue", step.message_id))
+        return self._is_alive(step) and not was_suspended and not any(self.working_under(step))
 
-    def _lives(self, step: PathStep) -> bool:
+    def _is_alive(self, step: PathStep) -> bool:
         return any(one.covers(step) for one in self.of("life", step.message_id))
 
     def under(self, task: int) -> set[int]:
-        """A task, and all that is under it."""
+        """The ids of a task and its descendants."""
         found = {task}
-        for _, fact in self.said:
+        for _, fact in self.timed_facts:
             if (
                 isinstance(fact, facts.Received)
                 and fact.parent in found
@@ -263,17 +264,17 @@ class Facts:
                 found.add(fact.id)
         return found
 
-    def at_work_under(self, step: PathStep) -> Iterator[Seen]:
-        """The handlers that worked all the time for a task, and waited for nothing."""
+    def working_under(self, step: PathStep) -> Iterator[Span]:
+        """The handlers that worked for a task during the whole step, without a wait."""
         below = self.under(step.message_id)
-        runs = (one for one in self.of("run") if one.who in below and one.covers(step))
+        runs = (one for one in self.of("run") if one.owner in below and one.covers(step))
         return (run for run in runs if not any(self._own_waits(run, step)))
 
-    def is_own_will(self, time: float) -> bool:
-        """Whether somebody did something at a time of whom nothing is known that he did before had
-        to be over.
+    def is_independent(self, time: float) -> bool:
+        """Whether a module acted at a time, with no known earlier run or wait that it had to end
+        first.
         """
-        for when, fact in self.said:
+        for when, fact in self.timed_facts:
             if when != time or not isinstance(fact, facts.Received | facts.Claimed):
                 continue
             sender, origin = fact.sender, fact.origin
@@ -286,9 +287,9 @@ class Facts:
         return False
 
     def ends(self, task: int) -> float:
-        """When a task ended, or (inf) that it did not."""
+        """The time when a task ended; inf if it did not."""
         bits = 0
-        for time, fact in self.said:
+        for time, fact in self.timed_facts:
             if isinstance(fact, facts.Reached) and fact.task == task:
                 bits |= fact.moments
                 if bits & Moment.END_ACHIEVING:

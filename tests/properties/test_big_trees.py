@@ -1,6 +1,4 @@
-"""Everything that steers tasks works on trees of very many tasks, deep or wide: no recursion,
-nothing left behind.
-"""
+"""Steering of very many tasks, deep or wide: without recursion, and with nothing left behind."""
 
 import pytest
 from central.player import Player, before, point
@@ -20,20 +18,16 @@ START = Moment.START_ACHIEVING
 
 @pytest.mark.parametrize("size", [8_000, pytest.param(100_000, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("deep", [False, True], ids=["wide", "deep"])
-def test_failures_suspension_deadlines_wiretaps_and_kills_in_a_big_tree(
-    deep: bool, size: int
-) -> None:
+def test_all_operations_on_big_tree_leave_nothing_behind(deep: bool, size: int) -> None:
     bench = Steered()
     bottom = bench.grow(size, deep=deep)
     bench.steady(bottom, 10)
     bench.operations(bottom)
-    assert (
-        len(bench.central.tree.tasks) == 2
-    )  # the top-level task, and under it what leaves things safe
+    assert len(bench.central.tree.tasks) == 2  # the top-level task and its termination message
     assert not bench.central.dispatcher.to_offer
 
 
-def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(
+def test_observer_of_long_chain_searches_no_ancestors(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bench, looked = Steered(), list[int]()
@@ -45,10 +39,8 @@ def test_an_observer_of_a_long_chain_does_not_look_up_from_each_task(
 
 
 @pytest.mark.parametrize("scope", [Scope.TASK, Scope.DESCENDANTS])
-def test_the_kill_of_a_long_sequence_costs_its_length(scope: Scope) -> None:
-    """What comes after it still waits for the step that runs; of those between nobody has to know
-    any more.
-    """
+def test_kill_of_long_sequence_adds_linear_number_of_constraints(scope: Scope) -> None:
+    """The follower still waits for the running step; the steps between are dropped."""
     player = Player.of("planner: goal walk", "legs: command move", "user", check=False)
     walk = player.task("user", "walk")
     for _ in range(2_000):

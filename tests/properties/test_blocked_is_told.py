@@ -1,6 +1,4 @@
-"""In random lives of handlers that block: the journal says of every wait that goes on, and of no
-other.
-"""
+"""The journal records every open wait, and no other, in random lives of handlers that block."""
 
 from central.player import point
 from hypothesis import given, settings
@@ -48,8 +46,8 @@ steps = st.lists(
 )
 
 
-class Told(Folding, Blocking):
-    """Handlers that ask in all ways, for long or briefly; the journal is folded as it goes."""
+class JournaledLife(Folding, Blocking):
+    """Handlers that block in all ways, long or brief; the journal is folded after every event."""
 
     handled = {  # noqa: RUF012
         "a": ("goal walk", "query where", "multi-query all"),
@@ -63,17 +61,15 @@ class Told(Folding, Blocking):
         self.declare("user", "query missing")
 
     def compare(self) -> None:
-        """What central knows of waits is what the journal tells."""
+        """The waits of central are the open waits of the journal."""
         waits = [wait for run in self.history.handlings for wait in run.waits]
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
-        told = sorted(wait.awaited for wait in waits if wait.end is None)
+        journaled = sorted(wait.awaited for wait in waits if wait.end is None)
         connections = self.central.registry.connections.values()
-        open_waits = [
-            (one, number) for one in connections for number in (*one.waits, *one.brief_waits)
-        ]
-        assert told == sorted(awaited(one, number) for one, number in open_waits)
+        open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
+        assert journaled == sorted(awaited(one, number) for one, number in open_waits)
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         free, brief = self.free(), c % 2 == 0
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         slot = delivery.slot if delivery else None
@@ -81,45 +77,45 @@ class Told(Folding, Blocking):
         name, origin = slot.id.decode(), delivery.handling_id if delivery else 0
         if not delivery and (slot.waits or slot.brief_waits):
             return
-        if what.startswith("ask"):
-            self.ask(name, origin, what, b, brief=brief)
-        elif what == "fetch":
-            if went_on := [
+        if operation.startswith("ask"):
+            self.ask(name, origin, operation, b, brief=brief)
+        elif operation == "fetch":
+            if unblocked := [
                 number
                 for number, due in slot.outstanding.items()
                 if isinstance(due, Delivery | Collector)
             ]:
-                self.receive(name, headers.Await(went_on[b % len(went_on)]))
-        elif what == "wait":
+                self.receive(name, headers.Await(unblocked[b % len(unblocked)]))
+        elif operation == "wait":
             for task in [*self.central.tree.tasks.values()][b:][:1]:
                 place = point(task.id, list(Moment)[c % 6])
                 self.request(name, headers.AwaitPoint, place, origin, blocking=True, brief=brief)
-        elif what == "lock":
+        elif operation == "lock":
             self.request(
                 name, headers.Lock, "abc"[b % 3], "", c % 3 == 0, origin, blocking=True, brief=brief
             )
-        elif what == "be there":
+        elif operation == "be there":
             self.request(name, headers.WaitUntilHandled, ["missing"], origin=origin)
-        elif what in ("give up", "lose"):
-            self.end(what, b, c)
+        elif operation in ("give up", "lose"):
+            self.end(operation, b, c)
         else:
-            super().do(what, a, b, c)
+            super().do(operation, a, b, c)
 
     def blocks(self, by: Delivery | None) -> bool:
         return True
 
-    def ask(self, name: str, origin: int, what: str, b: int, *, brief: bool) -> None:
-        if what == "ask all":
+    def ask(self, name: str, origin: int, operation: str, b: int, *, brief: bool) -> None:
+        if operation == "ask all":
             self.send(name, "all", origin=origin, blocking=brief, maximum=b % 3)
         else:
             message = ("where", "look", "pose", "missing")[b % 4]
-            self.send(name, message, origin=origin, blocking=what == "ask", brief=brief)
+            self.send(name, message, origin=origin, blocking=operation == "ask", brief=brief)
 
-    def end(self, what: str, b: int, c: int) -> None:
-        """Somebody waits no longer, or is lost."""
+    def end(self, operation: str, b: int, c: int) -> None:
+        """A wait is given up, or a slot is lost."""
         connections = self.central.registry.connections.values()
-        if what == "give up":
-            for one in [one for one in connections if one.waits or one.brief_waits][b % 4 :][:1]:
+        if operation == "give up":
+            for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
                 name, (number, wait) = (
                     one.id.decode(),
                     next(iter((*one.brief_waits.items(), *one.waits.items()))),
@@ -151,5 +147,5 @@ def awaited(slot: Connection, number: int) -> int:
 
 @given(steps)
 @settings(max_examples=lives(45, soak=2_000))
-def test_the_journal_says_who_waits(taken: Steps) -> None:
-    Told().live(taken)
+def test_journal_records_every_wait(taken: Steps) -> None:
+    JournaledLife().live(taken)

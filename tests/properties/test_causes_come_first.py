@@ -1,6 +1,6 @@
-"""No cause comes later than its effect: nobody is told of a failure after he gave up or ended, and
-nothing fails of what failed later; in stories, in chains of failures, and in what is said to have
-become of failures.
+"""No cause is later than its effect. No module receives a failure after it gave up or ended, and no
+failure follows from a later one. This holds in stories, in chains of failures and in the fates of
+failures.
 """
 
 import re
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from properties.blocking import Steps
 from properties.folded import FoldedPlayer
 from properties.life import Life, Operations, operations
-from properties.test_blocked_is_told import Told, steps
+from properties.test_blocked_is_told import JournaledLife, steps
 from sampling import lives
 
 from tca_tools.analysis.failures import failures
@@ -35,17 +35,21 @@ _NUMBER = re.compile(r"\{(\d+)\}")
 
 
 class Answers:
-    """What was answered or failed by which event, as central tells it."""
+    """The answers and failures of each event, according to central."""
 
     def __init__(self, run: Run, entries: list[facts.Entry]) -> None:
         times = dict(zip(run.numbers, run.times, strict=True))
-        said = [(times[entry.number], fact) for entry in entries for fact in entry.facts]
-        self.answered = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Answered)}
-        self.failed = {(time, fact.id) for time, fact in said if isinstance(fact, facts.Failed)}
+        timed_facts = [(times[entry.number], fact) for entry in entries for fact in entry.facts]
+        self.answered = {
+            (time, fact.id) for time, fact in timed_facts if isinstance(fact, facts.Answered)
+        }
+        self.failed = {
+            (time, fact.id) for time, fact in timed_facts if isinstance(fact, facts.Failed)
+        }
 
-    def is_reported(self, query: Message, time: float) -> bool:
-        """Whether an answer, or the failure of its monitor, came of its failure, while whoever
-        asked still ran.
+    def is_told(self, query: Message, time: float) -> bool:
+        """Whether the failure of a query led to an answer, or to the failure of its monitor, while
+        the asker still ran.
         """
         if query.role is Role.CONDITION:
             return (time, query.about) in self.failed
@@ -57,7 +61,7 @@ def _has_ended(failed: Failing, time: float) -> bool:
 
 
 def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
-    """Of everything that failed."""
+    """Check every story, failure chain and fate of a run."""
     answers = Answers(run, entries)
     for message in run.messages.values():
         for one in story(run, message.id):
@@ -86,7 +90,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
 
 
 def _assert_known(run: Run, text: str, moment: float) -> None:
-    """A text names nothing that was not there yet."""
+    """A text names no message that was sent later."""
     named = [
         run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages
     ]
@@ -94,19 +98,21 @@ def _assert_known(run: Run, text: str, moment: float) -> None:
 
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:
-    """Who is told had not ended, nor given up; with what nobody is told of nothing fails."""
-    told = describe_asker(run, failed, time)
-    if told.startswith(Fate.UNTOLD.words):
-        assert not run_continued(run, failed, time)
+    """A receiver of a failure had not ended or given up. A failure without a receiver causes no
+    other.
+    """
+    receivers = told_to(run, failed, time)
+    if receivers.startswith(Fate.UNTOLD.words):
+        assert not went_on(run, failed, time)
         assert fate(run, failed, time) is Fate.UNTOLD
-    elif told:
-        assert not _has_ended(failed, time), told
-        assert isinstance(failed, Handling) or not failed.was("dropped", time), told
+    elif receivers:
+        assert not _has_ended(failed, time), receivers
+        assert isinstance(failed, Handling) or not failed.was("dropped", time), receivers
 
 
 @given(operations)
 @settings(max_examples=lives(38, soak=300))
-def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
+def test_no_cause_is_later_than_its_effect(taken: Operations) -> None:
     player = FoldedPlayer()
     Life(player).live(taken)
     assert_causes_come_first(player.history, player.entries)
@@ -114,6 +120,6 @@ def test_no_cause_comes_later_than_its_effect(taken: Operations) -> None:
 
 @given(steps)
 @settings(max_examples=lives(30, soak=2_000))
-def test_nor_of_handlers_that_block(taken: Steps) -> None:
-    life = Told().live(taken)
+def test_no_cause_is_later_than_its_effect_when_handlers_block(taken: Steps) -> None:
+    life = JournaledLife().live(taken)
     assert_causes_come_first(life.history, life.entries)

@@ -1,12 +1,12 @@
-"""What the tools name as the end of a wait is what it waits for: in random lives that is done, and
-nothing else, or everything else, and central shows what comes of it.
+"""The named ends of a wait are necessary and sufficient, according to central, in random lives.
 
-1. *All of the rest* is done: whatever the ends do not name returns, is released or resumed. What
-waits, waits on. 2. *All that is named* is done, and again what is named then: what waits gets
-there, without anything else.
+1. *Necessary*: every handler that the ends do not name returns; every other lock is released, every
+other task resumed. The waiting task must still wait. 2. *Sufficient*: everything that the ends name
+is done, repeatedly. The waiting task must get there, with nothing else done.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from central.player import Player, before, point
@@ -63,7 +63,7 @@ steps = st.lists(
     max_size=30,
 )
 LATER, LONG = 1_000.0, 10_000.0
-"""A delay, in seconds, and after how long all delays are over."""
+"""A delay in seconds, and a time after which all delays are over."""
 FLAGS = (
     Flags.NONE,
     Flags.SEQ_ACH,
@@ -74,11 +74,11 @@ FLAGS = (
 AWAITED = [*Moment, Moment.START_ACHIEVING, Moment.END_PLANNING]
 HELD = [*Moment, Moment.START_PLANNING, Moment.START_ACHIEVING]
 ROUNDS = 100
-"""So often at most something is done until what waits gets there."""
+"""The limit of repetitions until the waiting task must get there."""
 
 
 class Life(Blocking):
-    """Handlers that block, and that make more than their handlers can do."""
+    """Handlers that block, with more messages than they can handle."""
 
     handled = {  # noqa: RUF012
         "a": ("goal walk", "query where", "multi-query all", "exception handler recover"),
@@ -102,47 +102,47 @@ class Life(Blocking):
     def free(self) -> list[Delivery]:
         return may_return(self.central)
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         free, tasks = self.free(), list(self.central.tree.tasks.values())
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.handling_id if delivery else 0
-        if who == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
+        sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
+        if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
-        if what == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
-            self.resolve(who, origin)
-        if what == "send":
+        if operation == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
+            self.resolve(sender, origin)
+        if operation == "send":
             self._send(delivery, a, b, c)
-        elif what == "plan ahead":
+        elif operation == "plan ahead":
             parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
-            planned = self.task(who, "walk", under=parent, origin=origin)
+            planned = self.task(sender, "walk", under=parent, origin=origin)
             begun = before(point(planned, AWAITED[b % 8]), point(-1, Moment.START_PLANNING))
             self.send(
-                who, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
+                sender, "step", under=parent, origin=origin, flags=Flags.NONE, constraints=(begun,)
             )
-        elif what.startswith("ask"):
-            name = "all" if what == "ask all" else self.questions[b % len(self.questions)]
-            self.send(who, name, origin=origin, blocking=True)
-        elif what == "fail" and delivery:
-            self.fail(who, "slipped", origin)
-        elif what == "retry" and tasks:
+        elif operation.startswith("ask"):
+            name = "all" if operation == "ask all" else self.questions[b % len(self.questions)]
+            self.send(sender, name, origin=origin, blocking=True)
+        elif operation == "fail" and delivery:
+            self.fail(sender, "slipped", origin)
+        elif operation == "retry" and tasks:
             self.request("operator", headers.Retry, TaskId(tasks[b % len(tasks)].id), body=b"\x08")
-        elif what == "give up":
+        elif operation == "give up":
             self._release(b)
-        elif what == "lose":
+        elif operation == "lose":
             slots = [one for one in self.central.registry.connections.values() if one.resource]
             if slots and c % 4 == 0:
                 self.lose(slots[b % len(slots)].id.decode())
-        elif what == "lock":
-            self.request(who, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
+        elif operation == "lock":
+            self.request(sender, headers.Lock, "abd"[b % 3], "", c % 3 == 0, origin, blocking=True)
         else:
-            super().do(what, a, b, c)
+            super().do(operation, a, b, c)
 
     def _send(self, delivery: Delivery | None, a: int, b: int, c: int) -> None:
-        """Another task; now and then one that waits for a moment of another, or is waited for."""
+        """Send a task; sometimes one with a constraint to or from another."""
         tasks = list(self.central.tree.tasks.values())
-        who = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.handling_id if delivery else 0
+        sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
+        origin = delivery.given_as if delivery else 0
         parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
         constraints = []
         if tasks and c % 2 == 0:
@@ -154,7 +154,7 @@ class Life(Blocking):
             constraints.append(before(one, other, LATER * (b % 5 == 4)))
         name = self.names[b % len(self.names)]
         self.send(
-            who,
+            sender,
             name,
             under=parent,
             origin=origin,
@@ -163,9 +163,7 @@ class Life(Blocking):
         )
 
     def _release(self, b: int) -> None:
-        """Somebody gives up a lock, or waits for something no longer, but for what his own thread
-        is about.
-        """
+        """A lock is released or a wait given up, unless its own thread is busy with a nested query."""
         connections = self.central.registry.connections.values()
         due = [
             (one, number) for one in connections for number in one.waits if len(one.handling) < 2
@@ -176,8 +174,8 @@ class Life(Blocking):
             self.receive(slot.id.decode(), headers.GiveUp(number))
 
 
-class Again(Player):
-    """The same life once more, to be gone on with otherwise; then things are done."""
+class Replay(Player):
+    """A replay of a life that continues in another way."""
 
     def __init__(self, life: Life) -> None:
         super().__init__(check=False)
@@ -191,18 +189,16 @@ class Again(Player):
         return RunAt(History.until(self.entries))
 
     def has_reached(self, node: Node) -> bool:
-        """Whether a task is past a moment, as central knows."""
+        """Whether a task has reached a moment, according to central."""
         assert node.moment
         task = self.central.tree.tasks.get(TaskId(node.number))
         return task is None or bool(task.reached & node.moment)
 
     def act(self, end: End) -> None:
-        """Do what an end stands for. Raises AssertionError where central knows nothing of the
-        kind.
-        """
+        """Do what an end names. Raises AssertionError if central knows nothing of the kind."""
         if end.kind is WaitKind.RUNNING:
             runs = [one for one in may_return(self.central) if one.message_id == end.number]
-            assert runs, f"{end} does not go on"
+            assert runs, f"{end} has no free handler"
             for run in runs:
                 self.answer(run)
         elif end.kind is WaitKind.HANDLER:
@@ -216,9 +212,7 @@ class Again(Player):
             self.unlock_or_join(end)
 
     def unlock_or_join(self, end: End) -> None:
-        """A lock is released that somebody has outside of handlers; or a resource that has no slot
-        gets one.
-        """
+        """Release a lock that no handler holds; or add a slot to a resource without one."""
         if claim := next(
             (one for one in may_be_released(self.central) if one.id == end.number), None
         ):
@@ -226,25 +220,23 @@ class Again(Player):
             return
         at = self.at
         message, wanted = at.run.messages.get(end.number), at.run.claims.get(end.number)
-        places = (
-            [wanted]
-            if wanted
-            else [at.queueing_of(message), *at.copies_of(message)[1]]
-            if message
-            else []
-        )
+        places: list[Any] = []
+        if wanted:
+            places = [wanted]
+        elif message:
+            places = [at.queueing_of(message), *at.copies_of(message)[1]]
         modules = {module.name: module for module in self.central.registry.modules.values()}
         empty = [
             one
             for one in places
             if one and not modules[one.module].resources[one.resource].capacity
         ]
-        assert empty, f"{end} {message} stands, and nobody knows why"
+        assert empty, f"{end}: no known reason why {message} is queued"
         self.hello(f"{empty[0].module}/{len(self.entries)}", empty[0].module, empty[0].resource)
 
     def answer(self, run: Delivery) -> None:
-        """It returns, an exception handler with its failure resolved: else what is under the failed
-        task would end.
+        """Let a handler return. An exception handler resolves its failure; otherwise the failed
+        task would be killed.
         """
         if run.slot is not None:
             if run.role is Role.EXCEPTION:
@@ -252,7 +244,7 @@ class Again(Player):
             self.reply(run.slot.id.decode(), run.handling_id)
 
     def take(self, name: str) -> None:
-        """A module joins that handles it."""
+        """Let a module join that handles the message."""
         message = self.central.registry.messages[name]
         self.module(f"new{len(self.entries)}", f"{message.message_class} {name}", capacity=2)
 
@@ -261,7 +253,7 @@ class Again(Player):
 
 
 def may_return(central: Central) -> list[Delivery]:
-    """What is handled by handlers that wait for nothing, however briefly."""
+    """The deliveries of handlers that wait for nothing, not even briefly."""
     return [one for one in free_handlers(central) if one.slot and not _pauses(one.slot, one)]
 
 
@@ -270,7 +262,7 @@ def _pauses(slot: Connection, run: Delivery) -> bool:
 
 
 def may_be_released(central: Central) -> list[ModuleClaim]:
-    """Locks in force that whoever has them can release: he waits for nothing."""
+    """The granted locks whose holder waits for nothing."""
     granted, free = (
         [claim for claim in central.claims.values() if claim.is_granted],
         may_return(central),
@@ -282,57 +274,55 @@ def may_be_released(central: Central) -> list[ModuleClaim]:
     ]
 
 
-# --- what is done ---------------------------------------------------------------------------------
+# --- the two checks ---------------------------------------------------------------------------------
 
 
-def nothing_else_helps(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
-    again, named = Again(life), {end.number for end in ends}
-    circles, killed = Ends.at(again.at), len(again.facts(Killed))
-    done = list(rest(again, ends, named))
-    left = [node for node in nodes if not again.has_reached(node)]
-    if (
-        len(again.facts(Killed)) == killed
-    ):  # an exception handler that has failed itself decides nothing: that kills
+def assert_ends_necessary(life: Life, ends: tuple[End, ...], nodes: list[Node]) -> None:
+    replay, named = Replay(life), {end.number for end in ends}
+    ends_before, killed = Ends.at(replay.at), len(replay.facts(Killed))
+    done = list(do_the_rest(replay, ends, named))
+    left = [node for node in nodes if not replay.has_reached(node)]
+    if len(replay.facts(Killed)) == killed:  # a kill, by a failed exception handler, ends waits too
         assert left == nodes, (
-            f"{set(nodes) - set(left)} waited for {ends}, and this was enough: {done} {circles}"
+            f"{set(nodes) - set(left)} waited for {ends}, but this was enough: {done} {ends_before}"
         )
 
 
-def rest(again: Again, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
-    """Do whatever is not named."""
-    central, kinds = again.central, {end.kind for end in ends}
+def do_the_rest(replay: Replay, ends: tuple[End, ...], named: set[int]) -> Iterator[object]:
+    """Do everything that the ends do not name."""
+    central, kinds = replay.central, {end.kind for end in ends}
     held = [one for one in may_be_released(central) if one.id not in named]
     held = [one for one in held if one.holder is None or one.holder.message_id not in named]
     for run in [one for one in may_return(central) if one.message_id not in named]:
-        again.answer(run)
+        replay.answer(run)
         yield run
     for claim in held:
         if claim.is_granted:
-            again.release(claim)
+            replay.release(claim)
             yield claim
     if WaitKind.RESUME not in kinds:
         for task in [one for one in central.tree.tasks.values() if one.suspended]:
-            again.request("operator", headers.Suspend, TaskId(task.id), resume=True)
+            replay.request("operator", headers.Suspend, TaskId(task.id), resume=True)
             yield f"{task} resumed"
     if WaitKind.HANDLER not in kinds:
         for name in ("later", "never"):
-            again.take(name)
+            replay.take(name)
     if WaitKind.DELAY not in kinds:
-        again.tick(LONG)
+        replay.tick(LONG)
         yield "time"
 
 
-def what_is_named_helps(life: Life, node: Node) -> None:
-    again, told = Again(life), []
+def assert_ends_sufficient(life: Life, node: Node) -> None:
+    replay, named_ends = Replay(life), []
     for _ in range(ROUNDS):
-        if again.has_reached(node):
+        if replay.has_reached(node):
             return
-        ends = Ends.at(again.at).of_node(node)
+        ends = Ends.at(replay.at).of_node(node)
         if ends[0].kind in (WaitKind.CIRCLE, WaitKind.CONDITION):
             return
-        told.append(ends)
-        again.act(ends[0])
-    pytest.fail(f"{node} was not reached by what was named: {told[:20]}")
+        named_ends.append(ends)
+        replay.act(ends[0])
+    pytest.fail(f"{node} was not reached by the named ends: {named_ends[:20]}")
 
 
 @example(
@@ -343,7 +333,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         ("return", 0, 0, 0),
         ("kill", 1, 0, 0),
     ]
-)  # as it runs
+)  # a retry of a running task
 @example(
     [
         ("send", 0, 0, 0),
@@ -352,8 +342,10 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         ("retry", 0, 0, 0),
         ("send", 0, 0, 0),
     ]
-)  # or again
-@example([("send", 0, 0, 38), ("suspend", 0, 0, 1), ("retry", 0, 0, 0)])  # once it is resumed
+)  # a retry after its handler
+@example(
+    [("send", 0, 0, 38), ("suspend", 0, 0, 1), ("retry", 0, 0, 0)]
+)  # a retry of a suspended task
 @example(
     [
         ("send", 0, 1, 0),
@@ -363,7 +355,7 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         ("fail", 0, 0, 0),
         ("fail", 1, 0, 0),
     ]
-)  # or what failed there is killed
+)  # a failure in an exception handler kills the task
 @example(
     [
         ("send", 0, 1, 0),
@@ -376,17 +368,17 @@ def what_is_named_helps(life: Life, node: Node) -> None:
         ("send", 0, 1, 0),
         ("retry", 0, 0, 0),
     ]
-)  # or who has a lock is handled again
+)  # a lock holder is retried
 @example(
     [("send", 0, 0, 0)] + [("send", 0, 1, 0)] * 3 + [("fail", 0, 0, 0)]
-)  # or its failure is dealt with
+)  # a failure is dealt with
 @given(steps)
 @settings(max_examples=lives(30, soak=5_000))
-def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:
+def test_named_wait_ends_are_necessary_and_sufficient(taken: Steps) -> None:
     life = Life()
     for step in taken:
         life.do(*step)
-    at = Again(life).at
+    at = Replay(life).at
     waiting: dict[tuple[End, ...], list[Node]] = {}
     for task in life.central.tree.tasks.values():
         for moment in Moment:
@@ -395,6 +387,6 @@ def test_what_is_named_is_what_is_waited_for(taken: Steps) -> None:
                 waiting.setdefault(Ends.at(at).of_node(node), []).append(node)
     for ends, nodes in waiting.items():
         if len(ends) <= MOST and all(end.kind is not WaitKind.CONDITION for end in ends):
-            nothing_else_helps(life, ends, nodes)
+            assert_ends_necessary(life, ends, nodes)
             for node in dict.fromkeys((nodes[0], nodes[-1])):
-                what_is_named_helps(life, node)
+                assert_ends_sufficient(life, node)

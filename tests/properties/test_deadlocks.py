@@ -1,10 +1,10 @@
-"""Random lives of handlers that block: what is called a deadlock would never have ended, and none
-is overlooked.
+"""Reported deadlocks would never end, and no deadlock is overlooked, in random lives of handlers
+that block.
 
-Each life is lived twice, the second time by a central that does not look for deadlocks. In that
-one, at the moment of the first refusal, everything that can go on does: whoever was refused must
-wait still. In some lives central looks at so little at a time that its searches go on while
-everything changes.
+Each life is lived twice, the second time by a central that does not look for deadlocks. At the
+first refusal, every handler of the second life that can return does so. The refused wait must still
+be open then. In some lives central searches so few edges at a time that the tree changes during a
+search.
 """
 
 from collections.abc import Iterator
@@ -51,43 +51,43 @@ steps = st.lists(
 
 
 CALLED_BACK = [("send", 0, 44, 0), ("ask", 0, 44, 0), ("lock", 1, 2, 1), ("await", 0, 32, 0)]
-"""A coroutine asks its own resource something, which a handler nested in it has locked."""
+"""A coroutine queries its own resource, which a handler nested in it has locked."""
 
 
 @given(steps)
 @example(CALLED_BACK)
 @settings(max_examples=lives(45, soak=5_000))
-def test_what_is_called_a_deadlock_would_never_have_ended(taken: Steps) -> None:
-    check(taken)
+def test_reported_deadlocks_are_exactly_the_endless_waits(taken: Steps) -> None:
+    assert_deadlocks_are_exact(taken)
 
 
 @given(steps, st.integers(1, 6))
 @settings(max_examples=lives(40, soak=5_000))
-def test_a_search_that_is_interrupted_by_events_finds_the_same(taken: Steps, few: int) -> None:
-    with looks_at(few):
-        check(taken)
+def test_interrupted_deadlock_search_finds_the_same_deadlocks(taken: Steps, edges: int) -> None:
+    with limited_search(edges):
+        assert_deadlocks_are_exact(taken)
 
 
-def test_a_look_at_a_lock_that_is_over_meanwhile_comes_to_an_end() -> None:
+def test_deadlock_search_ends_when_lock_request_is_withdrawn() -> None:
     player = Blocking(looks=True)
-    with looks_at(1):
+    with limited_search(1):
         for _ in range(2):
             player.do("send", 0, 0, 0)
         free = player.free()[0]
         assert free.slot is not None
-        who = free.slot.id.decode()
-        number = player.number(who)
-        player.receive(who, headers.Lock(number, "b", "", origin=free.handling_id, blocking=True))
+        sender = free.slot.id.decode()
+        number = player.number(sender)
+        player.receive(sender, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
         player.time += 0.25
         player.tick(0.0)
         assert player.central.scan is not None
-        player.receive(who, headers.GiveUp(number))
-        look_to_the_end(player)
+        player.receive(sender, headers.GiveUp(number))
+        finish_search(player)
 
 
 @contextmanager
-def looks_at(edges: int) -> Iterator[None]:
-    """Central looks at so few edges in one event."""
+def limited_search(edges: int) -> Iterator[None]:
+    """Limit the edges that central searches in one event."""
     usual = deadlocks.PATIENCE, deadlocks.SLICE
     deadlocks.PATIENCE = deadlocks.SLICE = edges
     try:
@@ -96,16 +96,16 @@ def looks_at(edges: int) -> Iterator[None]:
         deadlocks.PATIENCE, deadlocks.SLICE = usual
 
 
-def look_to_the_end(player: Player) -> None:
-    """Let central finish what it looks at, and what follows from that."""
+def finish_search(player: Player) -> None:
+    """Let central finish its searches and their consequences."""
     for _ in range(10_000):
         if player.central.search_timer is None:
             return
         player.tick(0.25)
-    raise AssertionError("central never stops to look")
+    raise AssertionError("the search of central never ends")
 
 
-def check(taken: Steps) -> None:
+def assert_deadlocks_are_exact(taken: Steps) -> None:
     looking, blind = Blocking(looks=True), Blocking(looks=False)
     for index, step in enumerate(taken):
         looking.do(*step)
@@ -117,23 +117,23 @@ def check(taken: Steps) -> None:
             fact.failure == "deadlock" for fact in looking.facts_of("failed")
         ):
             still = all_waits(looking)
-            before = Blocking(looks=False)  # what was due to be looked at came first in this event
+            before = Blocking(looks=False)  # a due search came first in this event
             for earlier in taken[:index]:
                 before.do(*earlier)
                 before.time += 1.0
-            refused = waits_for_ever(blind) - still or waits_for_ever(before) - still
+            refused = endless_waits(blind) - still or endless_waits(before) - still
             assert refused or not looking.refused, f"{looking.refused} would have ended"
             return
     for _ in range(100):
         looking.go_on()
-        look_to_the_end(looking)
-    assert not all_waits(looking), f"{all_waits(looking)} will never end, and nobody has said so"
+        finish_search(looking)
+    assert not all_waits(looking), f"{all_waits(looking)} will never end, but were not reported"
 
 
 def all_waits(player: Player) -> set[tuple[bytes, int]]:
     return {(slot.id, number) for slot in player.central.blocked for number in slot.waits}
 
 
-def waits_for_ever(player: Blocking) -> set[tuple[bytes, int]]:
+def endless_waits(player: Blocking) -> set[tuple[bytes, int]]:
     player.go_on()
     return all_waits(player)

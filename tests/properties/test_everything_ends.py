@@ -1,6 +1,6 @@
-"""Random lives full of trouble come to an end: when each handler has returned, all are resumed and
-time has passed, nothing is left. No wait for ever is overlooked, whoever keeps what others need,
-and what makes a robot safe gets in.
+"""Random lives full of trouble end. When all handlers have returned, all tasks are resumed and time
+has passed, nothing is left. No endless wait is overlooked, and termination messages get past every
+lock.
 """
 
 from central.player import Player, point
@@ -15,7 +15,10 @@ from tca_wire.packets.parts import Attachment
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Condition, Role, Scope
 
-MENDERS = {"b": ("exception handler mend",), "d": ("exception handler save", "command park")}
+EXCEPTION_HANDLERS = {
+    "b": ("exception handler mend",),
+    "d": ("exception handler save", "command park"),
+}
 FAILURES = ("slipped", "timeout", "deadlock", "")
 STEPS = (
     ["send"] * 5
@@ -37,28 +40,33 @@ STEPS = (
 )
 steps = st.lists(st.tuples(st.sampled_from(STEPS), *[st.integers(0, 50)] * 3), max_size=40)
 ROUNDS = 2_000
-QUIET = 6  # rounds after which nothing comes any more: central may be slow to look
+QUIET = 6  # rounds without an event: central may search for deadlocks slowly
 
 
 class Troubled(Blocking):
-    """Modules that block, fail, and have their failures handled by others that block."""
+    """Modules that block and fail; their failures are handled by modules that block, too."""
 
-    handled = HANDLED | {name: HANDLED.get(name, ()) + menders for name, menders in MENDERS.items()}
+    handled = HANDLED | {
+        name: HANDLED.get(name, ()) + menders for name, menders in EXCEPTION_HANDLERS.items()
+    }
 
     def __init__(self) -> None:
         super().__init__(looks=True)
         self.declare("operator", "command park", "command move", "goal step")
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
-        """One handler, the user or the operator does something."""
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
+        """One handler, the user or the operator acts."""
         free, tasks = self.free(), [TaskId(task) for task in self.central.tree.tasks]
-        who = free[a % len(free)] if free else None
+        delivery = free[a % len(free)] if free else None
         task = tasks[b % len(tasks)] if tasks else TaskId(0)
-        match what:
-            case "fail" if who is not None and who.slot is not None:
-                is_reissued = who.role is Role.EXCEPTION and b % 2 == 0
+        match operation:
+            case "fail" if delivery is not None and delivery.slot is not None:
+                is_reissued = delivery.role is Role.EXCEPTION and b % 2 == 0
                 self.fail(
-                    who.slot.id.decode(), FAILURES[c % 3], who.handling_id, reissue=is_reissued
+                    delivery.slot.id.decode(),
+                    FAILURES[c % 3],
+                    delivery.given_as,
+                    reissue=is_reissued,
                 )
             case "raise" if task:
                 self.request("operator", headers.Raise, task, FAILURES[c % 3])
@@ -81,12 +89,10 @@ class Troubled(Blocking):
                     task if b % 3 == 0 else TaskId(0), ("move", "walk", "step", "mend")[a % 4], b, c
                 )
             case _:
-                super().do(what, a, b, c)
+                super().do(operation, a, b, c)
 
     def tap(self, task: TaskId, message: str, b: int, c: int) -> None:
-        """The operator has something checked, by whoever blocks, too; what waits already as
-        well.
-        """
+        """The operator taps tasks or messages, queued ones as well; the listener may block."""
         condition = (
             Condition.BEFORE_HANDLING,
             Condition.BEFORE_HANDLING,
@@ -97,10 +103,10 @@ class Troubled(Blocking):
 
 
 class Mixed(Life):
-    """Lives of all constructs together, in which modules come and go."""
+    """Lives of all constructs, with modules that join and leave."""
 
     def end(self) -> None:
-        """In the end each message has a handler, and each resource a slot."""
+        """At the end each message has a handler, and each resource a slot."""
         for module in [*self.central.registry.modules.values()]:
             if any(not resource.slots for resource in module.resources.values()):
                 for connection in [*module.connections.values()]:
@@ -108,12 +114,12 @@ class Mixed(Life):
         for name in self.modules:
             self.join(name)
         self.player.module("late", "command later")
-        come_to_an_end(self.player)
+        assert_everything_ends(self.player)
 
 
-def come_to_an_end(player: Player) -> None:
-    """Each handler returns, all are resumed, monitors end, who has locked something outside of a
-    task lets go, and time passes, until nothing more comes: then nothing may be left.
+def assert_everything_ends(player: Player) -> None:
+    """Let all handlers return, resume all tasks, end all monitors, release all locks outside of
+    tasks, and let time pass. Nothing may be left then.
     """
     central, quiet, rounds = player.central, 0, 0
     while quiet < QUIET and rounds < ROUNDS:
@@ -132,7 +138,7 @@ def come_to_an_end(player: Player) -> None:
         quiet, rounds = 0 if free else quiet + 1, rounds + 1
     waits = [(slot.id, number) for slot in central.blocked for number in slot.waits]
     left = {task: [*(task.children or {}).values()] for task in central.tree.tasks.values()}
-    assert (left, waits) == ({}, []), "will never end, and nobody has said so"
+    assert (left, waits) == ({}, []), "will never end, but was not reported"
     assert not central.claims, "claims are left"
     assert rounds < ROUNDS, "there is no end"
 
@@ -144,21 +150,21 @@ KEPT_FOR_A_RETRY = [
     ("raise", 0, 0, 1),
     ("retry", 0, 0, 0),
 ]
-"""A task that is to be handled again, after its exception handler, keeps the resource of that
-handler.
+"""A task that waits for a retry, after its exception handler, holds the lock of that handler's
+resource.
 """
 
 
 @given(steps)
 @example(KEPT_FOR_A_RETRY)
 @settings(max_examples=lives(40, soak=10_000))
-def test_whatever_happens_everything_ends(taken: Steps) -> None:
-    come_to_an_end(Troubled().live(taken))
+def test_troubled_life_ends_with_nothing_left(taken: Steps) -> None:
+    assert_everything_ends(Troubled().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(6, soak=1_000))
-def test_lives_of_all_constructs_end(seed: int) -> None:
+def test_life_of_all_constructs_ends_with_nothing_left(seed: int) -> None:
     life = Mixed()
     life.go_on(seed, lives(100, soak=300))
     life.end()

@@ -1,6 +1,4 @@
-"""Whatever happens in a random life, its exports keep the rules of their formats and hold all that
-happened.
-"""
+"""Exports of random lives keep the rules of their formats and contain all messages and runs."""
 
 import io
 import tempfile
@@ -24,21 +22,21 @@ from tca_wire.journal.facts import Entry
 
 @given(operations, st.integers(1, 5))
 @settings(max_examples=18)
-def test_exports_of_a_random_life(taken: Operations, tick: int) -> None:
+def test_exports_are_valid_and_complete_in_short_life(taken: Operations, tick: int) -> None:
     check(Life(Player(check=False)).live(taken), tick)
 
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
-@example(900, 1)  # a program gives a wait up long after its handler has returned
+@example(900, 1)  # a wait is given up long after its handler has returned
 @settings(max_examples=2)
-def test_exports_of_a_longer_life(seed: int, tick: int) -> None:
+def test_exports_are_valid_and_complete_in_long_life(seed: int, tick: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 400)
     check(life, tick)
 
 
 def check(life: Life, tick: int) -> None:
-    """With a clock that goes on every so many seconds only."""
+    """Check all exports, with a clock of *tick* seconds."""
     entries = [
         Entry(entry.number, entry.time // tick * tick, entry.facts) for entry in life.player.entries
     ]

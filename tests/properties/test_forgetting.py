@@ -1,6 +1,4 @@
-"""What has ended is forgotten: nothing of it can be reached from central any more, whatever still
-goes on.
-"""
+"""Central holds no reference to ended tasks and messages, not even beside a task that lasts."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -25,7 +23,7 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass, Scope
 
 END = Moment.END_ACHIEVING
-PASSING = (
+TRANSIENT_CLASSES = (
     Delivery,
     Recovery,
     Tapping,
@@ -39,16 +37,16 @@ PASSING = (
     Timer,
     Listening,
 )
-"""What is only there for tasks and messages that have not ended."""
+"""Classes whose objects belong to living tasks and messages only."""
 
 
-def held(central: Central) -> Counter[str]:
-    """How many objects of those classes can be reached from central; its root, which never ends, is
-    not counted.
+def retained_objects(central: Central) -> Counter[str]:
+    """The number of reachable objects of the classes above, without those of the root, which never
+    ends.
     """
     found, root = Counter[str](), central.tree.root
     for one in reachable(central):
-        if isinstance(one, PASSING) and one not in (
+        if isinstance(one, TRANSIENT_CLASSES) and one not in (
             root,
             root.recovery,
             root.tapping,
@@ -60,18 +58,16 @@ def held(central: Central) -> Counter[str]:
 
 
 @given(operations)
-@example(
-    [("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2
-)  # a resource that has lost its slots
+@example([("send", 0, 0, 0, 0)] * 12 + [("lose", 1, 0, 0, 0)] * 2)  # a resource without slots
 @settings(max_examples=30)
-def test_when_everything_has_ended_central_holds_nothing_of_it(taken: Operations) -> None:
+def test_central_retains_no_object_of_ended_life(taken: Operations) -> None:
     life = Life().live(taken)
     end_life(life)
-    assert not held(life.central)
+    assert not retained_objects(life.central)
 
 
-class Long:
-    """A task that goes on for weeks, and what others do meanwhile."""
+class LongTask:
+    """A task that runs for weeks, and short tasks beside it."""
 
     def __init__(self) -> None:
         self.player = Player(check=False)
@@ -102,87 +98,97 @@ class Long:
         self.player.reply(slot.id.decode(), task)
 
     def guard(self, duration: float = 0) -> int:
-        """A monitor until the long task ends."""
+        """A monitor that lasts until the long task ends."""
         watch = WatchOptions(duration=duration, until=self.end)
         return self.player.task("user", "guard", flags=Flags.NONE, watch=watch)
 
 
-def killed_after_it(long: Long) -> None:
+def kill_after_it(long: LongTask) -> None:
     task = long.move()
     long.ask(headers.Kill, TaskId(task), "", Scope.TASK, long.end)
     long.returns(task)
 
 
-def killed_some_time_after_it(long: Long) -> None:
+def kill_with_delay(long: LongTask) -> None:
     task = long.move()
     long.ask(headers.Kill, TaskId(task), "", Scope.TASK, point(task, END), 1e6)
     long.ask(headers.Kill, TaskId(task), "", Scope.DESCENDANTS, None, 1e6)
     long.returns(task)
 
 
-def with_deadlines(long: Long) -> None:
+def deadlines(long: LongTask) -> None:
     task = long.move(deadline=1e6)
     long.ask(headers.Deadline, point(task, END), 1e5)
     long.returns(task)
 
 
-def monitors_until_its_end(long: Long) -> None:
+def monitor_until_its_end(long: LongTask) -> None:
     monitor = long.guard()
     long.ask(headers.EndMonitor, TaskId(monitor))
 
 
-def killed_monitors_until_its_end(long: Long) -> None:
+def killed_monitor_until_its_end(long: LongTask) -> None:
     monitor = long.guard(duration=1e6)
     long.ask(headers.Kill, TaskId(monitor))
 
 
-def killed_behind_it(long: Long) -> None:
+def kill_of_follower(long: LongTask) -> None:
     task = long.move(constraints=(before(long.end, point(-1, Moment.START_ACHIEVING)),))
     long.ask(headers.Kill, TaskId(task))
 
 
-def killed_while_delayed(long: Long) -> None:
+def kill_of_delayed_task(long: LongTask) -> None:
     later = before(point(0, Moment.START_ACHIEVING), point(-1, Moment.START_ACHIEVING), 1e6)
     task = long.move(constraints=(later,))
     long.ask(headers.Kill, TaskId(task))
 
 
-def holding_its_end_one_after_the_other(long: Long) -> None:
-    """There is always one that it waits for."""
+def overlapping_leaders(long: LongTask) -> None:
+    """The long task always waits for one of them."""
     task = long.move(constraints=(before(point(-1, END), long.end),))
     older = [other for other in long.player.central.tree.tasks if long.task < other < task]
     for other in older:
         long.returns(other)
 
 
-def waited_for_in_vain(long: Long) -> None:
+def wait_given_up(long: LongTask) -> None:
     long.ask(headers.AwaitPoint, long.end)
     long.player.receive("user", headers.GiveUp(long.player.numbers["user"]))
 
 
-def its_own_kills_and_deadlines_over(long: Long) -> None:
-    """What was asked for has happened: nothing under it to kill, a deadline of a point that is
-    past.
-    """
+def kill_and_deadline_without_effect(long: LongTask) -> None:
+    """Requests without effect: a kill of no descendants, a deadline of a reached point."""
     long.ask(headers.Kill, TaskId(long.task), "", Scope.DESCENDANTS, None, 1.0)
     long.ask(headers.Deadline, point(long.task, Moment.START_HANDLING), 1.0)
     long.player.tick(2.0)
 
 
 @pytest.mark.parametrize(
-    "meanwhile",
+    "do_beside",
     [
-        killed_after_it, killed_some_time_after_it, with_deadlines, monitors_until_its_end, killed_monitors_until_its_end,
-        killed_behind_it, killed_while_delayed, holding_its_end_one_after_the_other, waited_for_in_vain,
-        its_own_kills_and_deadlines_over,
+        kill_after_it,
+        kill_with_delay,
+        deadlines,
+        monitor_until_its_end,
+        killed_monitor_until_its_end,
+        kill_of_follower,
+        kill_of_delayed_task,
+        overlapping_leaders,
+        wait_given_up,
+        kill_and_deadline_without_effect,
     ],
-    ids=lambda meanwhile: meanwhile.__name__,
-)  # fmt: skip
-def test_beside_a_task_that_goes_on_nothing_piles_up(meanwhile: Callable[[Long], None]) -> None:
-    long = Long()
+    ids=lambda do_beside: do_beside.__name__,
+)
+def test_central_retains_little_beside_long_task(do_beside: Callable[[LongTask], None]) -> None:
+    long = LongTask()
     for _ in range(300):
-        meanwhile(long)
-    few = 100  # what is void is taken out together
+        do_beside(long)
+    most_retained = 100  # void entries are removed in batches
     task = long.player.central.tree.tasks[TaskId(long.task)]
-    assert held(long.player.central).total() < few, held(long.player.central)
-    assert len(task.leaders or ()) + len(task.followers or ()) + len(task.waiters or ()) < few
+    assert retained_objects(long.player.central).total() < most_retained, retained_objects(
+        long.player.central
+    )
+    assert (
+        len(task.leaders or ()) + len(task.followers or ()) + len(task.waiters or ())
+        < most_retained
+    )

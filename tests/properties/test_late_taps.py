@@ -1,6 +1,5 @@
-"""Wiretaps that come late: whatever waits to be given to a handler when one is attached, or when
-somebody comes to handle its listener, passes it first. In lives that are full of that the reference
-scheduler agrees with central.
+"""Late wiretaps: a queued message passes a tap that is attached now, or whose listener gets a
+handler now. The oracle agrees with central in lives full of late wiretaps.
 """
 
 import random
@@ -20,7 +19,7 @@ CHECKED = {
     "expert": ("exception handler recover", "exception handler report"),
     "checker": ("command check", "goal survey", "inform note"),
 }
-"""Who checks comes and goes by itself."""
+"""The checker joins and leaves independently of the modules that it checks."""
 MESSAGES = [message for handled in CHECKED.values() for message in handled]
 BEFORE = (Condition.BEFORE_HANDLING,) * 4 + (
     Condition.BEFORE_ACHIEVING,
@@ -57,7 +56,7 @@ CROWDED = 25
 
 
 class CheckedLife(JudgedLife):
-    """Many checks: of messages, and of single tasks that wait."""
+    """Many taps, of messages and of single queued tasks."""
 
     modules = CHECKED
     messages = MESSAGES
@@ -97,9 +96,7 @@ class CheckedLife(JudgedLife):
 
 
 @given(st.integers(0, 1 << 32))
-@example(
-    47066
-)  # an exception handler that was spared while its module leaves, and comes to wait again
+@example(47066)  # an exception handler is spared while its module leaves, then queued again
 @settings(max_examples=lives(7, soak=2_000), phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_about_wiretaps_that_come_late(seed: int) -> None:
+def test_central_agrees_with_oracle_about_late_wiretaps(seed: int) -> None:
     CheckedLife().go_on(seed, lives(300, soak=500))

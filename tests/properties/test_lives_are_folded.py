@@ -1,6 +1,4 @@
-"""The states of tasks as the journal tells of them are those that central knows, and they keep the
-rules.
-"""
+"""The folded states of tasks are those of central, and keep the rules of their life cycles."""
 
 from typing import Any
 
@@ -19,7 +17,7 @@ from tca_wire.life_cycles import GENERAL
 from tca_wire.packets.headers import Register
 from tca_wire.vocabulary import Party
 
-WISHES: dict[str, dict[str, Any]] = {
+HANDLER_OPTIONS: dict[str, dict[str, Any]] = {
     "step": {"takes": ["update", "cancel"]},
     "move": {"accepts": True, "takes": ["update", "cancel"]},
     "lift": {"refuses": ["update"]},
@@ -28,8 +26,8 @@ BY_CLIENTS, BY_SERVERS = GENERAL.names(Party.CLIENT), GENERAL.names(Party.SERVER
 operation = st.tuples(st.sampled_from(OPERATIONS + ["ask", "say"] * 6), *[small] * 4)
 
 
-class LivingPlayer(Folding):
-    """Compares the states of all living tasks; some handlers have wishes."""
+class ComparedPlayer(Folding):
+    """Compares the states of all living tasks; some handlers have options."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -37,11 +35,11 @@ class LivingPlayer(Folding):
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         if isinstance(header, Register):
-            wished = [
-                msgspec.structs.replace(one, **WISHES.get(one.message, {}))
+            changed = [
+                msgspec.structs.replace(one, **HANDLER_OPTIONS.get(one.message, {}))
                 for one in header.handlers
             ]
-            header = msgspec.structs.replace(header, handlers=wished)
+            header = msgspec.structs.replace(header, handlers=changed)
         return super().receive(connection, header, body)
 
     def compare(self) -> None:
@@ -55,8 +53,8 @@ class LivingPlayer(Folding):
                 )
 
 
-class AskedLife(Life):
-    """Clients ask things of tasks, and their handlers tell of them."""
+class ChangingLife(Life):
+    """Clients request changes of tasks, and handlers report changes."""
 
     def ask_(self, a: int, b: int, c: int, d: int) -> None:
         tasks = list(self.central.tree.tasks.values())
@@ -89,17 +87,17 @@ class AskedLife(Life):
 
 @given(st.lists(operation, max_size=60))
 @settings(max_examples=40)
-def test_in_random_lives(taken: Operations) -> None:
-    life = AskedLife(LivingPlayer()).live(taken)
+def test_folded_task_states_match_central_in_random_life(taken: Operations) -> None:
+    life = ChangingLife(ComparedPlayer()).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
     for start in range(5, len(life.player.entries), 20):
         assert checked(life.player.entries[start:]) == []
 
 
-def test_in_every_transcript() -> None:
+def test_folded_task_states_match_central_in_every_transcript() -> None:
     for path in TRANSCRIPTS.glob("*.txt"):
-        told = Transcript()
-        told.player = LivingPlayer()
+        transcript = Transcript()
+        transcript.player = ComparedPlayer()
         for block in path.read_text().strip().split("\n\n")[1:]:
             for command in block.split("\n----")[0].splitlines():
-                told.play(command)
+                transcript.play(command)

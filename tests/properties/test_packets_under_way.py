@@ -1,5 +1,5 @@
-"""Slots of the library's own session with messages ahead, whose packets take their time, get lost,
-or end with their process: all are begun once and in order, and the journal says when.
+"""Slots of the library's own session with prefetched messages. Packets are delayed or lost, and
+processes end. Each message starts once and in order, and the journal has the right times.
 """
 
 import random
@@ -29,8 +29,8 @@ from tca_wire.packets.parts import HandlerFormat
 
 
 class Worker:
-    """A slot of the library's own session, with packets under way in both directions. In a turn it
-    holds its replies; its connection may break, and its process may be killed.
+    """A slot of the library's own session, with delayed packets in both directions. During a turn
+    it holds its replies. Its connection may break, and its process may be killed.
     """
 
     prefetch = 6
@@ -58,7 +58,7 @@ class Worker:
         self.post()
 
     def reconnect(self) -> None:
-        """All that is under way is lost."""
+        """Reconnect; all packets under way are lost."""
         self.breaks += 1
         self.session.break_off()
         self.connect()
@@ -74,8 +74,8 @@ class Worker:
         return bool(has_packets or session.deliveries or session.prefetched or self.locking)
 
     def post(self) -> None:
-        """What the session says is on its way, in order."""
-        self.to_central.extend(self.session.pop_outgoing(lambda: self.now))
+        """Take the outgoing packets of the session, in order."""
+        self.to_central.extend(self.session.take_outgoing(lambda: self.now))
 
     def listen(self) -> None:
         if self.from_central:
@@ -83,9 +83,7 @@ class Worker:
             self.post()
 
     def begin(self) -> None:
-        """Begin with the next message, as a slot does that handles nothing; what is ahead waits for
-        a callback's lock.
-        """
+        """Start the next message in a free slot. Prefetched messages wait for a callback's lock."""
         waiting = self.session.deliveries or (
             None if self.session.is_claiming else self.session.prefetched
         )
@@ -95,9 +93,7 @@ class Worker:
             self.town.begins(self, self.handling)
 
     def lock(self) -> None:
-        """A callback of a slot that handles nothing locks its own resource, or has it and releases
-        it.
-        """
+        """A callback of a free slot locks its own resource, or releases it."""
         if self.locking is not None and self.locking.is_over:
             self.session.request(headers.Release(0, self.locking.header.number))
             self.locking = None
@@ -118,15 +114,15 @@ HANDLERS = [HandlerFormat(message.name, "it", "") for message in FORMATS]
 
 
 class Town:
-    """Workers of one program, and those who send to it, give up and lock it; who comes last gets
-    what waits.
+    """Workers of one program, and users that send messages, give up and lock. The newest worker
+    gets the queued messages.
     """
 
     def __init__(self, seed: int) -> None:
         self.dice = random.Random(seed)
         self.player = Player()
-        self.begun: dict[int, str] = {}  #: by delivery, the worker that has begun it
-        self.times: dict[int, list[float]] = {}  #: and when it was begun, and ended
+        self.begun: dict[int, str] = {}  #: by delivery, its worker
+        self.times: dict[int, list[float]] = {}  #: by delivery, its start and end
         self.workers: list[Worker] = []
         self.killed: list[str] = []
         self.player.module("user")
@@ -143,13 +139,13 @@ class Town:
             self.player.central.registry.modules[f"run of {worker.name}"].resources["it"].held_by
         )
         is_own = held_by is not None and held_by.slot.module.called == worker.name
-        assert held_by is None or is_own, f"{delivery} is begun while others have the resource"
+        assert held_by is None or is_own, f"{delivery} is begun while another module has the lock"
 
     def ends(self, delivery: int) -> None:
         self.times[delivery].append(self.player.time)
 
     def kill(self, worker: Worker) -> None:
-        """Its process ends. Central hears what it has sent, then that it is gone."""
+        """End the worker's process. Central receives its sent packets, then loses it."""
         if len(self.workers) > 1:
             self.workers.remove(worker)
             self.killed.append(worker.name)
@@ -161,7 +157,7 @@ class Town:
     def step(self) -> None:
         player, dice = self.player, self.dice
         worker = dice.choice(self.workers)
-        what = dice.choice(
+        operation = dice.choice(
             ["send"] * 7
             + ["hear"] * 6
             + ["listen"] * 6
@@ -170,45 +166,47 @@ class Town:
             + ["post"]
             + ["lock", "unlock", "own lock", "give up", "work", "rare"]
         )
-        if what == "send":
+        if operation == "send":
             player.send("user", dice.choice(FORMATS).name, priority=dice.choice((0, 0, 0, 1)))
-        elif what == "hear" and worker.to_central:
+        elif operation == "hear" and worker.to_central:
             self.hear(worker)
-        elif what in ("listen", "begin", "end", "post"):
-            getattr(worker, what)()
-        elif what == "rare" and dice.random() < 0.5:
+        elif operation in ("listen", "begin", "end", "post"):
+            getattr(worker, operation)()
+        elif operation == "rare" and dice.random() < 0.5:
             self.kill(worker) if dice.random() < 0.2 else worker.reconnect()
-        elif what == "own lock":
+        elif operation == "own lock":
             worker.lock()
-        elif what == "lock":
+        elif operation == "lock":
             number = player.number("user")
             player.receive(
                 "user",
                 headers.Lock(number, "it", worker.name, timeout=-1, priority=dice.choice((0, 1))),
             )
-        elif what in ("unlock", "give up"):
+        elif operation in ("unlock", "give up"):
             central = player.central
             due = central.registry.connections[ConnectionId(b"user")].outstanding
             asked = [number for number, one in due.items() if isinstance(one, Delivery)]
-            if numbers := [number for _, number in central.claims] if what == "unlock" else asked:
-                player.receive("user", headers.GiveUp(dice.choice(numbers)))
-        elif what == "work" and dice.random() < 0.2:
+            if operation == "unlock":
+                asked = [number for _, number in central.claims]
+            if asked:
+                player.receive("user", headers.GiveUp(dice.choice(asked)))
+        elif operation == "work" and dice.random() < 0.2:
             self.work()
 
     def hear(self, worker: Worker) -> None:
-        """Central gets the next thing from a worker."""
+        """Central receives the next packet of a worker."""
         header, body = worker.to_central.popleft()
         self.player.receive(worker.slot.decode(), header, body)
 
     def deliver(self) -> None:
-        """What central has said is on its way."""
+        """Take the packets of central for the workers."""
         for worker in self.workers:
-            said = self.player.inbox.get(worker.slot.decode(), [])
-            worker.from_central.extend(said)
-            said.clear()
+            packets = self.player.inbox.get(worker.slot.decode(), [])
+            worker.from_central.extend(packets)
+            packets.clear()
 
     def finish(self) -> None:
-        """Let all that is under way come to its end."""
+        """Deliver all packets and let all handlers return."""
         for _, number in list(self.player.central.claims):
             self.player.receive("user", headers.GiveUp(number))
         for _ in range(5_000):  # a slot without messages ahead handles one a round
@@ -230,9 +228,7 @@ class Town:
 
 
 def check_times(town: Town) -> None:
-    """Runs of one worker follow each other, and lie where they were but for the time that packets
-    took.
-    """
+    """Runs of one worker do not overlap, and are at their true times up to the delay of packets."""
     over: dict[str, float] = {}
     for entry in town.player.entries:
         for fact in entry.facts:
@@ -247,7 +243,7 @@ def check_times(town: Town) -> None:
 
 
 def check_charts(town: Town) -> None:
-    """What was told late is where it was, and nothing that was drawn before has moved."""
+    """Late facts are drawn at their times, and drawn spans have not moved."""
     history, feed = History(), Feed()
     for entry in town.player.entries:
         history.apply(entry)
@@ -262,11 +258,11 @@ def check_charts(town: Town) -> None:
     for message in history.messages.values():
         waits = waits_of(history, message.id)
         for time in {wait.start for wait in waits}:
-            at, told = (
+            at, known_waits = (
                 RunAt(history, time),
                 {wait.on for wait in waits if wait.start <= time < wait.end},
             )
-            assert {wait.on for wait in blocking_waits(at, next_node(at, message.id))} <= told
+            assert {wait.on for wait in keeping(at, next_node(at, message.id))} <= known_waits
 
 
 def live(seed: int, steps: int) -> Town:
@@ -301,5 +297,5 @@ def live(seed: int, steps: int) -> Town:
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(15, soak=500), phases=NO_SMALLER_SEED)
-def test_what_is_recalled_is_not_begun_and_all_else_is_in_order(seed: int) -> None:
+def test_prefetched_messages_start_once_and_in_order(seed: int) -> None:
     live(seed, lives(250, soak=1000))

@@ -1,5 +1,5 @@
-"""The critical path of any task of a random life has no gaps, begins where somebody acted of his
-own will, and each of its parts says what really went on then, as the facts alone tell.
+"""Critical paths in random lives have no gaps and begin with an independent action. The facts alone
+confirm each of their steps.
 """
 
 import random
@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.blocking import Steps
 from properties.seen_in_facts import Facts
-from properties.test_blocked_is_told import Told
+from properties.test_blocked_is_told import JournaledLife
 from sampling import lives
 
 from tca_tools.analysis.backwards import Causes
@@ -51,20 +51,20 @@ steps = st.lists(st.tuples(st.sampled_from(KINDS), numbers, numbers, numbers), m
 
 
 NOT_KNOWN = (Doing.KILLED, Doing.UNKNOWN, Doing.HELD)
-"""Of such a step nobody knows what it waited for, not even the list of waits."""
+"""Kinds of steps without a known cause, even in the list of waits."""
 
 
-class Quiet(Told):
-    """What it knows of waits is looked at elsewhere."""
+class UncomparedLife(JournaledLife):
+    """A life without the comparison of waits, which test_blocked_is_told.py makes."""
 
     def compare(self) -> None:
         pass
 
-    def do(self, what: str, a: int, b: int, c: int) -> None:
+    def do(self, operation: str, a: int, b: int, c: int) -> None:
         tasks = [*self.central.tree.tasks]
-        if what not in ("delay", "deadline"):
-            super().do(what, a, b, c)
-        elif what == "deadline" and tasks:
+        if operation not in ("delay", "deadline"):
+            super().do(operation, a, b, c)
+        elif operation == "deadline" and tasks:
             place = point(tasks[a % len(tasks)], list(Moment)[b % 6])
             self.request("operator", headers.Deadline, place, c % 10)
         elif tasks:
@@ -74,8 +74,8 @@ class Quiet(Told):
             )
 
 
-def longer(seed: int) -> Steps:
-    """Sixty steps, all as likely as each other."""
+def sixty_steps(seed: int) -> Steps:
+    """Sixty steps, each kind with the same probability."""
     dice = random.Random(seed)
     return [
         (dice.choice(KINDS), dice.randrange(51), dice.randrange(51), dice.randrange(51))
@@ -83,34 +83,34 @@ def longer(seed: int) -> Steps:
     ]
 
 
-steps_of_lives = steps | st.integers(0, 1 << 32).map(longer)
+steps_of_lives = steps | st.integers(0, 1 << 32).map(sixty_steps)
 
 
-@example(longer(752))  # killed, but its handler does not heed it
-@example(longer(7511))  # killed before its delay is over
-@example(longer(1789))  # locks that wait for each other in a circle
-@example(longer(1027))  # a question to many is given up while a copy stands in a queue
+@example(sixty_steps(752))  # killed, but its handler continues
+@example(sixty_steps(7511))  # killed before its delay is over
+@example(sixty_steps(1789))  # a deadlock of locks
+@example(sixty_steps(1027))  # a multi-query is given up while a copy is queued
 @given(steps_of_lives)
 @settings(max_examples=lives(45, soak=3_500))
-def test_paths_say_what_was_so(taken: Steps) -> None:
-    life = Quiet().live(taken)
+def test_critical_path_matches_facts(taken: Steps) -> None:
+    life = UncomparedLife().live(taken)
     run = life.history
     seen, causes = Facts(life.entries, list(run.times)), Causes(run)
     for task in run.tasks.values():
         path = critical_path(run, causes, task)
         if not path.steps:
             continue
-        said = "\n".join(
-            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_not_sooner(run, one)}"
+        shown = "\n".join(
+            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_then(run, one)}"
             for one in path.steps
         )
-        assert path.end == min(seen.ends(task.id), run.time), (
-            f"{task} goes on after its path\n{said}"
-        )
+        assert path.end == min(seen.ends(task.id), run.time), f"{task} ends after its path\n{shown}"
         for one, after in pairwise(path.steps):
-            assert one.end == after.start, f"a gap in the path of {task}\n{said}"
+            assert one.end == after.start, f"a gap in the path of {task}\n{shown}"
         for one in path.steps:
-            assert seen.bears_out(one), f"of {task}: {one.doing} from {one.start} is not so\n{said}"
+            assert seen.confirms(one), (
+                f"of {task}: {one.doing} from {one.start} is not confirmed\n{shown}"
+            )
             known = (
                 run.messages.get(one.message_id)
                 if one.doing in NOT_KNOWN and one.seconds > 0
@@ -118,6 +118,6 @@ def test_paths_say_what_was_so(taken: Steps) -> None:
             )
             ends = Ends.at(RunAt(run, nextafter(one.end, 0.0))).of(known.id) if known else ()
             assert all(end.kind is None for end in ends), (
-                f"{one.doing} of {task}, and its waits end somewhere\n{said}"
+                f"{one.doing} of {task}, but its waits have a known end\n{shown}"
             )
-        assert seen.is_own_will(path.start), f"the path of {task} begins too late\n{said}"
+        assert seen.is_independent(path.start), f"the path of {task} begins too late\n{shown}"

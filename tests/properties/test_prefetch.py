@@ -1,6 +1,4 @@
-"""A slot that has messages ahead of the one that it handles: every run is one that could have
-happened without.
-"""
+"""Slots with prefetched messages: every run could have happened without them."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -31,13 +29,13 @@ def every_handler_is_quick() -> Iterator[None]:
         yield
 
 
-SENT = ("note", "pose", "all", "where")
+PREFETCHABLE = ("note", "pose", "all", "where")
 LISTENING = (Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED)
 HANDLERS_CHANGE = headers.Hello | headers.Register | headers.Unregister | headers.Bye
 
 
-class ToldLate:
-    """Shows what slots get when their turn comes, as if they had nothing ahead."""
+class DeliveryAtStart:
+    """Shows a delivery when its slot starts it, as if nothing were prefetched."""
 
     def __init__(self, central: Central) -> None:
         self.central = central
@@ -59,8 +57,8 @@ class ToldLate:
 
 
 class PrefetchPlayer(JudgedPlayer):
-    """Each slot takes messages ahead, and gives back at once what is recalled: the oracle, which
-    knows nothing of that, finds everything as ever.
+    """Each slot takes prefetched messages, and returns recalled ones at once. The oracle knows
+    nothing of prefetching, and must agree.
     """
 
     prefetch = 3
@@ -68,26 +66,26 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher.prefetcher._out = ToldLate(self.central)
+        self.out = dispatcher._out = dispatcher.messages_ahead._out = DeliveryAtStart(self.central)
         self.joined = 0
 
     def _judged(self, event: Any) -> list[Effect]:
         effects = []
         if isinstance(event, RequestReceived) and isinstance(event.header, headers.Reply):
-            event = self._together(event, event.header)
+            event = self._joined_replies(event, event.header)
         for slot in list(self.central.registry.connections.values()):
-            if self._gives_back_before(event, slot):
-                effects += self._give_back(slot, event.time)
+            if self._must_return_prefetched(event, slot):
+                effects += self._return_prefetched(slot, event.time)
         effects += self.central.handle(event)
         while self.out.recalled:
-            effects += self._give_back(self.out.recalled.pop(), event.time)
+            effects += self._return_prefetched(self.out.recalled.pop(), event.time)
         check_invariants(self.central)
         self.note(effects)
         self.oracle.judge(event, effects)
         return effects
 
-    def _together(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
-        """The slot has handled some of what it has ahead, too, and says all at once."""
+    def _joined_replies(self, event: RequestReceived, header: headers.Reply) -> RequestReceived:
+        """Let the slot reply to some prefetched messages in the same packet."""
         slot = self.central.registry.connections[event.connection]
         others = (
             list(slot.resource.prefetched)[: round(event.time) % 3]
@@ -107,9 +105,9 @@ class PrefetchPlayer(JudgedPlayer):
         )
 
     @staticmethod
-    def _gives_back_before(event: Any, slot: Connection) -> bool:
-        """Whether what a slot has ahead would come too late if it gave that back later: when it
-        claims something itself, and when handlers come or go.
+    def _must_return_prefetched(event: Any, slot: Connection) -> bool:
+        """Whether a slot must return its prefetched messages before an event: its own claim, or a
+        change of handlers.
         """
         if slot.resource is None or not slot.resource.prefetched or isinstance(event, Tick):
             return False
@@ -118,20 +116,16 @@ class PrefetchPlayer(JudgedPlayer):
             return is_own and isinstance(event.header, headers.Lock)
         return True
 
-    def _give_back(self, slot: Connection, time: float) -> list[Effect]:
-        unbegun = (
-            [one.handling_id for one in slot.resource.prefetched]
-            if slot.resource is not None
-            else []
-        )
+    def _return_prefetched(self, slot: Connection, time: float) -> list[Effect]:
+        unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
-        self.central._receive(event, effects)  # timers that are due have an event of their own
+        self.central._receive(event, effects)  # due timers have an event of their own
         return effects
 
 
 class PrefetchLife(JudgedLife):
-    """Most of what is sent may be ahead, and is sent to few."""
+    """Most sent messages may be prefetched, and have few handlers."""
 
     player_class = PrefetchPlayer
 
@@ -141,12 +135,10 @@ class PrefetchLife(JudgedLife):
         self.player.module(f"{module}{self.generation}", *self.modules[module], pool=pool)
 
     def sent_name(self, b: int) -> str:
-        return super().sent_name(b) if b % 4 == 0 else SENT[b // 4 % len(SENT)]
+        return super().sent_name(b) if b % 4 == 0 else PREFETCHABLE[b // 4 % len(PREFETCHABLE)]
 
     def tap_(self, a: int, b: int, c: int, d: int) -> None:
-        """Half of the wiretaps are of what may be ahead all the same: they listen when it is sent,
-        or over.
-        """
+        """Half of the taps have conditions that allow prefetching: sending, or the end of handling."""
         if a % 2:
             super().tap_(a // 2, b, c, d)
             return
@@ -155,7 +147,14 @@ class PrefetchLife(JudgedLife):
             ("note", "pose", "lift", "watch")[c % 4],
         )
         options = self.watch_options(d, b, c) if listener == "watch" else None
-        self.request(headers.Tap, condition, listener, SENT[b % len(SENT)], TaskId(0), options)
+        self.request(
+            headers.Tap,
+            condition,
+            listener,
+            PREFETCHABLE[b % len(PREFETCHABLE)],
+            TaskId(0),
+            options,
+        )
 
     def join_(self, a: int, *others: int) -> None:
         if len(self.connections()) < 10:
@@ -164,17 +163,17 @@ class PrefetchLife(JudgedLife):
 
 @given(operations)
 @settings(max_examples=12)
-def test_the_oracle_sees_no_difference_in_short_lives(taken: Operations) -> None:
+def test_prefetching_central_agrees_with_oracle_in_short_life(taken: Operations) -> None:
     PrefetchLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=200), phases=NO_SMALLER_SEED)
-def test_the_oracle_sees_no_difference_in_lives_of_hundreds_of_events(seed: int) -> None:
+def test_prefetching_central_agrees_with_oracle_in_long_life(seed: int) -> None:
     PrefetchLife().go_on(seed, lives(400, soak=2000))
 
 
-def test_in_these_lives_messages_are_ahead_and_are_recalled_and_replies_are_joined() -> None:
+def test_prefetch_lives_cover_recalls_taps_and_joined_replies() -> None:
     most = recalls = joined = tapped = 0
     for seed in range(30):
         if most > 1 and recalls and joined and tapped:
@@ -184,5 +183,5 @@ def test_in_these_lives_messages_are_ahead_and_are_recalled_and_replies_are_join
         assert isinstance(life.player, PrefetchPlayer)
         most, recalls = max(most, life.player.out.most), recalls + life.player.out.recalls
         joined, tapped = joined + life.player.joined, tapped + life.player.out.tapped
-    what = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
-    pytest.fail(f"{what}: these lives test nothing")
+    counts = f"at most {most} were ahead, {tapped} of them tapped, {recalls} recalls, {joined} replies joined"
+    pytest.fail(f"{counts}: these lives do not cover prefetching")

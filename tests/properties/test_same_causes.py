@@ -1,6 +1,5 @@
-"""Central tells why a task waits of its graph, the tools of the journal. After every event of lives
-that are full of monitors neither names what keeps nobody as a cause, and both name the same one
-first.
+"""Central explains a wait from its graph, the tools from the journal. After every event of lives
+full of monitors both name the same cause first. Neither names a monitor that holds no task.
 """
 
 from collections.abc import Iterator
@@ -26,17 +25,17 @@ from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
 from tca_wire.vocabulary import Role
 from tca_wire.waits import WaitFor, WaitKind
 
-ITS_OWN = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
-"""No other task is the cause: it watches, its handler is at work, time has to pass."""
+OWN_WAITS = (WaitKind.CONDITION, WaitKind.RUNNING, WaitKind.DELAY)
+"""Waits that no other task causes: for a condition, the own handler, or time."""
 ENDS = END_HANDLING | END_ACHIEVING
 
 
-class AskedPlayer(FoldedPlayer):
-    """After every event central and the tools are asked why each task waits."""
+class ComparingPlayer(FoldedPlayer):
+    """Asks central and the tools after every event why each task waits."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.same = self.spared = 0
+        self.compared = self.idle_cases = 0
 
     def compare(self) -> None:
         at, last = RunAt(self.history), CentralEnds(self.central, 1_000_000)
@@ -73,22 +72,22 @@ class AskedPlayer(FoldedPlayer):
 
     def assert_same(self, task: Task, by_central: list[WaitFor], by_tools: list[WaitFor]) -> None:
         if by_central and by_tools:
-            self.same += 1
+            self.compared += 1
             assert first(by_central, task) == first(by_tools, task), (
                 f"{task}: {by_central} and {by_tools}"
             )
 
     def assert_causes(self, task: Task, named: set[int]) -> None:
-        """None of those named is a monitor under the task that keeps nobody, nor the query that one
-        asks. One that is kept from beginning may keep what others have put under it.
+        """No named cause is an idle monitor under the task, or its query. A monitor that cannot
+        begin may hold foreign tasks under it.
         """
         living = self.central.tree.tasks
         idle = [
             one
             for one in living.values()
-            if keeps_nobody(living, one) and one is not task and one.above(task.id)
+            if is_idle(living, one) and one is not task and one.above(task.id)
         ]
-        self.spared += bool(idle)
+        self.idle_cases += bool(idle)
         asked = [
             one.watch.condition
             for one in idle
@@ -98,32 +97,35 @@ class AskedPlayer(FoldedPlayer):
         assert not wrong or wrong <= self.awaited(task), f"{task}: {wrong}"
 
     def awaited(self, task: Task) -> set[int]:
-        """All that a task waits for, by way of whatever, if no monitor that keeps nobody keeps its
+        """All direct and indirect causes of a wait, except through an idle monitor under its
         parent.
         """
-        way: list[Node] = [next_of(task)]
+        path: list[Node] = [next_of(task)]
         if RunAt(self.history).tasks[task.id].state is TaskState.RECOVERING:
-            way.append(Place(task, END_ACHIEVING))  # it is decided on, perhaps before it is handled
-        seen = set(way)
-        for node in way:  # grows while it is walked
+            path.append(
+                Place(task, END_ACHIEVING)
+            )  # its exception handler decides, perhaps before its handling
+        seen = set(path)
+        for node in path:  # grows while it is walked
             for one in (
                 one for group in self.groups(node) for one in group or () if one not in seen
             ):
                 if not (
-                    isinstance(node, Place) and isinstance(one, Place) and self.is_spared(node, one)
+                    isinstance(node, Place)
+                    and isinstance(one, Place)
+                    and self.is_via_idle_monitor(node, one)
                 ):
-                    way.append(one)
+                    path.append(one)
                     seen.add(one)
         found = (
             node.task if isinstance(node, Place) else getattr(node, "delivery", None)
-            for node in way
+            for node in path
         )
         return {one.message_id for one in found if one is not None}
 
     def groups(self, node: Node) -> Iterator[Group | None]:
-        """What a node needs. What is suspended waits beside that for all that comes before it
-        begins, and what is retried for the monitors under it that a constraint names: both only the
-        tools say.
+        """The needs of a node. The tools name two more: a suspended task waits for the predecessors
+        of its start, too. A retried task waits for constrained monitors under it.
         """
         yield from needs(self.central, node)
         if isinstance(node, Place) and (
@@ -132,39 +134,37 @@ class AskedPlayer(FoldedPlayer):
             before = predecessors(self.central.tree, node) if not node.task.killed else ()
             yield from ([one] for one in before if not one.task.reached & one.moment)
 
-    def is_spared(self, node: Place, other: Place) -> bool:
-        """Whether it would be for a monitor that keeps nobody to end, without a constraint."""
+    def is_via_idle_monitor(self, node: Place, other: Place) -> bool:
+        """Whether a node needs only the end of an idle monitor, without a constraint."""
         is_led = any(number == other.task.id for _, number, _ in node.task.leaders or ())
         is_under = other.task is not node.task and other.task.above(node.task.id) is not None
-        return is_under and not is_led and keeps_nobody(self.central.tree.tasks, other.task)
+        return is_under and not is_led and is_idle(self.central.tree.tasks, other.task)
 
 
-def keeps_nobody(living: dict[int, Task], one: Task) -> bool:
-    """Whether a monitor ends with all else under its parent: a constraint on its own end would keep
-    it there.
-    """
+def is_idle(living: dict[int, Task], one: Task) -> bool:
+    """Whether a monitor ends with its last sibling: no constraint on its own end holds it."""
     if not one.is_watcher or one.parent is None or one.parent.id == ROOT:
         return False
     leaders = [
-        (living[number], its)
-        for moment, number, its in one.leaders or ()
+        (living[number], moment_of_leader)
+        for moment, number, moment_of_leader in one.leaders or ()
         if moment & ENDS and number in living
     ]
-    return bool(one.killed) or all(leader is one or leader.reached & its for leader, its in leaders)
+    return bool(one.killed) or all(
+        leader is one or leader.reached & moment_of_leader for leader, moment_of_leader in leaders
+    )
 
 
 def causes(central: Central, waits: list[WaitFor]) -> list[WaitFor]:
-    """The waits for others. A failure raised beside its handler is decided on while a task goes
-    on.
-    """
+    """The waits for other tasks, without failures raised beside a running handler."""
     living = central.tree.tasks
     deciding = {number for number, one in living.items() if one.role is Role.EXCEPTION}
-    return [wait for wait in waits if wait.kind not in ITS_OWN and wait.number not in deciding]
+    return [wait for wait in waits if wait.kind not in OWN_WAITS and wait.number not in deciding]
 
 
 def first(waits: list[WaitFor], task: Task) -> int:
-    """The oldest that is named; the parent after others. A constraint by a subtask, or the parent,
-    may be told as either.
+    """The oldest named cause; the parent comes last, as a constraint may be named by subtask or
+    parent.
     """
     others = [
         wait for wait in waits if task.parent is None or wait.number != task.parent.id
@@ -173,7 +173,7 @@ def first(waits: list[WaitFor], task: Task) -> int:
 
 
 class WatchedLife(Life):
-    """Monitors wherever there is a task, constraints on them, retries and suspensions."""
+    """Monitors under all tasks, constraints on them, retries and suspensions."""
 
     crowded = 25
     operations = (
@@ -206,26 +206,26 @@ class WatchedLife(Life):
     )
 
 
-def live(seed: int) -> AskedPlayer:
-    player = AskedPlayer()
+def live(seed: int) -> ComparingPlayer:
+    player = ComparingPlayer()
     WatchedLife(player).go_on(seed, 300)
     return player
 
 
 @example(2_346_655_264)  # a constraint by the parent
-@example(35_054_018)  # a monitor of others was killed before the retry
+@example(35_054_018)  # a foreign monitor was killed before the retry
 @example(298_566_280)  # a retried monitor waits for a listener before it is handled again
 @example(2_953_828_283)  # a constraint by a monitor under a retried task
-@example(4_106_698_539)  # a suspended task that has not begun is decided on
-@example(1_065_174_457)  # retried three times, it waits once for what is under it
-@example(4_026_247_230)  # a suspended task waits beside that for its parent, a monitor, to begin
+@example(4_106_698_539)  # an exception handler decides on a suspended task before its start
+@example(1_065_174_457)  # retried three times, it waits once for its subtasks
+@example(4_026_247_230)  # a suspended task also waits for the start of its parent, a monitor
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(4, soak=2_000), phases=NO_SMALLER_SEED)
-def test_both_name_the_same_cause_and_never_what_keeps_nobody(seed: int) -> None:
+def test_central_and_tools_name_the_same_first_cause(seed: int) -> None:
     live(seed)
 
 
-def test_such_lives_have_such_waits() -> None:
+def test_watched_life_compares_enough_waits() -> None:
     player = live(2)
-    assert player.same > 100
-    assert player.spared > 100
+    assert player.compared > 100
+    assert player.idle_cases > 100

@@ -1,6 +1,4 @@
-"""What records that go on say of an earlier moment is what was known then: after every event of a
-random life.
-"""
+"""A view of the past equals the view that was recorded then, after every event of a random life."""
 
 from typing import Any
 
@@ -32,73 +30,82 @@ FIELDS = (
     "suspension",
 )
 _NO_TIME = 1e-6
-"""Seconds: states that last no longer are not told of."""
+"""Seconds: shorter states are not shown."""
 
 
-def seen(at: RunAt) -> Any:
-    """What can be seen of a moment. Whether the run went on after a failure is told as far as the
-    journal goes.
-    """
+def view_at(at: RunAt) -> Any:
+    """The view of a moment. The continuation after a failure is excluded, as later facts decide it."""
     tree = [
         click.unstyle(line).replace(HANDLED, "failed")
         for line in tree_lines(at, whole_outline(at), with_data=True)
     ]
     return (
         [" ".join(line.split()) for line in tree],
-        [(str(task), *(str(getattr(task, name)) for name in FIELDS[:6]), list(task.caught_by), task.constraints)
-         for task in at.tasks.values()],
+        [
+            (
+                str(task),
+                *(str(getattr(task, name)) for name in FIELDS[:6]),
+                list(task.caught_by),
+                task.constraints,
+            )
+            for task in at.tasks.values()
+        ],
         [at.has_reached(Point(TaskId(task), moment)) for task in at.tasks for moment in MOMENTS],
-        {place: [one.message_id for one in at.running(*place)] for place in at.run.runs if at.running(*place)},
+        {
+            place: [one.message_id for one in at.running(*place)]
+            for place in at.run.runs
+            if at.running(*place)
+        },
         {place: str(claim) for place in at.run.grants if (claim := at.held_by(*place))},
-    )  # fmt: skip
+    )
 
 
-def told(at: RunAt) -> dict[int, list[str]]:
-    """The stories of all messages as they were then."""
+def stories_at(at: RunAt) -> dict[int, list[str]]:
+    """The stories of all messages at that moment."""
     known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
     stories = {
         number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment]
         for number in known
     }
     return {
-        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in told]
-        for number, told in stories.items()
+        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in stories_at]
+        for number, stories_at in stories.items()
     }
 
 
 class WatchedPlayer(FoldedPlayer):
-    """Folds every entry, and notes what is seen."""
+    """Folds every entry, and records the views."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.seen: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
+        self.view_at: dict[float, tuple[Any, dict[int, list[str]] | None]] = {}
 
     def compare(self) -> None:
-        """What is known now is what the records say."""
+        """The view of now equals the records."""
         at, run = RunAt(self.history), self.history
         for task in at.tasks.values():
             assert all(
                 getattr(task, name) == getattr(run.tasks[task.id], name) for name in FIELDS
             ), task
             assert bool(task.queueing) == run.tasks[task.id].is_queued
-        stories = told(at) if len(run.times) % 3 == 0 else None
-        if run.time not in self.seen:
-            self.seen[run.time] = seen(at), stories
+        stories = stories_at(at) if len(run.times) % 3 == 0 else None
+        if run.time not in self.view_at:
+            self.view_at[run.time] = view_at(at), stories
 
 
 def check(player: WatchedPlayer) -> None:
     times = player.history.times
-    for moment, (before, stories) in player.seen.items():
+    for moment, (recorded, stories) in player.view_at.items():
         at, place = RunAt(player.history, moment), times.index(moment) + 1
-        assert seen(at) == before
+        assert view_at(at) == recorded
         if stories is not None and place < len(times) and times[place] - moment > _NO_TIME:
-            now = told(at)
+            now = stories_at(at)
             assert {number: now[number] for number in stories} == stories
 
 
 @given(operations)
 @settings(max_examples=lives(25, soak=300))
-def test_the_past_is_as_it_was(taken: Operations) -> None:
+def test_past_view_matches_view_recorded_then(taken: Operations) -> None:
     player = WatchedPlayer()
     Life(player).live(taken)
     check(player)
@@ -106,7 +113,7 @@ def test_the_past_is_as_it_was(taken: Operations) -> None:
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=1)
-def test_the_past_of_a_longer_life_is_as_it_was(seed: int) -> None:
+def test_past_view_matches_view_recorded_then_in_long_life(seed: int) -> None:
     player = WatchedPlayer()
     Life(player).go_on(seed, 200)
     check(player)

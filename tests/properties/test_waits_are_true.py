@@ -1,6 +1,6 @@
-"""Folding the journal gives the live tree; and what the tools say that a task waits for, knowing
-the journal alone, is what central's own graph of needs says: for every moment of every task that
-lives, after every event of random lives.
+"""The folded journal is the live tree. The waits that the tools find in the journal are those of
+central's own graph of needs. This holds for every moment of every living task, after every event of
+random lives.
 """
 
 from collections.abc import Iterable
@@ -45,21 +45,19 @@ from tca_wire.vocabulary import Condition, MessageClass
 from tca_wire.waits import NAMED, WaitKind
 
 ENDS = END_HANDLING | END_PLANNING | END_ACHIEVING
-"""Of moments that begin something the tools name the one of the constraint, central the one at
-which that is decided.
-"""
+"""For starts, the tools name the moment of the constraint, central the moment that decides it."""
 OF_TASKS = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.SUBTASK, WaitKind.LISTENER}
 
 
 class LivePlayer(FoldedPlayer):
-    """Looks whether the fold gives the live tree."""
+    """Checks that the fold is the live tree."""
 
     def compare(self) -> None:
         assert_tree(self.central, self.history)
 
 
 class ComparedPlayer(LivePlayer):
-    """After every event central and the tools are asked."""
+    """Compares the waits of central and the tools after every event."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,84 +72,83 @@ class ComparedPlayer(LivePlayer):
                     self.compared += 1
                     assert_same(self.central, at, task, int(moment))
             if not task.is_running:
-                assert reasons(at, at.tasks[task.id]), f"no reason why {task} does not go on"
+                assert reasons(at, at.tasks[task.id]), f"{task} has no reason to wait"
             assert_ends(at, task.id)
 
 
 def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
-    """The points of other tasks that have to come first. What is suspended is told with its
-    constraints, too.
+    """Compare the points of other tasks that must come first. For a suspended task the tools name
+    its constraints, too.
     """
-    true = outside(central, task, moment)
-    kept = blocking_waits(at, Node(task.id, moment))
-    told, recovery = (
+    true = foreign_needs(central, task, moment)
+    kept = keeping(at, Node(task.id, moment))
+    named, recovery = (
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
         for kinds in (OF_TASKS, {WaitKind.RECOVERY})
     )
-    for points in (true, told):
+    for points in (true, named):
         points.difference_update(planned(points))
-    extra = told - true - planned(recovery) if not task.suspended else set()
-    if task.retrying:  # a listener before it is handled again: central needs its end, which comes after what it holds
+    extra = named - true - planned(recovery) if not task.suspended else set()
+    # Central needs the end of a listener before a retry; the tools name the earlier moment.
+    if task.retrying:
         extra -= {(number, END_HANDLING) for number, last in true if last == END_ACHIEVING}
     assert not extra, f"{task} before {moment}: {extra}"
-    assert true <= told | recovery, f"{task} before {moment}: {true - told - recovery}"
+    assert true <= named | recovery, f"{task} before {moment}: {true - named - recovery}"
 
 
 def planned(points: set[tuple[int, int]]) -> set[tuple[int, int]]:
-    """The ends of planning of what is to be achieved: they come first."""
+    """The ends of planning of tasks whose achievement is awaited; they come first."""
     return {(number, END_PLANNING) for number, last in points if last == END_ACHIEVING}
 
 
-def outside(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
-    """What central says that a moment of a task needs of other tasks, by way of its own moments;
-    but for what would do as well as something else: until when a monitor watches is in no journal.
+def foreign_needs(central: Central, task: Task, moment: int) -> set[tuple[int, int]]:
+    """The points of other tasks that a moment needs, directly or through own moments, according to
+    central. Alternatives are left out: no journal has the end of a monitor.
     """
-    way, found = [Place(task, moment)], set[tuple[int, int]]()
-    for place in way:  # grows while it is walked
+    path, found = [Place(task, moment)], set[tuple[int, int]]()
+    for place in path:  # grows while it is walked
         needed = [group[0] for group in needs(central, place) if group and len(group) == 1]
         for node in (node for node in needed if isinstance(node, Place)):
             if node.task is not task:
                 found.add((node.task.id, int(node.moment) & ENDS))
-            elif node not in way:
-                way.append(node)
+            elif node not in path:
+                path.append(node)
     return found
 
 
 def assert_ends(at: RunAt, number: int) -> None:
-    """The ends are what can be reached and leads nowhere else; or circles, if there is no such
-    thing.
-    """
-    way = reached(at, [next_node(at, number)])
-    last = {node.number for node in way if steps(at, node)[1] or not steps(at, node)[0]}
+    """The ends are the reachable nodes without a further wait; or circles, if none exist."""
+    path = reached(at, [next_node(at, number)])
+    last = {node.number for node in path if steps(at, node)[1] or not steps(at, node)[0]}
     found = Ends.at(at).of(number)
     assert {end.number for end in found if end.kind is not WaitKind.CIRCLE} == last
     assert list(found) == sorted(set(found))
 
 
 def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
-    """All that waits lead to."""
-    way = list(start)
-    seen = set(way)
-    for node in way:  # grows while it is walked
+    """All nodes that the waits lead to."""
+    path = list(start)
+    seen = set(path)
+    for node in path:  # grows while it is walked
         new = [one for one in steps(at, node)[0] if one not in seen]
-        way += new
+        path += new
         seen.update(new)
     return seen
 
 
 def assert_lists(history: History) -> None:
-    """At each moment of the run, the wait lists have what was kept then."""
+    """At each moment of the run, the wait lists contain the holds of that moment."""
     for time in history.times[:: max(len(history.times) // 20, 1)]:
         at = RunAt(history, time)
         for number, task in at.tasks.items():
-            told = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
+            named = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
             node = next_node(at, number)
-            assert {one.on for one in blocking_waits(at, node)} <= told, (time, str(task))
+            assert {one.on for one in keeping(at, node)} <= named, (time, str(task))
 
 
 @given(operations)
 @settings(max_examples=lives(40, soak=500))
-def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
+def test_tool_waits_match_needs_graph(taken: Operations) -> None:
     player = ComparedPlayer()
     Life(player).live(taken)
     assert_lists(player.history)
@@ -160,7 +157,7 @@ def test_what_tasks_wait_for_is_what_central_knows(taken: Operations) -> None:
 @given(st.integers(0, 1 << 32))
 @example(2625034)  # a listener of a task that had returned before it was retried
 @settings(max_examples=lives(1, soak=75))
-def test_so_it_is_in_a_long_life(seed: int) -> None:
+def test_tool_waits_match_needs_graph_in_long_life(seed: int) -> None:
     player = ComparedPlayer()
     Life(player).go_on(seed, 300)
     assert player.compared > 100
@@ -168,9 +165,9 @@ def test_so_it_is_in_a_long_life(seed: int) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@example(122582)  # a failure is raised on a task that is to be retried, whose handler then fails
+@example(122582)  # a failure is raised on a retried task whose handler then fails
 @settings(max_examples=lives(1, soak=24))
-def test_folding_the_journal_of_thousands_of_events_gives_the_live_tree(seed: int) -> None:
+def test_folded_journal_matches_live_tree_in_long_life(seed: int) -> None:
     Life(LivePlayer()).go_on(seed, lives(1_000, soak=5_000))
 
 
@@ -187,7 +184,7 @@ def assert_tree(central: Central, history: History) -> None:
         assert bool(folded.handling) == task.is_running
         if (
             folded.parent != ROOT and not task.killed and not task.retrying
-        ):  # one at the top has those under it, too
+        ):  # a top-level task has failures of its subtasks, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
             assert not task.failure or folded.is_dealt_with == task.is_dealt_with
         assert folded.is_queued == (task.queues is not None)
@@ -198,7 +195,7 @@ def assert_tree(central: Central, history: History) -> None:
     } == attended
 
 
-def test_a_retried_task_waits_under_a_new_number() -> None:
+def test_retried_task_is_queued_in_folded_history() -> None:
     player = LivePlayer()
     player.module("legs", "command move")
     player.module("user")
@@ -212,7 +209,7 @@ def test_a_retried_task_waits_under_a_new_number() -> None:
 
 @pytest.fixture
 def player() -> ComparedPlayer:
-    """Legs with two slots handle moves and lifts; nobody handles steps and later."""
+    """Legs with two slots handle move, lift and walk; step and later have no handler."""
     player = ComparedPlayer()
     player.module("legs", "command move", "command lift", "goal walk", capacity=2)
     player.module("expert", "exception handler recover", capacity=2)
@@ -235,7 +232,7 @@ def retry(player: ComparedPlayer, task: int) -> None:
     player.request("user", headers.Retry, TaskId(task))
 
 
-def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_under_it(
+def test_task_killed_before_retry_does_not_wait_for_subtasks(
     player: ComparedPlayer,
 ) -> None:
     move = player.task("user", "move")
@@ -245,7 +242,7 @@ def test_who_is_killed_is_not_handled_again_and_its_handler_waits_for_nothing_un
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(
+def test_retried_task_does_not_wait_for_foreign_monitor(
     player: ComparedPlayer,
 ) -> None:
     move = player.task("user", "move")
@@ -254,7 +251,7 @@ def test_who_is_handled_again_does_not_wait_for_the_monitors_of_others(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(
+def test_retried_task_waits_for_running_setup_of_killed_monitor(
     player: ComparedPlayer,
 ) -> None:
     player.module("arm", "command grip")
@@ -266,7 +263,7 @@ def test_who_is_handled_again_waits_for_a_killed_monitor_whose_action_runs(
     assert len(player.central.tree.tasks) == 3
 
 
-def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(
+def test_immediately_retried_task_does_not_wait_for_new_subtask(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk")
@@ -277,12 +274,12 @@ def test_who_was_handled_again_at_once_does_not_wait_for_what_it_sends_then(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it_then(
+def test_task_queued_for_retry_does_not_wait_for_new_subtask(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk")
     player.task("user", "move", flags=Flags.NONE)  # takes the other slot
-    player.task("user", "lift", flags=Flags.NONE)  # and waits for one
+    player.task("user", "lift", flags=Flags.NONE)  # is queued
     player.task("user", "step", under=walk)
     player.reply("legs/1")
     retry(player, walk)
@@ -290,7 +287,7 @@ def test_who_is_queued_to_be_handled_again_does_not_wait_for_what_comes_under_it
     player.task("user", "later", under=walk)
 
 
-def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedPlayer) -> None:
+def test_retried_monitor_waits_for_its_earlier_setup(player: ComparedPlayer) -> None:
     guard = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
     player.request("user", headers.Register, [guard])
     careful = player.task("user", "careful", watch=WatchOptions())
@@ -298,10 +295,10 @@ def test_a_monitor_that_begins_anew_waits_for_what_it_had_sent(player: ComparedP
     player.reply("legs/1")
     assert len(player.central.tree.tasks) == 2
     player.reply("legs/2")
-    retry(player, careful)  # it begins at once
+    retry(player, careful)  # restarts at once
 
 
-def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_is_called_then(
+def test_suspended_monitor_on_retry_waits_for_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -318,7 +315,7 @@ def test_a_suspended_monitor_to_begin_anew_waits_for_an_exception_handler_that_i
     assert not player.central.tree.tasks[guard].retrying
 
 
-def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_ended(
+def test_retried_task_does_not_wait_for_ended_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -332,7 +329,7 @@ def test_who_is_retried_does_not_wait_for_its_exception_handler_once_that_has_en
 
 
 @pytest.mark.parametrize("is_later", [False, True])
-def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_later: bool) -> None:
+def test_retry_spares_killed_foreign_monitor(player: ComparedPlayer, is_later: bool) -> None:
     careful = MessageFormat("careful", MessageClass.DEMON_MONITOR, ANY, "", ["move", "note", ""])
     player.request("user", headers.Register, [careful])
     guard = player.task("user", "guard", watch=WatchOptions(waited_for=True))
@@ -341,13 +338,15 @@ def test_a_retry_spares_a_killed_monitor_of_others(player: ComparedPlayer, is_la
         retry(player, guard)
     player.request("user", headers.Kill, TaskId(spared))
     if not is_later:
-        player.task("user", "move", under=guard, flags=Flags.NONE)  # the retry waits for this alone
+        player.task(
+            "user", "move", under=guard, flags=Flags.NONE
+        )  # the only task that the retry waits for
         retry(player, guard)
     player.task("user", "later", under=guard)
     assert player.central.tree.tasks[TaskId(spared)].killed
 
 
-def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(
+def test_retry_spares_monitor_of_wiretap_not_met_again(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Tap, Condition.WHILE_ACHIEVING, "guard", "walk")
@@ -356,7 +355,7 @@ def test_a_retry_spares_the_monitor_of_a_wiretap_that_is_not_met_again(
     assert len(player.central.tree.tasks) == 2
 
 
-def test_who_is_handled_once_more_waits_for_the_listener_before_that(
+def test_task_handled_again_waits_for_listener_before_handling(
     player: ComparedPlayer,
 ) -> None:
     move = TaskId(player.task("user", "move"))
@@ -366,7 +365,7 @@ def test_who_is_handled_once_more_waits_for_the_listener_before_that(
     assert len(player.central.tree.tasks) == 3
 
 
-def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedPlayer) -> None:
+def test_task_waits_for_constrained_monitor_alone(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     guard = player.task("user", "guard", under=walk, watch=WatchOptions())
     player.task("user", "later", under=guard)
@@ -376,7 +375,7 @@ def test_a_monitor_that_a_constraint_keeps_is_waited_for_alone(player: ComparedP
     assert len(player.central.tree.tasks) == 4
 
 
-def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlayer) -> None:
+def test_constraint_on_end_handling_holds_monitor(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     guard = player.task("user", "guard", under=walk, watch=WatchOptions())
     later = player.task("user", "later", flags=Flags.NONE)
@@ -384,7 +383,7 @@ def test_a_monitor_is_kept_from_its_end_by_constraints_too(player: ComparedPlaye
     player.request("user", headers.Constrain, [after])
 
 
-def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: ComparedPlayer) -> None:
+def test_killed_task_does_not_wait_for_planning_of_subtasks(player: ComparedPlayer) -> None:
     walk = player.task("user", "walk")
     for message in ("step", "later"):
         player.send("user", message, under=walk, when_killed=True)
@@ -394,7 +393,7 @@ def test_who_was_killed_does_not_wait_to_be_planned_for_what_is(player: Compared
     assert len(player.central.tree.tasks) == 3
 
 
-def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_planned(
+def test_failed_task_waits_until_exception_handler_is_achieved(
     player: ComparedPlayer,
 ) -> None:
     attachment = Attachment("", "recover")
@@ -406,7 +405,7 @@ def test_whose_exception_handler_decides_waits_for_it_to_be_achieved_not_only_pl
     assert len(player.central.tree.tasks) == 4
 
 
-def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(
+def test_failed_task_waits_for_handler_of_its_own_failure(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -415,14 +414,14 @@ def test_whose_handler_failed_waits_for_that_decision_and_not_for_one_beside(
     player.request("user", headers.Raise, TaskId(walk), "cold")
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.resolve("expert/2")
-    player.reply("expert/2")  # the second one has ended
+    player.reply("expert/2")  # handles the raised failure
     assert player.history.tasks[TaskId(walk)].is_recovering
     player.resolve("expert/1")
     player.reply("expert/1")
     assert not player.central.tree.tasks
 
 
-def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_ended(
+def test_retried_task_ends_recovery_with_its_exception_handler(
     player: ComparedPlayer,
 ) -> None:
     player.request("user", headers.Attach, Attachment("", "recover"))
@@ -434,7 +433,7 @@ def test_who_is_retried_is_not_kept_for_ever_by_an_exception_handler_that_has_en
     assert not player.history.tasks[TaskId(walk)].is_recovering
 
 
-def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_killed(
+def test_killed_task_is_not_held_by_plan_first(
     player: ComparedPlayer,
 ) -> None:
     walk = player.task("user", "walk", flags=Flags.PLAN_FIRST)
@@ -442,30 +441,30 @@ def test_whoever_is_to_be_planned_before_it_is_achieved_is_not_once_it_was_kille
     player.request("user", headers.Kill, TaskId(walk))
 
 
-class Told(Blocking):
+class ComparedBlocking(Blocking):
     def compare(self) -> None:
         ends = CentralEnds(self.central, 100_000)
         for task in self.central.tree.tasks.values():
             place = next_of(task)
-            told = told_by_central(self.central, place)
-            assert not told or several_in_words(told)
+            named = told_by_central(self.central, place)
+            assert not named or several_in_words(named)
             assert ends.end_of(place) is not None
             if task.slot is None and task.queues is None:
                 self.compare_with_graph(
-                    place, {wait.number for wait in told}, sum(wait.more for wait in told)
+                    place, {wait.number for wait in named}, sum(wait.more for wait in named)
                 )
-                assert told or not self.awaited(place)
+                assert named or not self.awaited(place)
 
-    def compare_with_graph(self, place: Place, told: set[int], more: int) -> None:
+    def compare_with_graph(self, place: Place, named: set[int], more: int) -> None:
         awaited = self.awaited(place)
         suspended = set(self.central.tree.suspended)
-        assert told - {0} <= awaited | suspended
-        assert awaited <= told or (more and len(told) >= NAMED), (
-            f"{place}: {awaited} and not {told}"
+        assert named - {0} <= awaited | suspended
+        assert awaited <= named or (more and len(named) >= NAMED), (
+            f"{place}: {awaited} and not {named}"
         )
 
     def awaited(self, place: Place) -> set[int]:
-        """The other tasks that the graph names, from point to point of the task itself."""
+        """The other tasks that the graph names, through the points of the task itself."""
         places, found = [place], set[int]()
         for own in places:  # grows while it is walked
             for one in (one for group in needs(self.central, own) for one in group or ()):
@@ -478,8 +477,8 @@ class Told(Blocking):
 
 @given(blocking_steps)
 @settings(max_examples=lives(40, soak=500))
-def test_what_is_told_is_what_the_graph_has(taken: Steps) -> None:
-    life = Told(looks=True)
+def test_waits_of_central_match_its_needs_graph(taken: Steps) -> None:
+    life = ComparedBlocking(looks=True)
     for step in taken:
         life.do(*step)
         life.compare()

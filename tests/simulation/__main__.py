@@ -26,7 +26,7 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.getLogger("tca.central").disabled = not arguments.trace
     if arguments.seed is not None:
-        life = Life(arguments.seed, tell=print if arguments.trace else None)
+        life = Life(arguments.seed, write_trace=print if arguments.trace else None)
         print(life.options)
         life.run()
         print(life.clockwork.digest, dict(life.outside.counts))

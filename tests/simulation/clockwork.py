@@ -1,4 +1,4 @@
-"""One heap of what will happen, and one source of chance: a life is decided by its seed."""
+"""One heap of events and one source of chance: the seed determines a life."""
 
 import random
 from collections.abc import Callable
@@ -14,24 +14,24 @@ class Broken(AssertionError):
 
 
 class Clockwork:
-    """Lets things happen in the order of their times, and of their making."""
+    """Runs events in the order of their times, and of their creation."""
 
-    def __init__(self, seed: int, *, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, seed: int, *, write_trace: Callable[[str], None] | None = None) -> None:
         self.now = 0.0
         self.dice = random.Random(seed)
         self.happened = 0
         self._heap: list[tuple[float, int, Callable[..., None], tuple[Any, ...]]] = []
         self._made = 0
-        self._tell = tell
+        self._write_trace = write_trace
         self._hash = blake2b(digest_size=8)
 
     def after(self, seconds: float, do: Callable[..., None], *about: Any) -> None:
-        """Have something happen in so many seconds."""
+        """Schedule an event."""
         self._made += 1
         heappush(self._heap, (self.now + seconds, self._made, do, about))
 
     def step(self) -> bool:
-        """Let the next thing happen; False if there is none."""
+        """Run the next event; False if the heap is empty."""
         if not self._heap:
             return False
         self.now, _, do, about = heappop(self._heap)
@@ -40,38 +40,38 @@ class Clockwork:
         return True
 
     def chance(self, of: float) -> bool:
-        """Whether something of that likelihood happens now."""
+        """Whether an event of that probability happens now."""
         return of > 0 and self.dice.random() < of
 
     def between(self, low: float, high: float) -> float:
-        """Some seconds."""
+        """A random number between two."""
         return low + (high - low) * self.dice.random()
 
-    # --- what has happened ------------------------------------------------------------------------
+    # --- trace and digest -------------------------------------------------------------------------
 
     @property
-    def is_told(self) -> bool:
-        """Whether somebody reads the trace."""
-        return self._tell is not None
+    def has_trace_reader(self) -> bool:
+        """Whether the trace has a reader."""
+        return self._write_trace is not None
 
     def note(self, what: bytes) -> None:
-        """Two lives are the same if all that was noted is."""
+        """Add to the digest."""
         self._hash.update(b"%f " % self.now)
         self._hash.update(what)
 
-    def say(self, who: str, what: object) -> None:
-        """A line of the trace."""
-        if self._tell is not None:
-            self._tell(f"{self.now:9.4f}  {who:<14} {what}")
+    def trace(self, who: str, what: object) -> None:
+        """Write a line of the trace."""
+        if self._write_trace is not None:
+            self._write_trace(f"{self.now:9.4f}  {who:<14} {what}")
 
     @property
     def digest(self) -> str:
-        """Of all that has happened."""
+        """The digest of everything noted; equal lives have equal digests."""
         return self._hash.hexdigest()
 
 
 def shown(header: msgspec.Struct) -> str:
-    """A header in short: only what is not as usual."""
+    """A header in short, without default values."""
     usual = header.__struct_defaults__
     names = header.__struct_fields__
     defaults = dict(zip(names[len(names) - len(usual) :], usual, strict=True))

@@ -1,9 +1,9 @@
 """Central's process: the core, the daemon's own logs on a disk that fails, and the turns of its
 loop.
 
-A turn takes some packets, writes each to the log, lets the core have it, flushes the log, and only
-then sends what follows from it. It may end at any of these steps. What is there afterwards is what
-the disk has: the daemon's own code continues from that, many times on one journal.
+A turn takes some packets, writes each to the log, passes it to the core, flushes the log, and only
+then sends packets. The process may end at each step. Afterwards only the disk remains.
+The daemon's own code continues from it, many times on one journal.
 """
 
 from collections import deque
@@ -52,7 +52,7 @@ class Crash(Exception):
 
 
 class Daemon:
-    """Central, as long as the town lives: it crashes, and comes again."""
+    """Central during a life; it crashes and restarts."""
 
     def __init__(
         self,
@@ -62,42 +62,40 @@ class Daemon:
         publish: Callable[[list[Entry]], None],
     ) -> None:
         self._clockwork, self._network, self._options = clockwork, network, options
-        self._publish = publish  #: what is in the journal for good
+        self._publish = publish  #: receives entries that the journal keeps
         self.disk = Disk(clockwork.dice)
         self.log: RunLog | None = None
-        self.journal: list[Entry] = []  #: the facts that were told, none without its input
-        self._safe = 0  #: the number of those whose inputs were synced
-        self._perhaps: list[Entry] = []  #: facts that the journal may have, and that were not told
-        self._is_half = False  #: an input has happened and is not written, or the other way round
-        self._expected: Central | None = None  #: the state that the disk should give
+        self.journal: list[Entry] = []  #: published entries, each with its input
+        self._safe = 0  #: the number of entries with synced inputs
+        self._perhaps: list[Entry] = []  #: unpublished entries that the journal may have
+        self._is_half = False  #: an input is handled or written, but not both
+        self._expected: Central | None = None  #: the state to recover from the disk
         self.core: Central | None = None
         self.crashes = self.cuts = self.full = self.steps = self.images = 0
-        self._synced_at = 0.0  #: when another thread last asked the disk
-        self._life = 0  #: which process it is
+        self._synced_at = 0.0  #: time of the last sync
+        self._life = 0  #: number of the process
         self._arrived: deque[tuple[Wire, bytes]] = deque()
         self._closed: deque[ConnectionId] = deque()
         self._outgoing: dict[ConnectionId, list[tuple[ToModule, bytes]]] = {}
         self._entries: list[Entry] = []
-        self._began = 0.0  #: when the core's clock stood at 0, if it had never stood still
+        self._began = 0.0  #: time at which the core's clock read 0, adjusted for pauses
         self._wake_at = float("inf")
-        self.take_back: Callable[[list[Entry]], None] = lambda _: (
-            None
-        )  #: the journal has no more than this
-        self.is_gone: Callable[[str], bool] = lambda _: (
-            False
-        )  #: whether the process of an incarnation has ended
+        #: receives the entries that are left after a loss
+        self.take_back: Callable[[list[Entry]], None] = lambda _: None
+        #: whether the process of an incarnation has ended
+        self.is_gone: Callable[[str], bool] = lambda _: False
         self._next_beat, self._next_sweep = BEAT_PERIOD, SWEEP_PERIOD
         network.central = self
 
     # --- the process ------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """The process begins: with what the disk has."""
+        """Start the process from the disk."""
         is_new = not self.disk.folder.exists()
         if is_new:
             self._begin_run()
         try:
-            self._come_back(is_new=is_new)
+            self._recover(is_new=is_new)
             self._flush()
         except Crash:
             self.crash()
@@ -109,7 +107,7 @@ class Daemon:
         self._wake(0.0)
 
     def _begin_run(self) -> None:
-        """A run that has not come far, with an image of its first state."""
+        """Create a new run, with an image of its first state."""
         folder, options = self.disk.folder, self._options
         folder.mkdir()
         central = Central("simulated")
@@ -120,8 +118,8 @@ class Daemon:
         self.disk.sync()
         self.disk.fault = self._fault
 
-    def _come_back(self, *, is_new: bool) -> None:
-        """Every connection has broken; some will not come back, as their processes are gone."""
+    def _recover(self, *, is_new: bool) -> None:
+        """Recover. Every connection has broken; those of ended processes do not return."""
         options, clockwork = self._options, self._clockwork
         if clockwork.chance(0.1):
             self._damage_image()
@@ -135,7 +133,7 @@ class Daemon:
             core.clock.now + BEAT_PERIOD,
             core.clock.now + SWEEP_PERIOD,
         )
-        clockwork.say("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
+        clockwork.trace("central", "starts" if is_new else f"starts, with {run.inputs} inputs")
         folder.open(self, options.sync, hold=options.hold and not is_new)
         assert self.log is not None
         self.log.images = None  # see ``_take_image``
@@ -150,7 +148,7 @@ class Daemon:
                 )
 
     def _refused(self, error: CentralError) -> None:
-        """The disk is full, and will be for a while; nothing else stops a restart."""
+        """The disk is full for a while; no other error may stop a restart."""
         if not isinstance(error, DiskFull) or self.disk.room is None:
             raise Broken(f"central does not come back: {error}")
         self.full += 1
@@ -159,12 +157,12 @@ class Daemon:
         self.crash(power=False)
 
     def _damage_image(self) -> None:
-        """The newest image is of no use, unless it is the first one."""
+        """Damage the newest image, unless it is the first one."""
         if images := sorted(self.disk.folder.glob(f"*{IMAGE_SUFFIX}"))[1:]:
             images[-1].write_bytes(images[-1].read_bytes()[:-1])
 
     def _compare(self, run: UnfinishedRun) -> None:
-        """The state and the facts that are recovered are those that were lost."""
+        """Compare the recovered state and facts with the lost ones."""
         if self._expected is not None and (unlike := difference(self._expected, run.central)):
             raise Broken(f"the state that was lost, and the one that was recovered: {unlike}")
         before, self._perhaps = self.journal + self._perhaps, []
@@ -185,7 +183,7 @@ class Daemon:
         self._safe = len(self.journal)
 
     def _take_image(self) -> None:
-        """Write the state down, as a child of the daemon does."""
+        """Write an image, as a child of the daemon does."""
         if self.core is not None and can_encode(self.core):
             inputs, journal = self._logs
             before = inputs.write_now()
@@ -197,7 +195,7 @@ class Daemon:
                 self.images += 1
 
     def _sync(self) -> None:
-        """Two threads sync the two logs, in any order."""
+        """Sync the two logs, in any order."""
         if self.log is not None:
             for log in self._logs if self._clockwork.chance(0.5) else self._logs[::-1]:
                 log._fsync()
@@ -228,7 +226,7 @@ class Daemon:
         if is_cut:
             self.cuts += 1
             self.disk.cut_power()
-        clockwork.say("central", "CRASHES" + " (power)" * is_cut)
+        clockwork.trace("central", "CRASHES" + " (power)" * is_cut)
         self.core = self.log = None
         self._arrived.clear()
         self._closed.clear()
@@ -240,7 +238,7 @@ class Daemon:
         clockwork.after(clockwork.between(0.05, options.away), self.start)
 
     def _fault(self) -> None:
-        """A step in which it may crash."""
+        """A step at which the process may crash."""
         self.steps += 1
         if self.steps == self._options.crash_at or self._clockwork.chance(
             self._options.central_crashes
@@ -249,19 +247,19 @@ class Daemon:
 
     @property
     def now(self) -> float:
-        """Seconds on the core's clock, which stood still while it was away."""
+        """Seconds on the core's clock, which stood still while central was away."""
         now = self._clockwork.now - self._began
-        return now if self.core is None else max(now, self.core.clock.now)  # it was rounded
+        return now if self.core is None else max(now, self.core.clock.now)  # because of rounding
 
-    # --- what comes -------------------------------------------------------------------------------
+    # --- inputs ---------------------------------------------------------------------------------
 
     def arrive(self, wire: Wire, packet: bytes) -> None:
-        """A packet is there."""
+        """A packet arrives."""
         self._arrived.append((wire, packet))
         self._wake(self._clockwork.between(0.0, 0.001))
 
     def see_closed(self, connection: ConnectionId) -> None:
-        """A line is seen to have closed; what came on it before is heard first."""
+        """A closed line is noticed; its earlier packets are handled first."""
         self._closed.append(connection)
         self._wake(0.0)
 
@@ -299,7 +297,7 @@ class Daemon:
         self._wake(0.0 if self._arrived or self._closed else max(0.0, until - self.now) + 0.0001)
 
     def _inputs(self) -> Iterator[Input]:
-        """What happens in this turn."""
+        """The inputs of this turn."""
         core = self.core
         assert core is not None
         known = core.registry.connections
@@ -310,7 +308,7 @@ class Daemon:
             if packet != PROBE:
                 yield Arrived(self.now, wire.id, packet)
             elif wire.id not in known:
-                self._put(wire.id, Unknown(), b"")
+                self._enqueue(wire.id, Unknown(), b"")
         if self._closed and not self._arrived:
             closed = self._closed.popleft()
             if closed in known:
@@ -322,7 +320,9 @@ class Daemon:
             yield from self._beat(core)
 
     def _beat(self, core: Central) -> Iterator[Input]:
-        """Beat to those who wait, and now and then to all; who is gone is found so."""
+        """Send heartbeats to waiting connections, and now and then to all. Closed lines are noticed
+        this way.
+        """
         is_sweep = self.now >= self._next_sweep
         if is_sweep:
             self._next_sweep = self.now + SWEEP_PERIOD
@@ -337,10 +337,10 @@ class Daemon:
             ):
                 self._closed.append(connection.id)
 
-    # --- what follows -----------------------------------------------------------------------------
+    # --- effects ---------------------------------------------------------------------------------
 
     def handle_input(self, event: Input) -> None:
-        """Write an input, and let it happen."""
+        """Write an input, and handle it."""
         core, log, clockwork = self.core, self.log, self._clockwork
         assert core is not None
         assert log is not None
@@ -350,18 +350,18 @@ class Daemon:
         if clockwork.chance(0.3):
             self._logs[0].flush()
         for one in events_of(event):
-            if clockwork.is_told:
-                clockwork.say("central", f"has {_shown(one)}")
+            if clockwork.has_trace_reader:
+                clockwork.trace("central", f"has {_shown(one)}")
             for effect in core.handle(one):
                 if isinstance(effect, Record):
                     log.add_entry(effect.entry)
                     self._entries.append(effect.entry)
                 else:
-                    self._put(effect.connection, effect.header, effect.body)
+                    self._enqueue(effect.connection, effect.header, effect.body)
             if core.events % self._options.checks_each == 0:
                 check_invariants(core)
 
-    def _put(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
         self._outgoing.setdefault(connection, []).append((header, body))
 
     def _flush(self) -> None:

@@ -1,9 +1,9 @@
-"""The folder of a journal on a disk that fails: what was written survives a kill, what was synced
-survives a power cut.
+"""The folder of a journal on a disk that fails: written bytes survive a kill, synced bytes survive
+a power cut.
 
-The files are real ones, and the daemon's own code writes, shortens and removes them. Beneath it
-``os.write`` and ``os.fsync`` note what is safe, let the process crash before and after each step,
-and have no more room than there is.
+The files are real, and the daemon's own code writes, shortens and removes them. ``os.write`` and
+``os.fsync`` are replaced. They record the safe bytes, let the process crash before and after each
+step, and limit the room.
 """
 
 import contextlib
@@ -25,14 +25,14 @@ _NEVER = 1e9
 
 
 class Disk:
-    """A folder, while the block lasts."""
+    """A folder on a failing disk, as a context manager."""
 
     def __init__(self, dice: random.Random, fault: Callable[[], None] = lambda: None) -> None:
         self.dice, self.fault = dice, fault
         self.room: int | None = None  #: bytes that can be written (None: any number)
         self.writes = self.boots = 0
-        self._safe: dict[int, bytearray] = {}  #: what each file held when it was last synced
-        self._names: dict[str, int] = {}  #: the files that the folder had when it was last synced
+        self._safe: dict[int, bytearray] = {}  #: content of each file at its last sync
+        self._names: dict[str, int] = {}  #: files of the folder at its last sync
 
     def __enter__(self) -> Self:
         self._place = Path(mkdtemp(dir=_MEMORY if _MEMORY.is_dir() else None))
@@ -42,10 +42,8 @@ class Disk:
         self._boot.write_text("0")
         self._own = os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD
         os.write, os.fsync, os.fdatasync = self._write, self._sync, self._sync  # type: ignore[assignment]
-        input_log.BOOT, log_writer.SYNC_PERIOD = (
-            self._boot,
-            _NEVER,
-        )  # no thread syncs at a time of its own
+        # No thread syncs on its own.
+        input_log.BOOT, log_writer.SYNC_PERIOD = self._boot, _NEVER
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -53,7 +51,7 @@ class Disk:
         os.write, os.fsync, os.fdatasync, input_log.BOOT, log_writer.SYNC_PERIOD = self._own
         shutil.rmtree(self._place)
 
-    # --- beneath the daemon -----------------------------------------------------------------------
+    # --- replaced functions -----------------------------------------------------------------------
 
     def _write(self, file: int, data: Any) -> int:
         if not self._has(file):
@@ -79,13 +77,13 @@ class Disk:
             self._own[1](file)
             return
         self.fault()
-        self._note(file)
+        self._record_safe_bytes(file)
         self.fault()
 
     def _has(self, file: int) -> bool:
         return os.readlink(f"/proc/self/fd/{file}").startswith(self._prefix)  # noqa: PTH115 - a path costs more than all
 
-    def _note(self, file: int) -> None:
+    def _record_safe_bytes(self, file: int) -> None:
         about = os.fstat(file)
         if stat.S_ISDIR(about.st_mode):
             self._names = self._there()
@@ -100,29 +98,29 @@ class Disk:
     def _there(self) -> dict[str, int]:
         return {entry.name: entry.inode() for entry in os.scandir(self.folder)}
 
-    # --- what happens to it -----------------------------------------------------------------------
+    # --- faults -----------------------------------------------------------------------------------
 
     def sync(self) -> None:
-        """All is safe."""
+        """Sync all files and the folder."""
         for name in [*self._there(), "."]:
             file = os.open(f"{self._prefix}/{name}", os.O_RDONLY)
-            self._note(file)
+            self._record_safe_bytes(file)
             os.close(file)
 
     def kill(self) -> None:
-        """The process is no more: its files are closed, and its threads end."""
+        """End the process: close its files and end its threads."""
         for thread in threading.enumerate():
-            target = getattr(thread, "_target", None)  # None: it has just ended
+            target = getattr(thread, "_target", None)  # None after its end
             if target is not None and thread.name.startswith("sync ."):
                 target.__self__._stopped.set()
         for name in os.listdir("/proc/self/fd"):  # noqa: PTH208
-            with contextlib.suppress(FileNotFoundError):  # that of the listing
+            with contextlib.suppress(FileNotFoundError):  # the listing's own descriptor
                 if self._has(int(name)):
                     os.close(int(name))
 
     def cut_power(self) -> None:
-        """Of what was not synced some is there, to any byte, perhaps with zeros after it; a name
-        may be there, or not; what was shortened or removed may be as before.
+        """Lose a random part of the unsynced bytes, perhaps with zeros in their place. A new name
+        may be lost. A shortened or removed file may return.
         """
         self.boots += 1
         self._boot.write_text(str(self.boots))
@@ -141,7 +139,7 @@ class Disk:
         safe = bytes(self._safe.get(file or 0, b""))
         now = path.read_bytes() if is_there and path.exists() else safe
         if not now.startswith(safe):
-            return safe if self.dice.random() < 0.5 else now  # it was shortened
+            return safe if self.dice.random() < 0.5 else now  # the file was shortened
         zeros = self.dice.choice((0, 0, 0, self.dice.randint(0, 40), self.dice.randint(0, 10_000)))
         return now[: self.dice.randint(len(safe), len(now))] + bytes(
             zeros if len(safe) < len(now) else 0

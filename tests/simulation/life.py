@@ -1,4 +1,4 @@
-"""One life of a town: faults, then none, then everything has come to its end; or a promise is
+"""One life of a town: first with faults, then without, until everything has ended; or a promise is
 broken.
 """
 
@@ -19,21 +19,24 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
 
 HEALED_WITHIN = 300.0
-"""Seconds, without faults, after which everything is over."""
+"""The limit, in seconds without faults, until everything must have ended."""
 LAST_WORDS = 3.0
-"""Seconds in which what is on its way arrives."""
+"""Seconds for the last packets to arrive."""
 NEVER = float("inf")
 _CHILD_OF_SEED = 0x9E3779B97F4A7C15
 
 
 class Life:
-    """A town from a seed."""
+    """The life of a town, determined by its seed."""
 
     def __init__(
-        self, seed: int, options: Options | None = None, tell: Callable[[str], None] | None = None
+        self,
+        seed: int,
+        options: Options | None = None,
+        write_trace: Callable[[str], None] | None = None,
     ) -> None:
         self.seed = seed
-        self.clockwork = Clockwork(seed, tell=tell)
+        self.clockwork = Clockwork(seed, write_trace=write_trace)
         self.options = (
             options if options is not None else drawn(Clockwork(seed ^ _CHILD_OF_SEED).dice)
         )
@@ -53,7 +56,7 @@ class Life:
             self.programs[f"user{number}"] = User(f"user{number}", self.options, self.outside)
 
     def run(self) -> "Life":
-        """Live to the end. Raises Broken, or what else goes wrong."""
+        """Run the life. Raises Broken, or another error of the code under test."""
         with self.daemon.disk:
             return self._run()
 
@@ -113,7 +116,7 @@ class Life:
             self._end(self.clockwork.dice.choice(alive))
 
     def _end(self, name: str) -> None:
-        """A process ends at once, and is started again."""
+        """A process crashes, and is restarted."""
         self.processes[name].crash()
         self.clockwork.after(self.clockwork.between(0.05, self.options.away), self._start, name)
 
@@ -127,19 +130,19 @@ class Life:
             name = self.clockwork.dice.choice(serving)
             process = self.processes[name]
             process.leave()
-            self._come_again(name, process)
+            self._restart_after_leave(name, process)
 
-    def _come_again(self, name: str, process: Process) -> None:
-        """Start a module that leaves when it has."""
+    def _restart_after_leave(self, name: str, process: Process) -> None:
+        """Restart a leaving module after its end."""
         if process.is_alive:
-            self.clockwork.after(0.3, self._come_again, name, process)
+            self.clockwork.after(0.3, self._restart_after_leave, name, process)
         elif self.processes[name] is process:
             self._start(name)
 
     # --- the end ----------------------------------------------------------------------------------
 
     def _heal(self) -> None:
-        self.clockwork.say("life", "no faults from now on")
+        self.clockwork.trace("life", "no faults from now on")
         self.is_healing = True
         self.options.central_crashes = self.options.full_disks = 0.0
         self.daemon.disk.room = None
@@ -199,7 +202,7 @@ class Life:
         return left, waiting, strangers, gone
 
     def _judge(self) -> None:
-        """What must be true in the end."""
+        """Check the final state of the life."""
         core, outside = self.daemon.core, self.outside
         assert core is not None
         check_invariants(core)
@@ -228,14 +231,14 @@ class Life:
             raise Broken(
                 f"task {task} (token {token}) is done, and no handler has done it: {[*map(str, runs)]}"
             )
-        is_told = token in outside.told and not self.options.is_lossy
-        if is_told and outcome is not None and outside.told[token][0] is not outcome[0]:
+        was_answered = token in outside.outcomes and not self.options.is_lossy
+        if was_answered and outcome is not None and outside.outcomes[token][0] is not outcome[0]:
             raise Broken(
-                f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.told[token]}"
+                f"task {task} (token {token}) is {outcome[0]}, and its sender was told {outside.outcomes[token]}"
             )
 
     def _judge_informs(self) -> None:
-        """What did not arrive was counted."""
+        """Check that lost informs were counted."""
         outside = self.outside
         alive = {
             thread.session for process in self.processes.values() for thread in process.threads
@@ -253,5 +256,5 @@ class Life:
             + outside.counts["lost by module"]
         )
         if missing > counted and not self.options.is_lossy:
-            raise Broken(f"{missing} informs did not arrive, and {counted} are known to be lost")
+            raise Broken(f"{missing} informs did not arrive, but {counted} were counted as lost")
         outside.counts["informs missing"] += missing

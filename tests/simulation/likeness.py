@@ -1,4 +1,4 @@
-"""Whether two states of central are the same in all: the first difference, and the way to it."""
+"""The first difference between two states of central, with the path to it."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -10,16 +10,16 @@ from tca_central.core import Central
 from tca_central.model.clock import Clock
 from tca_central.model.resources import Queue
 
-_MADE_ANEW = frozenset(("_outputs", "_output_queues", "_sent_by"))
-"""Attributes that hold functions of central itself, or are made when somebody looks."""
+_IGNORED = frozenset(("_outputs", "_output_queues", "_sent_by"))
+"""Attributes with functions of central, or with values that are computed on demand."""
 _ATOMS = (int, float, str, bytes, type(None), type)
 
 
 def difference(one: Central, other: Central) -> str:
-    """The first difference; "" if there is none."""
+    """The path and values of the first difference; "" if the states are equal."""
     waiting: deque[tuple[str, Any, Any]] = deque([("central", one, other)])
     met: dict[int, int] = {}
-    kept: list[Any] = []  # so that id() tells them apart
+    kept: list[Any] = []  # keeps each id() unique
     while waiting:
         way, left, right = waiting.popleft()
         if type(left) is not type(right):
@@ -43,8 +43,8 @@ def difference(one: Central, other: Central) -> str:
 
 
 def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
-    """What a thing consists of, each with its name or place. What is void in heaps matters to
-    nobody: it goes when somebody looks, as checks do.
+    """The parts of a value, each with its name or place. Void entries of heaps are left out:
+    invariant checks remove them.
     """
     if isinstance(thing, Clock):
         yield "now", thing.now
@@ -63,5 +63,5 @@ def _parts(thing: Any) -> Iterator[tuple[Any, Any]]:
         yield from enumerate(sorted(thing, key=repr))
     for kind in type(thing).__mro__:
         for name in getattr(kind, "__slots__", ()):
-            if hasattr(thing, name) and name not in _MADE_ANEW:
+            if hasattr(thing, name) and name not in _IGNORED:
                 yield name, getattr(thing, name)

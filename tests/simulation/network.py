@@ -1,9 +1,9 @@
-"""The lines between modules and central, as ZeroMQ has them: in order, and lost without a word when
-they break.
+"""The lines between modules and central, as in ZeroMQ: in order, and with silent losses when they
+break.
 
-A line is a new routing id each time it is there. Nobody is told that it broke: central sees that
-sooner or later or, where a process lives on and comes back, perhaps never; a module finds that
-nothing leaves, or that central does not know it.
+A line has a new routing id at each connect. No end is notified of a break. Central notices it
+sooner or later. If the process lives on and reconnects, central may never notice. A module notices
+that no packet leaves, or that central does not know it.
 """
 
 from typing import Protocol
@@ -21,10 +21,10 @@ class Far(Protocol):
     """Central's end."""
 
     def arrive(self, wire: "Wire", packet: bytes) -> None:
-        """A packet is there."""
+        """A packet arrives."""
 
     def see_closed(self, connection: ConnectionId) -> None:
-        """A line is seen to have closed."""
+        """A closed line is noticed."""
 
 
 class Near(Protocol):
@@ -32,15 +32,15 @@ class Near(Protocol):
 
     name: str
 
-    def hear(self, packet: bytes) -> None:
-        """A packet is there."""
+    def receive(self, packet: bytes) -> None:
+        """A packet arrives."""
 
     def has_line(self) -> None:
-        """What is said leaves from now on."""
+        """The line is connected."""
 
 
 class Wire:
-    """One line while it lasts."""
+    """One line, from connect to break."""
 
     __slots__ = ("carries_down", "carries_up", "down_at", "id", "socket", "up_at")
 
@@ -48,13 +48,11 @@ class Wire:
         self.id = number
         self.socket = socket
         self.carries_up = self.carries_down = True
-        self.up_at = self.down_at = (
-            now  #: when the newest packet is there that is on its way to central, and back
-        )
+        self.up_at = self.down_at = now  #: arrival of the newest packet in each direction
 
 
 class Socket:
-    """A module's end of a line, which comes again when it breaks."""
+    """A module's end of a line; it reconnects after a break."""
 
     def __init__(self, network: "Network", owner: Near) -> None:
         self.network, self.owner = network, owner
@@ -62,13 +60,11 @@ class Socket:
         self.is_closed = False
 
     def send(self, packet: bytes) -> bool:
-        """Whether it left."""
+        """Send a packet. Returns whether it left."""
         return self.wire is not None and self.network.carry_up(self.wire, packet)
 
     def close(self) -> None:
-        """The socket is closed, or its process gone: central sees that in time. What has left still
-        arrives.
-        """
+        """Close the socket. Central notices later; sent packets still arrive."""
         self.is_closed = True
         wire, self.wire = self.wire, None
         if wire is not None:
@@ -76,19 +72,19 @@ class Socket:
 
 
 class Network:
-    """All lines."""
+    """All lines of the town."""
 
     def __init__(self, clockwork: Clockwork, options: Options) -> None:
         self._clockwork, self._options = clockwork, options
         self.central: Far
-        self.is_listening = False  #: central is there
+        self.is_listening = False  #: whether central runs
         self.wires: dict[ConnectionId, Wire] = {}  #: open ones
         self._sockets: list[Socket] = []
         self._numbers = 0
         self.breaks = 0
 
     def open(self, owner: Near) -> Socket:
-        """A socket, connected soon."""
+        """Create a socket, which connects soon."""
         socket = Socket(self, owner)
         self._sockets.append(socket)
         self._connect_soon(socket)
@@ -118,7 +114,7 @@ class Network:
     # --- packets ----------------------------------------------------------------------------------
 
     def carry_up(self, wire: Wire, packet: bytes) -> bool:
-        """A packet is on its way to central."""
+        """Send a packet to central."""
         wire.up_at = max(wire.up_at, self._clockwork.now + self._delay())
         self._clockwork.after(wire.up_at - self._clockwork.now, self._arrive_up, wire, packet)
         return True
@@ -128,7 +124,7 @@ class Network:
             self.central.arrive(wire, packet)
 
     def carry_down(self, connection: ConnectionId, packet: bytes) -> bool:
-        """A packet is on its way to a module; False if the line is seen to be gone."""
+        """Send a packet to a module; False if central has noticed that the line is closed."""
         wire = self.wires.get(connection)
         if wire is None:
             return False
@@ -138,12 +134,12 @@ class Network:
 
     def _arrive_down(self, wire: Wire, packet: bytes) -> None:
         if wire.carries_down and wire.socket.wire is wire:
-            wire.socket.owner.hear(packet)
+            wire.socket.owner.receive(packet)
 
     # --- faults -----------------------------------------------------------------------------------
 
     def break_one(self) -> None:
-        """A line breaks: what is on the way in either direction is lost."""
+        """Break a line; packets under way in both directions are lost."""
         wires = [socket.wire for socket in self._sockets if socket.wire is not None]
         if wires:
             self.cut(self._clockwork.dice.choice(wires))
@@ -151,12 +147,11 @@ class Network:
     def cut(self, wire: Wire) -> None:
         clockwork = self._clockwork
         self.breaks += 1
-        clockwork.say(wire.socket.owner.name, f"line {_words(wire.id)} breaks")
+        clockwork.trace(wire.socket.owner.name, f"line {_words(wire.id)} breaks")
         wire.carries_up = wire.carries_down = False
         wire.socket.wire = None
-        if clockwork.chance(
-            0.5
-        ):  # else it swallows what is sent there, until the operating system gives it up
+        # A half-open line swallows packets until the operating system ends it.
+        if clockwork.chance(0.5):
             self._end(wire) if clockwork.chance(0.5) else clockwork.after(
                 clockwork.between(0.0, 0.5), self._end, wire
             )
@@ -165,7 +160,7 @@ class Network:
         self._connect_soon(wire.socket)
 
     def close(self, wire: Wire) -> None:
-        """The far end is gone. What is on the way to central arrives, mostly."""
+        """The module's end is closed. Packets to central usually still arrive."""
         clockwork = self._clockwork
         wire.carries_down = False
         self._sockets.remove(wire.socket)
@@ -178,9 +173,7 @@ class Network:
             self.central.see_closed(wire.id)
 
     def lose_central(self) -> None:
-        """Central's process is gone, and all lines with it. Modules may still get what was on its
-        way.
-        """
+        """End all lines, as central's process has ended. Modules may still receive earlier packets."""
         self.is_listening = False
         self._numbers *= not self._options.ids_again
         for wire in self.wires.values():

@@ -1,4 +1,4 @@
-"""What may happen in a life: each seed draws which faults there are, and how often."""
+"""The faults of a life: each seed draws their kinds and rates."""
 
 import random
 
@@ -8,19 +8,19 @@ from tca_central.shell.log_writer import Sync
 
 
 class Options(msgspec.Struct):
-    """Faults, and what is in the town. Rates are per second; chances per occasion."""
+    """The faults and features of a life. Rates are per second; chances per occasion."""
 
     seconds: float = 15.0
-    """How long there are faults."""
+    """The time with faults."""
     delay: float = 0.02
     """The longest time that a packet takes."""
     breaks: float = 0.0
     half_open: float = 0.0
-    """For how long central may take a broken line for a good one."""
+    """The longest time for which central does not notice a broken line."""
     crashes: float = 0.0
-    """Of modules."""
+    """The crash rate of modules."""
     leaves: float = 0.0
-    """Modules that end of their own will, and come again."""
+    """The rate at which modules leave and return."""
     central_crashes: float = 0.0
     """The chance at each step of central's turn: before, within and after each write."""
     crash_at: int = 0
@@ -28,30 +28,30 @@ class Options(msgspec.Struct):
     power_cuts: float = 0.0
     """The chance that a crash of central loses what was not synced."""
     full_disks: float = 0.0
-    """The chance in each turn that the disk is full from now on, until central has failed on it for
+    """The chance in each turn that the disk fills; it stays full until central has failed on it for
     a while.
     """
     sync: Sync = Sync.ALWAYS
     hold: bool = False
-    """After a restart of central no task starts before somebody says so."""
+    """A restarted central starts no task until it is told to."""
     sees_processes: bool = False
-    """A central that starts again knows which processes are gone."""
+    """A restarted central knows the ended processes."""
     snapshots: float = 0.0
     ids_again: bool = False
     """A new central counts routing ids from the beginning."""
     away: float = 2.0
     """The longest time that a crashed central, or module, is away."""
     trusts_all: bool = False
-    """Messages go ahead to every slot."""
+    """Every slot gets prefetched messages."""
     slow: float = 0.1
     """The longest time that a handler takes."""
     users: int = 2
     actions: int = 8
-    """Of each user."""
+    """The number of actions of each user."""
     failures: float = 0.0
     features: frozenset[str] = frozenset()
     checks_each: int = 8
-    """Central's invariants are checked after one event in so many."""
+    """The number of events between checks of central's invariants."""
 
     @property
     def is_lossy(self) -> bool:
@@ -76,7 +76,7 @@ FEATURES = (
 
 
 def drawn(dice: random.Random) -> Options:
-    """Some faults and some features: what is left out gives the others more room (swarm
+    """Draw some faults and some features. The ones left out give the others more room (swarm
     testing).
     """
     some = dice.random
@@ -104,8 +104,6 @@ def drawn(dice: random.Random) -> Options:
         features=frozenset(one for one in FEATURES if some() < 0.5),
         checks_each=dice.choice((1, 16, 16, 64)),
     )
-    if (
-        options.is_lossy
-    ):  # a release that central forgets leaves a lock that nobody has: docs/reliability.md
+    if options.is_lossy:  # a forgotten release leaves a lock without a holder: docs/reliability.md
         options.features -= {"lock"}
     return options

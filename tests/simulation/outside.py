@@ -1,9 +1,9 @@
-"""The world outside of all processes, which no crash undoes: what handlers did, and what was
-promised to whom.
+"""The world outside of all processes, unaffected by crashes: the runs of handlers, and the promises
+made to users.
 
-Everything that programs send bears a token of its own as data. What is checked here is what a user
-is promised (docs/reliability.md): nothing acknowledged is lost, no command begins twice without
-being told, order, exclusion, and that results are what handlers returned.
+Every message bears a token of its own as data. The promises checked here are those of
+docs/reliability.md. No acknowledged task is lost, and no command starts twice without notice. Order
+and exclusion hold, and results are those of the handlers.
 """
 
 from collections import defaultdict
@@ -50,12 +50,10 @@ class Run:
         )
         self.message, self.delivery, self.task = header.message, header.delivery, int(header.task)
         self.token, self.began = token, began
-        self.ended = -1.0  #: below 0: it has not
+        self.ended = -1.0  #: below 0 before its end
         self.reply = b""
         self.failure = ""
-        self.is_lost = (
-            False  #: its process is gone, or central has given its connection up: all may know that
-        )
+        self.is_lost = False  #: its process has ended, or central has given its connection up
 
     @property
     def goes_on(self) -> bool:
@@ -66,12 +64,12 @@ class Run:
 
 
 class Sent(NamedTuple):
-    """Something that a program has sent."""
+    """A sent message."""
 
     token: int
     message: str
-    above: int  #: the token of the task that it was sent under (0: the root)
-    after: tuple[int, ...]  #: the tokens of tasks that are to be achieved before
+    above: int  #: token of its parent (0: the root)
+    after: tuple[int, ...]  #: tokens of its predecessors
     not_before: float
 
 
@@ -86,11 +84,11 @@ class Claim(NamedTuple):
 
 
 class Outside:
-    """All that was seen."""
+    """Everything observed in a life."""
 
     def __init__(self, clockwork: Clockwork, *, is_lossy: bool = False) -> None:
         self.clockwork = clockwork
-        self.is_lossy = is_lossy  #: central may forget what it has said
+        self.is_lossy = is_lossy  #: whether central may forget acknowledged messages
         self.tokens = 0
         self.sent: dict[int, Sent] = {}
         self.under: defaultdict[int, list[int]] = defaultdict(list)
@@ -100,13 +98,9 @@ class Outside:
         self.of_token: defaultdict[int, list[Run]] = defaultdict(list)
         self.of_task: defaultdict[int, list[Run]] = defaultdict(list)
         self.deliveries: dict[int, Run] = {}
-        self.task_of: dict[int, int] = {}  #: by token, as whoever sent it was told
-        self.asked_again: defaultdict[int, int] = defaultdict(
-            int
-        )  #: by task: how often a retry was asked for
-        self.told: dict[
-            int, tuple[Outcome, str, bytes]
-        ] = {}  #: by token: what whoever waited was told in the end
+        self.task_of: dict[int, int] = {}  #: by token: the acknowledged task
+        self.asked_again: defaultdict[int, int] = defaultdict(int)  #: by task: requested retries
+        self.outcomes: dict[int, tuple[Outcome, str, bytes]] = {}  #: by token: the outcome received
         self.informs: dict[Any, list[int]] = {}  #: by sender: the tokens, in order
         self.heard: defaultdict[tuple[Any, str], list[int]] = defaultdict(list)
         self.sender_of: dict[int, Any] = {}
@@ -115,7 +109,7 @@ class Outside:
         self._begin_journal()
 
     def _begin_journal(self) -> None:
-        """What is so as the journal has it."""
+        """Clear the state that the journal gives."""
         self.known: set[int] = set()
         self.ended: set[int] = set()
         self.killed: set[int] = set()
@@ -127,10 +121,10 @@ class Outside:
         self.is_holding = False
         self.newest = 0
 
-    def say(self, who: str, what: object) -> None:
-        self.clockwork.say(who, what)
+    def trace(self, who: str, what: object) -> None:
+        self.clockwork.trace(who, what)
 
-    # --- what programs do -------------------------------------------------------------------------
+    # --- programs ---------------------------------------------------------------------------------
 
     def sends(
         self,
@@ -140,7 +134,7 @@ class Outside:
         not_before: float = 0.0,
         sender: Any = None,
     ) -> int:
-        """Somebody sends something: its token."""
+        """Register a sent message. Returns its token."""
         self.tokens += 1
         token = self.tokens
         self.sent[token] = Sent(token, message, above, after, not_before)
@@ -154,20 +148,20 @@ class Outside:
         return token
 
     def orders(self, one: int, other: int) -> None:
-        """Central has accepted that one task comes before another."""
+        """Central has accepted the order of two tasks."""
         sent = self.sent[other]
         self.sent[other] = sent._replace(after=(*sent.after, one))
 
     def acknowledged(self, token: int, task: int) -> None:
-        """Central has said what task it became."""
+        """Central has acknowledged a task."""
         known = self.task_of.setdefault(token, task)
         if known != task and not self.is_lossy:
             raise Broken(f"token {token} became task {known}, and then task {task}")
         self.counts["acknowledged"] += 1
 
     def answered(self, token: int, outcome: Outcome, failure: str, body: bytes) -> None:
-        """Who waited for it was told."""
-        self.told[token] = (outcome, failure, body)
+        """A waiting client received the outcome."""
+        self.outcomes[token] = (outcome, failure, body)
         self.counts["answered"] += 1
         if outcome is Outcome.DONE and not failure:
             done = [run for run in self.of_token[token] if run.ended >= 0 and not run.failure]
@@ -180,10 +174,10 @@ class Outside:
                     f"token {token} '{self.sent[token].message}': told {body!r}, handlers returned {replies}"
                 )
 
-    # --- what handlers do -------------------------------------------------------------------------
+    # --- handlers ---------------------------------------------------------------------------------
 
     def begin(self, work: Work, header: headers.Deliver, body: bytes) -> None:
-        """A handler begins."""
+        """A handler starts."""
         clockwork, process = self.clockwork, work.thread.process
         value = decode(body) if body else 0
         token = (
@@ -194,7 +188,7 @@ class Outside:
                 f"token {token} of '{self.sent[token].message}' came as '{header.message}'"
             )
         run = Run(work, header, token, clockwork.now)
-        self.say(process.name, f"BEGINS {run}")
+        self.trace(process.name, f"BEGINS {run}")
         clockwork.note(b"begin %d %d" % (header.delivery, token))
         self.counts["begun"] += 1
         earlier = self.deliveries.get(run.delivery)
@@ -222,12 +216,10 @@ class Outside:
         self, work: Work, header: headers.Deliver, body: bytes, failing: Failing | None
     ) -> None:
         """A handler has ended."""
-        run = self.at_work.pop(
-            work
-        )  # a number may have been given again, where what was accepted may be lost
+        run = self.at_work.pop(work)  # not by number: a lossy central may use it again
         run.ended, run.reply = self.clockwork.now, body
         run.failure = failing.failure if failing is not None else ""
-        self.say(run.process.name, f"ENDS   {run} {run.failure}")
+        self.trace(run.process.name, f"ENDS   {run} {run.failure}")
         self.clockwork.note(b"end %d" % header.delivery)
 
     def retries(self, task: int) -> None:
@@ -236,7 +228,7 @@ class Outside:
         self.counts["retries"] += 1
 
     def die(self, process: Process) -> None:
-        """A process is gone, and with it all that it was doing."""
+        """A process has ended; its running handlers are lost."""
         for run in self.runs:
             if run.process is process and run.ended < 0:
                 run.is_lost = True
@@ -268,7 +260,7 @@ class Outside:
 
     @staticmethod
     def _is_shared(message: str) -> bool:
-        """Whether several get it."""
+        """Whether a message has several receivers."""
         return message in SHARED
 
     def _check_order(self, run: Run, sent: Sent) -> None:
@@ -289,7 +281,7 @@ class Outside:
             above = self.sent.get(above.above)
 
     def _commands(self, token: int) -> Any:
-        """The runs of commands under a task, and its own."""
+        """The runs of a command, or of all commands below a goal."""
         if self.sent[token].message not in GOALS:
             yield from self.of_token[token]
         for one in self.under[token]:
@@ -303,7 +295,7 @@ class Outside:
             yield from self._going_on(one)
 
     def holds(self, thread: Thread, resource: str, origin: int, patience: float) -> None:
-        """A program believes that it has a lock: unless its line has broken just now, it has."""
+        """Check a lock that a program believes it holds; its line may have broken just now."""
         if self.is_lossy:
             return
         sender = thread.session.module
@@ -332,17 +324,17 @@ class Outside:
             if is_it and not claim.is_reserved and not is_nested:
                 raise Broken(f"{run} begins, and '{run.resource}' is locked by {claim}")
 
-    # --- what the journal says --------------------------------------------------------------------
+    # --- the journal ------------------------------------------------------------------------------
 
     def take_back(self, journal: list[Entry]) -> None:
-        """The journal has no more than this: the rest was lost."""
+        """The journal has lost its other entries."""
         counts = self.counts.copy()
         self._begin_journal()
         self.publish(journal)
         self.counts = counts
 
     def publish(self, entries: list[Entry]) -> None:
-        """What central has written."""
+        """Check the new entries of the journal."""
         for entry in entries:
             if entry.number <= self.newest:
                 raise Broken(f"entry {entry.number} comes after {self.newest}")
@@ -366,8 +358,11 @@ class Outside:
         if fact.failure in LOSSES and not fact.is_beside:
             self.counts["lost by module"] += 1
             self.lost_tasks.add(fact.id)
-            told = self.deliveries.get(fact.id)
-            for run in [*self.of_task.get(fact.id, ()), *([told] if told is not None else [])]:
+            delivered = self.deliveries.get(fact.id)
+            for run in [
+                *self.of_task.get(fact.id, ()),
+                *([delivered] if delivered is not None else []),
+            ]:
                 run.is_lost = run.is_lost or run.ended < 0
 
     def _delivered(self, fact: facts.Delivered) -> None:

@@ -1,4 +1,4 @@
-"""Lives of a simulated town, each decided by its seed: whatever breaks, no promise does."""
+"""Lives of a simulated town, each determined by its seed, keep every promise in spite of faults."""
 
 import os
 import random
@@ -11,7 +11,7 @@ from simulation.life import Life
 
 
 def live(seeds: range) -> dict[str, int]:
-    """What happened in these lives, counted."""
+    """Run lives, and count their events."""
     counts: dict[str, int] = {}
     for seed in seeds:
         life = Life(seed)
@@ -25,7 +25,7 @@ def live(seeds: range) -> dict[str, int]:
     return counts
 
 
-def test_crashes_lose_and_repeat_nothing_and_all_ends() -> None:
+def test_simulated_crashes_lose_and_repeat_no_task() -> None:
     counts = live(range(1, 25))
     assert (
         min(
@@ -38,7 +38,7 @@ def test_crashes_lose_and_repeat_nothing_and_all_ends() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("part", range(10))
-def test_crashes_lose_and_repeat_nothing_in_many_lives(
+def test_simulated_crashes_lose_and_repeat_no_task_in_many_lives(
     part: int, request: pytest.FixtureRequest
 ) -> None:
     is_new = bool(request.config.getoption("--new-lives"))
@@ -72,7 +72,7 @@ def test_seed_determines_each_simulated_life() -> None:
         "3",
         "--digests",
     ]
-    told = subprocess.run(
+    run = subprocess.run(
         command,
         cwd=root,
         env={**os.environ, "PYTHONHASHSEED": "7"},
@@ -80,4 +80,4 @@ def test_seed_determines_each_simulated_life() -> None:
         text=True,
         check=True,
     )
-    assert told.stdout.split()[:3] == digests
+    assert run.stdout.split()[:3] == digests

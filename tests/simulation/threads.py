@@ -1,10 +1,10 @@
-"""Modules as processes with threads: each has a connection with the library's own session, and runs
-handlers.
+"""Modules as processes with threads: each thread has a connection with the library's own session,
+and runs handlers.
 
-A handler is a generator. What it yields is what it does with its time: ``Busy`` (its thread hears
-nothing), ``Nap`` (its thread hears and handles what comes), or a request, until that is over. As in
-the library, what comes for a thread whose handler waits is handled within the wait, and a handler
-is woken from its wait when its task is killed.
+A handler is a generator, which yields the use of its time. ``Busy``: its thread receives nothing.
+``Nap``: its thread receives and handles packets. A request: its thread waits until that is over. As
+in the library, a waiting thread handles messages within the wait. A wait ends early when the task
+is killed.
 """
 
 from collections import deque
@@ -28,7 +28,7 @@ FOR_EVER = float("inf")
 
 
 class Busy(NamedTuple):
-    """Time in which a thread does something else than listen."""
+    """Time in which a thread does not listen."""
 
     seconds: float
 
@@ -40,7 +40,7 @@ class Nap(NamedTuple):
 
 
 class Wait(NamedTuple):
-    """Time in which a thread waits for an answer, and for no longer."""
+    """Time in which a thread waits for an answer, up to a limit."""
 
     request: Request
     seconds: float
@@ -73,7 +73,7 @@ Steps = Generator[Busy | Nap | Wait | Request, None, Any]
 
 
 class Work:
-    """A handler, or the main program, under way."""
+    """A running handler or main program."""
 
     __slots__ = (
         "began",
@@ -94,14 +94,14 @@ class Work:
         self.delivery = delivery
         self.open: OpenDelivery | None = None
         self.steps: Steps
-        self.request: Request | None = None  #: that it waits for
-        self.waits = False  #: its thread listens
+        self.request: Request | None = None  #: the awaited request
+        self.waits = False  #: whether its thread listens
         self.began = thread.now
-        self.since = self.until = 0.0  #: since when it waits; when it goes on by itself
+        self.since = self.until = 0.0  #: start and limit of its wait
 
 
 class Thread:
-    """One connection of a module's run, and what its thread does."""
+    """A thread of a module, with its connection."""
 
     def __init__(self, process: "Process", number: int, resource: str) -> None:
         self.process, self.number, self.resource = process, number, resource
@@ -123,12 +123,12 @@ class Thread:
         self.stack: list[Work] = []
         self.is_over = False
         self._wake_at = FOR_EVER
-        self._stuck_since = FOR_EVER  #: since when nothing leaves
-        self.welcomed_at = 0.0  #: when central last greeted it
+        self._stuck_since = FOR_EVER  #: start of the time in which no packet leaves
+        self.welcomed_at = 0.0  #: time of the last welcome
         self._since = self.clockwork.now
         self._lingers_until = FOR_EVER
         self.socket = process.network.open(self)
-        self.look()
+        self.advance()
 
     @property
     def now(self) -> float:
@@ -136,24 +136,24 @@ class Thread:
 
     @property
     def is_busy(self) -> bool:
-        """Whether it does not listen."""
+        """Whether the thread does not listen now."""
         return bool(self.stack) and not self.stack[-1].waits
 
     # --- the line ---------------------------------------------------------------------------------
 
-    def hear(self, packet: bytes) -> None:
-        """A packet is there."""
+    def receive(self, packet: bytes) -> None:
+        """A packet arrives."""
         self.arrived.append(packet)
         if not self.is_busy:
-            self.look()
+            self.advance()
 
     def has_line(self) -> None:
-        """There is a line again."""
+        """The line is connected again."""
         if not self.is_busy:
-            self.look()
+            self.advance()
 
     def flush(self) -> None:
-        """Send what is to be said. If that does not leave within a second the line has broken."""
+        """Send the outgoing packets. After a second without success the line counts as broken."""
         session = self.session
         if not session.outgoing:
             return
@@ -170,25 +170,25 @@ class Thread:
         self._stuck_since = FOR_EVER
 
     def catch_up(self) -> None:
-        """Take in what has come."""
+        """Receive all arrived packets."""
         while self.arrived:
-            self._take_in(self.arrived.popleft())
+            self._receive(self.arrived.popleft())
 
-    def _take_in(self, packet: bytes) -> None:
+    def _receive(self, packet: bytes) -> None:
         for header, body in codec.unpack_to_module(packet):
-            if self.clockwork.is_told and not isinstance(header, headers.Beat):
-                self.clockwork.say(self.name, f"hears {shown(header)}")
+            if self.clockwork.has_trace_reader and not isinstance(header, headers.Beat):
+                self.clockwork.trace(self.name, f"hears {shown(header)}")
             if isinstance(header, headers.Welcome):
                 self.welcomed_at = self.now
             self.session.receive(header, body, self.now)
         self.session.routing.clear()
         while self.session.complaints:
-            self.clockwork.say(self.name, f"LOGS {self.session.complaints.pop(0)}")
+            self.clockwork.trace(self.name, f"LOGS {self.session.complaints.pop(0)}")
 
     # --- its turns --------------------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Do all that can be done now."""
+    def advance(self) -> None:
+        """Do everything that is possible now."""
         session = self.session
         while not (self.is_busy or self.is_over) and self._does_next():
             pass
@@ -210,12 +210,12 @@ class Thread:
         self.wake(due)
 
     def _does_next(self) -> bool:
-        """Do what comes first; False if there is nothing to do."""
+        """Do the first possible action; False if it has none."""
         session = self.session
         if self.arrived:
-            self._take_in(self.arrived.popleft())
-        elif session.pending_calls:
-            session.pending_calls.popleft()()
+            self._receive(self.arrived.popleft())
+        elif session.news:
+            session.news.popleft()()
         elif self.stack and self._goes_on(self.stack[-1]):
             pass
         elif session.deliveries:
@@ -242,7 +242,7 @@ class Thread:
             self.flush()
 
     def wake(self, at: float) -> None:
-        """Look again at that time."""
+        """Schedule another look."""
         if at < self._wake_at and at < FOR_EVER:
             self._wake_at = at
             self.clockwork.after(max(0.0, at - self.now), self._woken, at)
@@ -251,17 +251,17 @@ class Thread:
         if at == self._wake_at:
             self._wake_at = FOR_EVER
             if not (self.is_over or self.is_busy):
-                self.look()
+                self.advance()
 
     # --- handlers ---------------------------------------------------------------------------------
 
     def run(self, main: Callable[[Work], Steps]) -> None:
-        """Begin with the main program."""
+        """Start the main program."""
         work = Work(self, None)
         work.steps = main(work)
         self.stack.append(work)
         self._go_on(work)
-        self.look()
+        self.advance()
 
     def _begin(self, header: headers.Deliver, body: bytes) -> None:
         work = Work(self, header)
@@ -272,7 +272,7 @@ class Thread:
         self._go_on(work)
 
     def _goes_on(self, work: Work) -> bool:
-        """Let a handler go on that has what it waited for; whether it has."""
+        """Continue a handler whose wait is over. Returns whether it is."""
         request, session = work.request, self.session
         is_over = request.is_over if request is not None else False
         reason = (
@@ -303,7 +303,7 @@ class Thread:
         self._go_on(work, Woken(why))
 
     def _go_on(self, work: Work, error: Exception | None = None) -> None:
-        """To the next step of a handler, or its end."""
+        """Run a handler to its next step, or to its end."""
         work.request, work.waits, work.until = None, False, FOR_EVER
         failed: Failing | None = None
         body = b"\xc0"
@@ -316,7 +316,7 @@ class Thread:
             failed = failing
             self._end(work, body, failed)
         except (Woken, Lost) as let_pass:
-            self.clockwork.say(self.name, f"lets pass {type(let_pass).__name__}: {let_pass}")
+            self.clockwork.trace(self.name, f"lets pass {type(let_pass).__name__}: {let_pass}")
             if work.delivery is None:
                 self.process.fail()
             else:
@@ -343,10 +343,10 @@ class Thread:
                 self.clockwork.after(step.seconds, self._is_done, work)
 
     def _is_done(self, work: Work) -> None:
-        """A handler has been busy for long enough."""
+        """The busy time of a handler is over."""
         if not self.is_over:
             self._go_on(work)
-            self.look()
+            self.advance()
 
     def _end(self, work: Work, body: bytes, failing: Failing | None = None) -> None:
         assert self.stack[-1] is work
@@ -375,7 +375,7 @@ class Thread:
     # --- its end ----------------------------------------------------------------------------------
 
     def _leaves(self) -> bool:
-        """Say goodbye, if nothing is left to do; whether it has."""
+        """Say goodbye if no work is left. Returns whether it did."""
         if self.stack or (not self.number and self.process.has_slots):
             return False
         session = self.session
@@ -395,13 +395,13 @@ class Thread:
         return True
 
     def close(self) -> None:
-        """Its process ends."""
+        """End with the process."""
         self.is_over = True
         self.socket.close()
 
 
 class Program:
-    """What a module does: the same in each of its runs."""
+    """The program of a module, the same in all its runs."""
 
     name = ""
 
@@ -410,7 +410,7 @@ class Program:
         raise NotImplementedError
 
     def begin(self, process: "Process", work: Work) -> Steps:
-        """The main program: declares what is handled, opens slots."""
+        """The main program: declares the handlers, opens slots."""
         raise NotImplementedError
 
 
@@ -432,14 +432,14 @@ class Process:
             outside,
             program,
         )
-        self.fail = fail  #: the main program ends with an error: what runs it starts it again
+        self.fail = fail  #: called when the main program fails, to restart the process
         self.name = f"{program.name}.{number}"
         self.incarnation = f"run {number} of {program.name}"
         self.attachments = LastingAttachments()
         self.is_alive, self.is_leaving, self.has_finished = True, False, False
         self.threads: list[Thread] = []
         self.ended = 0
-        clockwork.say(self.name, "starts")
+        clockwork.trace(self.name, "starts")
         first = Thread(self, 0, "")
         self.threads.append(first)
         first.run(lambda work: program.begin(self, work))
@@ -449,15 +449,15 @@ class Process:
         return any(not thread.is_over for thread in self.threads[1:])
 
     def open_slot(self, resource: str) -> None:
-        """A further thread, which handles messages."""
+        """Open a further thread, which handles messages."""
         self.threads.append(Thread(self, len(self.threads), resource))
 
     def main_ended(self) -> None:
         self.has_finished = True
 
     def crash(self) -> None:
-        """All ends at once."""
-        self.clockwork.say(self.name, "CRASHES")
+        """End all threads at once."""
+        self.clockwork.trace(self.name, "CRASHES")
         self.is_alive = False
         for thread in self.threads:
             if not thread.is_over:
@@ -465,15 +465,15 @@ class Process:
         self.outside.die(self)
 
     def leave(self) -> None:
-        """Of its own will: handle nothing more, finish what runs, say goodbye."""
-        self.clockwork.say(self.name, "leaves")
+        """Leave: handle no further message, finish the running ones, say goodbye."""
+        self.clockwork.trace(self.name, "leaves")
         self.is_leaving = True
         first = self.threads[0]
         first.session.forget_handlers()
         first.session.request(headers.Unregister(0, []))
         for thread in self.threads:
             if not thread.is_over and not thread.is_busy:
-                thread.look()
+                thread.advance()
 
     def has_ended(self, thread: Thread) -> None:
         """A thread has said goodbye."""
@@ -482,4 +482,4 @@ class Process:
             self.is_alive = False
             self.outside.die(self)
         elif not self.has_slots and not first.is_busy:
-            first.look()
+            first.advance()

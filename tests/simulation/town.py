@@ -1,5 +1,5 @@
-"""Who lives in the town: modules that handle goals, commands, questions and failures, and users who
-want things done.
+"""The programs of the town: modules that handle goals, commands, queries and failures, and users
+that send them.
 """
 
 from collections.abc import Callable
@@ -55,7 +55,7 @@ MODULES: dict[str, dict[str, tuple[str, ...]]] = {
     "eye": {"eye": ("where", "health", "pose")},
     "expert": {"mind": ("recover", "replan", "check", "halt"), "ear": ("health", "pose", "mode")},
 }
-"""What each handles, by resource."""
+"""The handled messages of each module, by resource."""
 SLOTS = {"planning": 2}
 USED = {
     "planner": ("move", "lift", "where", "note", "watch", "replan"),
@@ -76,7 +76,7 @@ USED = {
         "replan",
     ),
 }
-"""What each sends, or attaches to."""
+"""The messages that each program sends or attaches to."""
 FAILURES = ("slipped", "stumbled")
 
 
@@ -88,7 +88,7 @@ class SentTask:
 
 
 class Hands:
-    """What a program can do, on its thread."""
+    """The actions of a program, on its thread."""
 
     def __init__(self, town: "TownProgram", work: Work) -> None:
         self.thread: Thread = work.thread
@@ -99,11 +99,11 @@ class Hands:
         self.origin: Any = work.delivery.delivery if work.delivery is not None else 0
 
     def has(self, feature: str) -> bool:
-        """Whether that is done in this life, and now."""
+        """Whether a feature is in this life and is used now."""
         return feature in self.options.features and self.dice.random() < 0.4
 
     def task(self, message: str, above: int, **options: Any) -> SentTask:
-        """Send a goal or command below the present one."""
+        """Send a goal or command under the current task."""
         after: list[SentTask] = options.pop("after", [])
         delay: float = options.pop("delay", 0.0)
         outside, session = self.outside, self.session
@@ -138,16 +138,16 @@ class Hands:
         else:
             request = session.request(header, encode(token))
         sent = SentTask(token, request, SentId(cast("Any", self.thread), request))
-        request.notify = lambda: self._told(sent)
+        request.notify = lambda: self._note_acknowledgement(sent)
         self.thread.flush()
         return sent
 
-    def _told(self, sent: SentTask) -> None:
+    def _note_acknowledgement(self, sent: SentTask) -> None:
         if sent.request.accepted is not None:
             self.outside.acknowledged(sent.token, int(sent.request.accepted))
 
     def known(self, sent: SentTask) -> Steps:
-        """Wait for central's word."""
+        """Wait for central's acknowledgement."""
         if not sent.request.is_over:
             try:
                 yield sent.request
@@ -155,11 +155,11 @@ class Hands:
                 sent.request.is_over, sent.request.lost = True, "it was given up"
         if sent.request.accepted is None:
             raise Lost(sent.request)
-        self._told(sent)
+        self._note_acknowledgement(sent)
         return None
 
     def result(self, sent: SentTask) -> Steps:
-        """Wait for a task's end. What it came to is told outside."""
+        """Wait for the end of a task, and report its outcome to the outside."""
         yield from self.known(sent)
         point = Point(TaskId(sent.request.accepted), Moment.END_ACHIEVING)  # type: ignore[arg-type]
         request = self.session.request(
@@ -189,8 +189,8 @@ class Hands:
             self.outside.answered(token, header.outcome, header.failure, body)
         return None
 
-    def tell(self, message: str) -> None:
-        """Say something to which there is no answer."""
+    def send_statement(self, message: str) -> None:
+        """Send an inform or broadcast."""
         token = self.outside.sends(message, sender=self.session if message == "note" else None)
         self.session.post(
             headers.Send(0, message, origin=self.origin, flags=Flags.NONE), encode(token)
@@ -202,7 +202,7 @@ class Hands:
         return self.session.request(header, body, wants_answer=wants_answer)
 
     def passes(self) -> Busy | Nap:
-        """Some time."""
+        """A random duration."""
         seconds = self.dice.random() * self.options.slow
         return (
             Nap(seconds)
@@ -222,7 +222,7 @@ class TownProgram(Program):
         self.name, self.options, self.outside = name, options, outside
 
     def begin(self, process: Process, work: Work) -> Steps:
-        """Declare all, attach, open slots."""
+        """Declare the messages, attach exception handlers, open slots."""
         hands = Hands(self, work)
         session = work.session
         handled = MODULES[self.name]
@@ -271,7 +271,7 @@ def _token(hands: Hands, header: headers.Deliver) -> int:
 
 
 def _acts(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
-    """A command: takes its time, and may fail."""
+    """Handle a command: it takes time, and may fail."""
     yield hands.passes()
     if header.message == "move" and hands.has("many"):
         yield from hands.answer(*hands.ask("where"))
@@ -297,7 +297,7 @@ def _hears(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
 
 
 def _plans(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
-    """A goal: sends children in some order, and may wait for some."""
+    """Handle a goal: send subtasks in some order, and wait for some of them."""
     token = _token(hands, header)
     dice, before = hands.dice, []  # type: ignore[var-annotated]
     for _number in range(dice.choice((1, 2, 3))):
@@ -376,7 +376,7 @@ def _locks(hands: Hands) -> Steps:
 
 
 def _recovers(hands: Hands, header: headers.Deliver, _: Any) -> Steps:
-    """Decide what becomes of a failure."""
+    """Handle a failure: retry, reissue, fail, or do nothing."""
     trouble, dice = header.context, hands.dice
     assert isinstance(trouble, Trouble)
     yield hands.passes()
@@ -413,7 +413,7 @@ _HANDLERS: dict[str, Callable[..., Steps]] = {
 
 
 class User(TownProgram):
-    """Somebody who wants things done, and waits for them."""
+    """A user: sends messages and waits for them."""
 
     def __init__(self, name: str, options: Options, outside: Outside) -> None:
         super().__init__(name, options, outside)
@@ -438,7 +438,7 @@ class User(TownProgram):
             try:
                 yield from _ACTIONS[dice.choice(_NAMES)](self, hands)
             except (Lost, Woken) as error:
-                work.thread.clockwork.say(work.thread.name, f"user: {error}")
+                work.thread.clockwork.trace(work.thread.name, f"user: {error}")
             yield Nap(dice.random() * 0.5)
         for sent in self.open:
             yield from self._waits(hands, sent)
@@ -449,7 +449,7 @@ class User(TownProgram):
             try:
                 yield from hands.result(sent)
             except (Lost, Woken) as error:
-                hands.thread.clockwork.say(hands.thread.name, f"user: {error}")
+                hands.thread.clockwork.trace(hands.thread.name, f"user: {error}")
                 if isinstance(error, Lost):
                     return None
             else:
@@ -477,12 +477,12 @@ class User(TownProgram):
         yield from hands.answer(*hands.ask(hands.dice.choice(("where", "stance"))))
 
     def _gives_up(self, hands: Hands) -> Steps:
-        """Ask, and wait for a moment only."""
+        """Send a query, and give it up after a moment."""
         _, request = hands.ask("where")
         yield Wait(request, hands.dice.random() * 0.2)
 
     def _steers(self, hands: Hands) -> Steps:
-        """Put constraints on what is there, wait for some moment, plan a kill."""
+        """Constrain, await, kill or time known tasks."""
         known = [sent for sent in self.open if sent.request.accepted is not None]
         if len(known) < 2:
             return
@@ -527,11 +527,11 @@ class User(TownProgram):
 
     def _informs(self, hands: Hands) -> Steps:
         for _ in range(hands.dice.choice((1, 3, 12)) if hands.has("informs") else 1):
-            hands.tell("note")
+            hands.send_statement("note")
         yield Nap(0.0)
 
     def _broadcast(self, hands: Hands) -> Steps:
-        hands.tell("pose")
+        hands.send_statement("pose")
         yield Nap(0.0)
 
     def _lock(self, hands: Hands) -> Steps:
@@ -562,7 +562,7 @@ class User(TownProgram):
 
 
 class Janitor(TownProgram):
-    """Resumes what those have suspended who have crashed since."""
+    """Resumes the tasks that crashed users have suspended."""
 
     def __init__(
         self, options: Options, outside: Outside, suspended: Callable[[], list[TaskId]]

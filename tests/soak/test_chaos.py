@@ -1,6 +1,6 @@
-"""Chaos on real processes: a thousand kills of central, in lives of a robot under load.
+"""Chaos with real processes: a thousand kills of central, in lives of a robot under load.
 
-One life more, by itself: ``python -m tests.chaos --seed 7``.
+Run one more life: ``python -m tests.chaos --seed 7``.
 """
 
 import time
@@ -17,7 +17,7 @@ LIVES, KILLS = 25, 40
 
 
 @pytest.mark.parametrize("number", range(LIVES))
-def test_chaos_loses_and_repeats_nothing(
+def test_chaos_loses_and_repeats_no_task(
     number: int, request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     is_new = bool(request.config.getoption("--new-lives"))

@@ -1,6 +1,5 @@
-"""A robot goes on and on, and central stays as big as it is. What central remembers on purpose
-(outcomes of ended tasks, answers of lost connections) is bounded, and full when the first look is
-taken.
+"""Central does not grow during a month of work. Its memory of ended tasks and lost connections is
+bounded, and full before the first measurement.
 """
 
 import sys
@@ -18,17 +17,17 @@ from tca_wire.packets import headers
 from tca_wire.points import TaskId
 
 FIRST, MONTH = 200_000, 2_600_000
-"""Events: a second each, so far as time does not pass without any. Modules come and go with every
-twentieth.
+"""Events, of a second each unless time is skipped. Modules join and leave with every twentieth
+event.
 """
 SLACK = 1_000
-"""Objects more or fewer, which are of the newest answers: one for a thousand events would be
-more.
+"""The allowed difference of objects, for the newest answers. One object per thousand events would
+exceed it.
 """
 
 
 class Forgetful(Player):
-    """It keeps nothing of what it hears."""
+    """A player that stores no received packet."""
 
     def note(self, effects: list[Effect]) -> None:
         for effect in effects:
@@ -42,9 +41,7 @@ class Forgetful(Player):
 
 
 def size_of(central: Central) -> tuple[int, int]:
-    """How many objects central holds, everything that can be reached from it but code; and how many
-    bytes they are.
-    """
+    """The number of objects reachable from central, without code, and their bytes."""
     count = size = 0
     for one in reachable(central):
         count += 1

@@ -1,6 +1,4 @@
-"""One journal through hundreds of power cuts, and through dozens of full disks: every restart works
-unattended.
-"""
+"""One journal survives hundreds of power cuts, or dozens of full disks, with unattended restarts."""
 
 import os
 import re
@@ -28,8 +26,8 @@ STEP, LONG = Command("step", str, result=int), 4000
 
 
 def life(sync: Sync, seconds: float, cuts: int) -> None:
-    """Users at work; central is killed, with a power cut two times of three, while the disk is full
-    now and then.
+    """Run a life with users. Central is killed, in two of three cases with a power cut. The disk is
+    full now and then.
     """
     features = frozenset(FEATURES) - ({"lock"} if sync is Sync.BATCH else set())
     options = Options(
@@ -68,7 +66,7 @@ def test_journal_survives_five_hundred_power_cuts(sync: Sync) -> None:
 
 @contextmanager
 def small_disk(place: Path) -> Iterator[Path]:
-    """A disk of its own of 32 megabytes."""
+    """A separate disk of 32 megabytes."""
     place.mkdir()
     if (
         os.getuid()
@@ -84,7 +82,7 @@ def small_disk(place: Path) -> Iterator[Path]:
 
 
 def fill(ballast: Path, spare: int) -> None:
-    """Leave so many bytes of a disk."""
+    """Fill a disk up to *spare* bytes."""
     with suppress(OSError), ballast.open("wb", 0) as stream:
         while stream.write(bytes(4096)):
             pass
@@ -92,9 +90,7 @@ def fill(ballast: Path, spare: int) -> None:
 
 
 def use(address: str, ballast: Path, spare: int) -> set[int]:
-    """Fill the disk, and ask for more than it can hold: the tasks that central has taken, each
-    done.
-    """
+    """Fill the disk and send more tasks than it can hold. Returns the accepted tasks, all done."""
     found = set()
     with connect("user", address, patience=60) as user:
         user.status()
@@ -109,8 +105,8 @@ def use(address: str, ballast: Path, spare: int) -> set[int]:
 
 @pytest.mark.soak
 def test_journal_survives_thirty_full_disks(tmp_path: Path) -> None:
-    """``tca run`` waits for room; other starts fail; central is killed at times, too, when it has
-    come back.
+    """``tca run`` waits for room, other starts fail, and central is sometimes killed after its
+    return.
     """
     address, dice, known = f"ipc://{tmp_path}/c.sock", Random(7), set[int]()
     legs = Module("legs", address)

@@ -15,14 +15,10 @@ from tca_tools.journal.journals import open_log
 pytestmark = pytest.mark.soak
 
 MOST_HARMLESS = 2
-"""Faults of 500 m that come to nothing: a rock beside which the leg goes, one with the last
-footstep.
-"""
+"""Faults in 500 m without an effect: a rock beside the leg's path, a rock at the last footstep."""
 
 MOST_GROWTH = 10.0
-"""MB in 100 m: a heap may take 20 MB at once, somewhere on the way; what leaks with each step takes
-more.
-"""
+"""MB per 100 m. A heap may grow once by 20 MB; a leak in each step grows more."""
 
 
 def test_ambler_walks_500_m_of_steep_hills_with_all_faults(
@@ -87,7 +83,7 @@ def test_ambler_seed_gives_the_same_footsteps(tmp_path: Path) -> None:
 
 
 def resident(process: int) -> int:
-    """Memory of a process in bytes."""
+    """Resident memory of a process in bytes."""
     return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * 4096
 
 
