@@ -211,7 +211,7 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
     """Whether the text of `failed` names a failure of `cause` that was reported by *until*."""
     reported = [one for one in cause.failures if one[0] <= until]
     if not isinstance(cause, Task):
-        reported = [one for one in reported if is_told(run, cause, one[0])]
+        reported = [one for one in reported if is_reported(run, cause, one[0])]
     names = {failure.name for _, failure in reported}
     return any(name in text for _, text in failed.failures for name in names)
 
@@ -245,7 +245,7 @@ def _deadline_causes(
             how_long = duration(one.end - one.start)
             yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
     if age := age_of(waits := shown(at, task)):
-        end, causes = in_the_end(at, task, _FAR), several_in_words(told_now(at, task, waits))
+        end, causes = in_the_end(at, task, _FAR), several_in_words(named_waits_now(at, task, waits))
         how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
         yield age.since, False, f"{task} {how(task, verb='waited')} {causes}{how_long}"
     yield from _holders(at, task, failed)

@@ -146,7 +146,7 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         return TaskNote(failure_line(task.failure) or _why_killed(at, task))
     last = in_the_end(at, task, within)
     waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
-    named = told_now(at, task, waits)
+    named = named_waits_now(at, task, waits)
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
         failed = _joined(": ", "killed", _why_killed(at, task))

@@ -132,7 +132,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
     groups = [list(group) for _, group in groupby(waits, attrgetter("kind"))]
     rows = []
     for group in groups:
-        text = f"{how(task)} {several_in_words(told_now(at, task, group))}"
+        text = f"{how(task)} {several_in_words(named_waits_now(at, task, group))}"
         rows.append({"text": text, "since": max(wait.start for wait in group)})
     age = age_of(waits) or note.age
     if age and not waits:

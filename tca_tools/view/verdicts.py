@@ -38,11 +38,11 @@ class Verdicts:
                 yield from self._update(number, *self._failures[number])
 
     def _update(self, number: int, failed: Failing, time: float) -> Iterator[tuple[int, bool]]:
-        is_good = went_on(self._run, failed, time)
+        is_good = run_continued(self._run, failed, time)
         if is_good != (number in self._good):
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
-        undecided = hinges(self._run, failed, time)
+        undecided = undecided_by(self._run, failed, time)
         for record in undecided:
             self._on_change.setdefault(id(record), {})[number] = None
         if not undecided:

@@ -110,7 +110,7 @@ def late_tap_ignored(patch: Patch) -> None:
 
 
 def late_listener_ignored(patch: Patch) -> None:
-    patch.setattr(joining, "listeners_come", lambda *_: None)
+    patch.setattr(joining, "on_listeners_added", lambda *_: None)
 
 
 def retry_beside_handler(patch: Patch) -> None:
@@ -174,7 +174,7 @@ def uncounted_calls(patch: Patch) -> None:
 
 
 def endless_recovery(patch: Patch) -> None:
-    patch.setattr(failures, "handler_ended", lambda _central, _handler: None)
+    patch.setattr(failures, "on_exception_handler_ended", lambda _central, _handler: None)
 
 
 def deadline_ends_handling(patch: Patch) -> None:

@@ -341,7 +341,7 @@ def test_fingerprint_tables_name_existing_attributes() -> None:
         central.dispatcher,
         central.tree.root,
         resource,
-        central.dispatcher.messages_ahead,
+        central.dispatcher.prefetcher,
         message,
         module,
         Delivery(1, message, b"", None),

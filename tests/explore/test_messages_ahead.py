@@ -59,22 +59,22 @@ def test_prefetched_message_is_neither_repeated_nor_lost(make: Make) -> None:
 
 
 def no_wait_for_recall(patch: Patch) -> None:
-    def recall(self: MessagesAhead, resource: Any) -> None:
-        if resource.ahead:
-            self._out.recall(resource.ahead_at)
+    def recall(self: Prefetcher, resource: Any) -> None:
+        if resource.prefetched:
+            self._out.recall(resource.prefetching_slot)
 
     patch.setattr(Prefetcher, "recall", recall)
 
 
 def recalled_message_started(patch: Patch) -> None:
-    def give_back(self: Session, _: object = None) -> None:
-        self.post(headers.Recalled([header.delivery for header, _ in self.ahead]))
+    def return_prefetched(self: Session, _: object = None) -> None:
+        self.post(headers.Recalled([header.delivery for header, _ in self.prefetched]))
 
     patch.setattr(Session, "return_prefetched", return_prefetched)
 
 
 def recalled_message_lost(patch: Patch) -> None:
-    real = Session.give_back
+    real = Session.return_prefetched
 
     def return_prefetched(self: Session, wanted: Any = None) -> None:
         real(self, wanted)
@@ -84,7 +84,7 @@ def recalled_message_lost(patch: Patch) -> None:
 
 
 def next_started_before_answer(patch: Patch) -> None:
-    patch.setattr(Session, "has_next", property(lambda self: bool(self.ahead)))
+    patch.setattr(Session, "has_next", property(lambda self: bool(self.prefetched)))
 
 
 def recalled_order_reversed(patch: Patch) -> None:

@@ -204,7 +204,9 @@ def test_exception_handler_of_departed_module_is_skipped(
 def test_unskipped_exception_handler_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tca_central.failing.failures.pass_over", lambda _central, _handler: None)
+    monkeypatch.setattr(
+        "tca_central.failing.failures.skip_exception_handler", lambda _central, _handler: None
+    )
     assert "nobody handles 'higher', and the search does not go on" in counterexample(
         helped(*ALL_ENDS)
     )

@@ -191,7 +191,7 @@ def test_path_is_unusable_before_greeting_is_answered() -> None:
 
 def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
     request = pair.ask(b"how high")
-    assert pair.path.tell(Send(0, "pose"), b"here")
+    assert pair.path.send_inform(Send(0, "pose"), b"here")
     pair.run_until_idle()
     ((answer, body),) = request.answers
     assert (answer.outcome, body) == (Outcome.DONE, b"how high")
@@ -200,7 +200,7 @@ def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
 
 
 def test_leaving_sender_learns_that_informs_arrived(pair: Pair) -> None:
-    pair.path.tell(Send(0, "pose"), b"1")
+    pair.path.send_inform(Send(0, "pose"), b"1")
     assert pair.path.unheard == 1
     pair.path.is_asked = True
     pair.greet()
@@ -303,7 +303,7 @@ def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
     pair.greet()
     pair.handle()  # the sender is not notified of this one
     assert (pair.path.unheard, pair.lost) == (0, [])
-    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
     assert not pair.path.is_needed
 
@@ -332,7 +332,7 @@ def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> No
         pair.handle()
     pair.line.cut()
     pair.run_until_idle()
-    pair.path.tell(Send(0, "pose"), b"next")
+    pair.path.send_inform(Send(0, "pose"), b"next")
     pair.run_until_idle()
     assert (pair.handled[-1], pair.lost) == (b"next", [])
 
@@ -340,7 +340,7 @@ def test_reconnected_sender_learns_begun_informs_and_continues(pair: Pair) -> No
 def test_unanswered_direct_query_fails_when_receiver_dies(pair: Pair) -> None:
     answered, open_ = pair.ask(), pair.ask()
     pair.handle()  # its answer has arrived, but was not read yet
-    pair.path.gone("module 'map' was lost: it fell", pair.now, lost=True)
+    pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert answered.answers[0][0].outcome is Outcome.DONE
     ((answer, _),) = open_.answers
     assert (answer.outcome, answer.failure, answer.text) == (
@@ -468,7 +468,7 @@ class RandomPair(Pair):
             self.asked.append(request)
 
     def tells(self, body: bytes) -> None:
-        if self.path.is_usable and self.path.tell(Send(0, "pose"), body):
+        if self.path.is_usable and self.path.send_inform(Send(0, "pose"), body):
             self.informed.append(body)
 
     def gives_up(self, _: bytes) -> None:
@@ -490,7 +490,7 @@ STEPS: dict[str, Callable[[RandomPair, bytes], object]] = {
     "handle": lambda pair, _: pair.handle(),
     "listen": lambda pair, _: pair.inbox.listen(),
     "receive": lambda pair, _: pair.path.receive(),
-    "tend": lambda pair, _: pair.path.tend(pair.now),
+    "send_due": lambda pair, _: pair.path.send_due(pair.now),
     "wait": RandomPair.waits,
     "cut": lambda pair, _: pair.line.cut(),
     "unplug": RandomPair.unplugs,
@@ -533,7 +533,7 @@ def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     pair = Pair()
     pair.greet()
     pair.handle()
-    asked, accepted = pair.ask(b"before"), pair.path.tell(Send(0, "pose"), b"")
+    asked, accepted = pair.ask(b"before"), pair.path.send_inform(Send(0, "pose"), b"")
     assert accepted
     pair.inbox.bar(["test.1"])
     pair.run_until_idle()

@@ -48,7 +48,7 @@ def session() -> Session:
     """A session that has a handler, a wiretap 10 and an exception handler 11."""
     session = Session(HELLO)
     receive(session, welcome("one"))
-    session.declared([WALK, CHECK], [HANDLES_WALK])
+    session.add_declared([WALK, CHECK], [HANDLES_WALK])
     for header, number in ((tap(), 10), (attach(), 11)):
         receive(session, Accepted(session.request(header).header.number, number))
     pop_headers(session)
@@ -56,7 +56,7 @@ def session() -> Session:
 
 
 def lasting_attachment(session: Session, header: Tap | Attach) -> LastingAttachment:
-    found = session.attachments.of(header)
+    found = session.attachments.find(header)
     assert found is not None
     return found
 
@@ -85,7 +85,7 @@ def test_handlers_are_declared_after_attachments_are_accepted(session: Session) 
 
 
 def test_readiness_is_declared_again_after_attachments(session: Session) -> None:
-    session.declared([], [], is_ready=True)
+    session.add_declared([], [], is_ready=True)
     assert restart(session, "one") == [Register(0, [WALK, CHECK], [HANDLES_WALK], is_ready=True)]
     assert restart(session, "two") == [Register(4, [WALK, CHECK], []), tap(5), attach(6)]
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
@@ -111,7 +111,7 @@ def test_wiretap_until_end_of_forgotten_task_is_lost(
     )
     receive(session, Accepted(5), Accepted(6, 1), Accepted(7, 2))
     assert pop_headers(session) == [HANDLERS]
-    assert session.attachments.of(guard) is None
+    assert session.attachments.find(guard) is None
 
 
 def test_repeated_hello_answered_by_new_central_shows_restart(
@@ -192,8 +192,8 @@ def test_removal_by_stale_connection_is_carried_out(
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     pop_headers(session)
     slot.attachments.forget(lasting_attachment(session, tap()), "one")
-    session.tend(0.0, 0.0)
-    session.tend(0.1, 0.0)
+    session.send_due(0.0, 0.0)
+    session.send_due(0.1, 0.0)
     assert pop_headers(session) == [Remove(7, 1)]
 
 
@@ -225,11 +225,11 @@ def test_refused_attachment_is_retried(session: Session) -> None:
         (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)]),
     ]:
         session.heard = now
-        session.tend(now, now)
+        session.send_due(now, now)
         assert pop_headers(session) == expected
     receive(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
     for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
-        session.tend(session.heard, session.heard)
+        session.send_due(session.heard, session.heard)
     assert pop_headers(session) == [Register(9, [WALK, CHECK], []), attach(10)]
     assert len(session.complaints) == 1
     receive(session, Accepted(9), Accepted(10, 2))
@@ -283,7 +283,7 @@ def user_session() -> Session:
     """A session that has declared a command, an inform and a monitor."""
     session = Session(Hello(1, PROTOCOL_VERSION, "user", "run"))
     receive(session, Welcome(1, 1, "user", "one"))
-    session.declared([REST.format, SAY.format, LOOK.format], [])
+    session.add_declared([REST.format, SAY.format, LOOK.format], [])
     pop_headers(session)
     return session
 

@@ -63,7 +63,7 @@ def greeting() -> Session:
 @pytest.fixture
 def session(greeting: Session) -> Session:
     """A session that central has welcomed."""
-    greeting.tend(0.0, 0.0)
+    greeting.send_due(0.0, 0.0)
     assert pop_headers(greeting) == [HELLO]
     receive(greeting, welcome())
     assert pop_headers(greeting) == []
@@ -80,10 +80,10 @@ def test_session_handles_every_header_of_central() -> None:
 
 def test_hello_is_repeated_every_second_until_welcome(greeting: Session) -> None:
     for now, expected in [(0.0, [HELLO]), (0.9, []), (1.0, [HELLO]), (1.5, []), (2.1, [HELLO])]:
-        greeting.tend(now, 0.0)
+        greeting.send_due(now, 0.0)
         assert pop_headers(greeting) == expected
     receive(greeting, welcome(), now=2.2)
-    greeting.tend(3.3, 0.0)
+    greeting.send_due(3.3, 0.0)
     assert pop_headers(greeting) == []
     assert (greeting.is_welcome, greeting.epoch, greeting.module) == (True, "one", "legs")
 
@@ -172,7 +172,7 @@ def test_unknown_triggers_hello_and_ordered_repetition(
     receive(session, Accepted(2, 5), Unknown(), Unknown())
     assert done.is_over
     assert pop_headers(session) == []
-    session.tend(0.1, 0.0)
+    session.send_due(0.1, 0.0)
     assert pop_headers(session) == [HELLO]
     later = session.request(A_GOAL)
     assert pop_headers(session) == []
@@ -183,7 +183,7 @@ def test_unknown_triggers_hello_and_ordered_repetition(
 
 
 def test_declarations_precede_repeated_requests(session: Session) -> None:
-    session.declared([WALK], [HANDLES_WALK])
+    session.add_declared([WALK], [HANDLES_WALK])
     send_requests(session, A_GOAL, wants_answer=False)
     receive(session, Unknown(), welcome())
     # The number is 0: central would regard a request with a lower number than
@@ -303,7 +303,7 @@ def test_reply_is_settled_by_later_answer(session: Session) -> None:
 def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
     receive(session, Closing("SIGTERM"))
     assert session.complaints == ["central ends: SIGTERM"]
-    session.tend(0.0, 0.0)
+    session.send_due(0.0, 0.0)
     assert pop_headers(session) == [HELLO]
 
 
@@ -312,16 +312,16 @@ def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:
 
 def test_silent_central_is_asked_every_second(session: Session) -> None:
     receive(session, Beat(), now=10.0)
-    session.tend(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
+    session.send_due(100.0, since=99.0)  # a handler ran for 89 seconds and read nothing
     assert pop_headers(session) == []
     times = []
     for tenth in range(100, 150):
-        session.tend(tenth / 10, 0.0)
+        session.send_due(tenth / 10, 0.0)
         if pop_headers(session) == [Register(0, [], [])]:
             times.append(tenth / 10)
     assert times == [10 + QUIET, 11 + QUIET, 12 + QUIET]
     receive(session, Accepted(0), now=15.0)
-    session.tend(15.1, 0.0)
+    session.send_due(15.1, 0.0)
     assert pop_headers(session) == []
 
 
@@ -393,9 +393,9 @@ def test_lock_is_lost_when_taken_or_central_restarts(
 ) -> None:
     lock, other = granted_lock(session), granted_lock(session)
     receive(session, Taken(lock.header.number, "unlocked"), Taken(99, "never heard of"))
-    assert (lock.taken, other.taken) == ("unlocked", "")
+    assert (lock.why_lock_lost, other.why_lock_lost) == ("unlocked", "")
     receive(session, Unknown(), welcome("two"))
-    assert other.taken == "central was restarted and has forgotten it"
+    assert other.why_lock_lost == "central was restarted and has forgotten it"
 
 
 def test_lock_taken_before_its_answer_is_lost(
@@ -418,7 +418,7 @@ def test_forgotten_lock_request_is_repeated(session: Session) -> None:
     session.break_off()
     receive(session, welcome(), Taken(2, "its module has gone"), TOO_LATE)
     receive(session, Answer(lock.header.number))
-    assert (lock.is_over, lock.taken) == (True, "")
+    assert (lock.is_over, lock.why_lock_lost) == (True, "")
 
 
 def test_abandoned_release_is_repeated_after_break(
@@ -474,7 +474,7 @@ def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> N
 
 
 def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> None:
-    session.declared([WALK], [HANDLES_WALK])
+    session.add_declared([WALK], [HANDLES_WALK])
     (stance,) = send_requests(session, A_QUERY)
     receive(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
     assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
@@ -576,9 +576,9 @@ def test_central_names_request_of_unknown_connection() -> None:
 def test_held_replies_are_sent_singly_after_break(session: Session) -> None:
     for delivery in (5, 6):
         receive(session, Deliver(delivery, "note", ahead=1))
-        session.held.begin(delivery, 1.0)
+        session.held_replies.begin(delivery, 1.0)
         assert session.reply(Reply(delivery), b"", 2.0)
     session.break_off()
-    assert not session.held.ended
+    assert not session.held_replies.ended
     receive(session, welcome())
-    assert session.take_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]
+    assert session.pop_outgoing(lambda: 3.0) == [(Reply(5), b""), (Reply(6), b"")]

@@ -63,7 +63,7 @@ class Blocking(Player):
         free, tasks = self.free(), [*self.central.tree.tasks.values()]
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         task = tasks[b % len(tasks)] if tasks else None
@@ -123,15 +123,15 @@ class Blocking(Player):
                 self.receive(sender, headers.GiveUp(number))
         elif not waits_in(delivery.slot, delivery):
             for name in ("where", "look", "pose")[b % 3 :][: 1 + c % 2]:
-                self.send(sender, name, origin=delivery.given_as)
+                self.send(sender, name, origin=delivery.handling_id)
             asked = [number for number in delivery.slot.outstanding if number not in waits]
-            self.receive(sender, headers.AwaitAny(delivery.given_as, asked[-1 - c % 3 :]))
+            self.receive(sender, headers.AwaitAny(delivery.handling_id, asked[-1 - c % 3 :]))
 
     def _wait_for(
         self, sender: str, by: Delivery | None, tasks: list[Task], operation: str, *, is_below: bool
     ) -> None:
         """Wait for the first change of tasks or their descendants; or for the first end."""
-        asked, origin = [], by.given_as if by else 0
+        asked, origin = [], by.handling_id if by else 0
         for task in tasks:
             number, place = self.number(sender), point(task.id, Moment.END_ACHIEVING)
             about = (TaskId(0), "", task.id) if is_below else (TaskId(task.id), "", TaskId(0))

@@ -194,7 +194,7 @@ class Life:
                     )
                 )
         running = list(self.central.dispatcher.running.values())
-        origin = running[a % len(running)].given_as if running and b % 2 else 0
+        origin = running[a % len(running)].handling_id if running and b % 2 else 0
         self.player.send(
             senders[a % len(senders)],
             self.sent_name(b),
@@ -346,7 +346,10 @@ class Life:
         running, origin = list(self.central.dispatcher.running.values()), 0
         if running and d % 3 == 2:  # sent by a handler, under any task or under its cause
             handled = running[b % len(running)]
-            origin, living = handled.given_as, [one for one in self.causes(handled) if one in tasks]
+            origin, living = (
+                handled.handling_id,
+                [one for one in self.causes(handled) if one in tasks],
+            )
             parent = living[c % len(living)] if living and a % 4 else parent
         elif parent and d % 3:  # sent by the parent's handler, running or returned
             task = self.central.tree.tasks[TaskId(parent)]

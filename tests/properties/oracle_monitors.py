@@ -53,7 +53,7 @@ def is_foreign(world: World, parent: Node, origin: int) -> bool:
     that task.
     """
     seen: list[Job] = []
-    while not origin or origin != parent.given_as:
+    while not origin or origin != parent.handling_id:
         one = _running_delivery(world, origin)
         while isinstance(one, Node) or (one is not None and one.role):
             cause = _cause(world, one, parent)
@@ -82,7 +82,9 @@ def _cause(world: World, one: Job, parent: Node) -> Job | None:
 
 
 def _running_delivery(world: World, delivery: int) -> Job | None:
-    return next((one for one in world.everything() if one.slot and one.given_as == delivery), None)
+    return next(
+        (one for one in world.everything() if one.slot and one.handling_id == delivery), None
+    )
 
 
 def start_all(world: World) -> bool:

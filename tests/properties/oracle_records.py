@@ -43,7 +43,7 @@ class Job:
     since: tuple[int, int] = (0, 0)  # start of its wait (step, round)
     arrival: tuple[int, int] | None = None  # first start of its wait, unless it lost its place
     slot: str = ""  # the handling connection
-    given_as: int = 0
+    handling_id: int = 0
     nested: bool = False  # has a slot beyond the capacity
     turn: int = 0  # number of its delivery, in order
     origin: int = 0  # the delivery whose handler sent it

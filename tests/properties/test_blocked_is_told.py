@@ -66,7 +66,9 @@ class JournaledLife(Folding, Blocking):
         waits += [wait for module in self.history.modules.values() for wait in module.waits]
         journaled = sorted(wait.awaited for wait in waits if wait.end is None)
         connections = self.central.registry.connections.values()
-        open_waits = [(one, number) for one in connections for number in (*one.waits, *one.pauses)]
+        open_waits = [
+            (one, number) for one in connections for number in (*one.waits, *one.brief_waits)
+        ]
         assert journaled == sorted(awaited(one, number) for one, number in open_waits)
 
     def do(self, operation: str, a: int, b: int, c: int) -> None:
@@ -115,7 +117,7 @@ class JournaledLife(Folding, Blocking):
         """A wait is given up, or a slot is lost."""
         connections = self.central.registry.connections.values()
         if operation == "give up":
-            for one in [one for one in connections if one.waits or one.pauses][b % 4 :][:1]:
+            for one in [one for one in connections if one.waits or one.brief_waits][b % 4 :][:1]:
                 name, (number, wait) = (
                     one.id.decode(),
                     next(iter((*one.brief_waits.items(), *one.waits.items()))),

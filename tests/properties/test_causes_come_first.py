@@ -47,7 +47,7 @@ class Answers:
             (time, fact.id) for time, fact in timed_facts if isinstance(fact, facts.Failed)
         }
 
-    def is_told(self, query: Message, time: float) -> bool:
+    def is_reported(self, query: Message, time: float) -> bool:
         """Whether the failure of a query led to an answer, or to the failure of its monitor, while
         the asker still ran.
         """
@@ -101,9 +101,9 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
     """A receiver of a failure had not ended or given up. A failure without a receiver causes no
     other.
     """
-    receivers = told_to(run, failed, time)
+    receivers = describe_asker(run, failed, time)
     if receivers.startswith(Fate.UNTOLD.words):
-        assert not went_on(run, failed, time)
+        assert not run_continued(run, failed, time)
         assert fate(run, failed, time) is Fate.UNTOLD
     elif receivers:
         assert not _has_ended(failed, time), receivers

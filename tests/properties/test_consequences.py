@@ -106,7 +106,7 @@ class Life(Blocking):
         free, tasks = self.free(), list(self.central.tree.tasks.values())
         delivery = free[a % (len(free) + 1)] if a % (len(free) + 1) < len(free) else None
         sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         if sender == "user" and self.central.registry.connections[b"user"].waits:  # type: ignore[index]
             return
         if operation == "return" and delivery and delivery.role is Role.EXCEPTION and c % 2:
@@ -142,7 +142,7 @@ class Life(Blocking):
         """Send a task; sometimes one with a constraint to or from another."""
         tasks = list(self.central.tree.tasks.values())
         sender = delivery.slot.id.decode() if delivery and delivery.slot else "user"
-        origin = delivery.given_as if delivery else 0
+        origin = delivery.handling_id if delivery else 0
         parent = delivery.id if delivery and delivery.message.message_class.is_task else 0
         constraints = []
         if tasks and c % 2 == 0:

@@ -77,7 +77,9 @@ def test_deadlock_search_ends_when_lock_request_is_withdrawn() -> None:
         assert free.slot is not None
         sender = free.slot.id.decode()
         number = player.number(sender)
-        player.receive(sender, headers.Lock(number, "b", "", origin=free.given_as, blocking=True))
+        player.receive(
+            sender, headers.Lock(number, "b", "", origin=free.handling_id, blocking=True)
+        )
         player.time += 0.25
         player.tick(0.0)
         assert player.central.scan is not None

@@ -65,7 +65,7 @@ class Troubled(Blocking):
                 self.fail(
                     delivery.slot.id.decode(),
                     FAILURES[c % 3],
-                    delivery.given_as,
+                    delivery.handling_id,
                     reissue=is_reissued,
                 )
             case "raise" if task:

@@ -75,7 +75,7 @@ class Worker:
 
     def post(self) -> None:
         """Take the outgoing packets of the session, in order."""
-        self.to_central.extend(self.session.take_outgoing(lambda: self.now))
+        self.to_central.extend(self.session.pop_outgoing(lambda: self.now))
 
     def listen(self) -> None:
         if self.from_central:

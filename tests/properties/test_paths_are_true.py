@@ -101,7 +101,7 @@ def test_critical_path_matches_facts(taken: Steps) -> None:
         if not path.steps:
             continue
         shown = "\n".join(
-            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_then(run, one)}"
+            f"{one.start}-{one.end} {one.doing} {run.describe(one.message_id)} {one.module}: {why_not_sooner(run, one)}"
             for one in path.steps
         )
         assert path.end == min(seen.ends(task.id), run.time), f"{task} ends after its path\n{shown}"

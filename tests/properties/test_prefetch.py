@@ -66,7 +66,7 @@ class PrefetchPlayer(JudgedPlayer):
     def __init__(self) -> None:
         super().__init__()
         dispatcher = self.central.dispatcher
-        self.out = dispatcher._out = dispatcher.messages_ahead._out = DeliveryAtStart(self.central)
+        self.out = dispatcher._out = dispatcher.prefetcher._out = DeliveryAtStart(self.central)
         self.joined = 0
 
     def _judged(self, event: Any) -> list[Effect]:
@@ -117,7 +117,11 @@ class PrefetchPlayer(JudgedPlayer):
         return True
 
     def _return_prefetched(self, slot: Connection, time: float) -> list[Effect]:
-        unbegun = [one.given_as for one in slot.resource.ahead] if slot.resource is not None else []
+        unbegun = (
+            [one.handling_id for one in slot.resource.prefetched]
+            if slot.resource is not None
+            else []
+        )
         event = RequestReceived(time, slot.id, headers.Recalled(unbegun))
         effects: list[Effect] = []
         self.central._receive(event, effects)  # due timers have an event of their own

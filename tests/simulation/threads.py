@@ -214,8 +214,8 @@ class Thread:
         session = self.session
         if self.arrived:
             self._receive(self.arrived.popleft())
-        elif session.news:
-            session.news.popleft()()
+        elif session.pending_calls:
+            session.pending_calls.popleft()()
         elif self.stack and self._goes_on(self.stack[-1]):
             pass
         elif session.deliveries:
