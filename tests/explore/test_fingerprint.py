@@ -170,7 +170,7 @@ def successors(
     for action in played().actions():
         after = played()
         after.perform(action)
-        key, order = recognised(after, (), detail)
+        key, order = fingerprint_of(after, (), detail)
         after.world.forget()  # as before the next action
         view = seen_in(World(after.world, {message: place for place, message in enumerate(order)}))
         assert views.setdefault(key, view) == view, path

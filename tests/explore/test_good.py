@@ -258,13 +258,13 @@ def fair_circle(result: tca.Result) -> tuple[Action, ...]:
     play = Play(result.scenario)
     for action in result.violation.actions:
         play.perform(action)
-    start, left_out = recognised(play, (), WATCHED)[0], required_actions(play)
+    start, left_out = fingerprint_of(play, (), WATCHED)[0], required_actions(play)
     for _ in range(2):
         for action in circle:
             assert action in play.actions()
             play.perform(action)
             left_out = (left_out & required_actions(play)) - {(action.kind, action.name)}
-        assert recognised(play, (), WATCHED)[0] == start
+        assert fingerprint_of(play, (), WATCHED)[0] == start
     assert not left_out, f"{left_out} can happen all the time, and never does"
     return circle
 
@@ -368,7 +368,7 @@ def test_starved_command_is_found() -> None:
     assert result.violation is not None, tca.report(result)
     assert "waiting throughout:\n     step {" in tca.report(result)
     assert "queued" in tca.report(result)
-    assert {action.name for action in result.violation.circle} >= {"legs/1", "ear/1"}
+    assert {action.name for action in result.violation.cycle} >= {"legs/1", "ear/1"}
     assert_good(starving(0, never_stuck(), eventually(achieved(STEP))))
     counterexample(starving(1, eventually(achieved(STEP))))
 

@@ -88,7 +88,7 @@ def next_started_before_answer(patch: Patch) -> None:
 
 
 def recalled_order_reversed(patch: Patch) -> None:
-    real = Resource.take_back
+    real = Resource.requeue_prefetched
 
     def requeue_prefetched(self: Resource[Any, Any], message: Any) -> object:
         message.arrival = 1000 - message.arrival

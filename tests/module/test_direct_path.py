@@ -201,7 +201,7 @@ def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
 
 def test_leaving_sender_learns_that_informs_arrived(pair: Pair) -> None:
     pair.path.send_inform(Send(0, "pose"), b"1")
-    assert pair.path.unheard == 1
+    assert pair.path.unconfirmed == 1
     pair.path.is_asked = True
     pair.greet()
     assert (pair.path.unconfirmed, pair.handled) == (0, [])
@@ -302,7 +302,7 @@ def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
     pair.now += direct_path.REPEAT
     pair.greet()
     pair.handle()  # the sender is not notified of this one
-    assert (pair.path.unheard, pair.lost) == (0, [])
+    assert (pair.path.unconfirmed, pair.lost) == (0, [])
     pair.path.on_disconnected("module 'map' was lost: it fell", pair.now, lost=True)
     assert pair.lost == ["pose"] * 6
     assert not pair.path.is_needed

@@ -136,7 +136,7 @@ def test_unacknowledged_sends_are_limited() -> None:
     with pytest.raises(CentralLost, match="does not answer"):
         user.command(STOP)
     assert len([header for header in central.received[sent:] if isinstance(header, Send)]) == 0
-    assert connection.session.sends.untold == MOST_UNTOLD
+    assert connection.session.sends.unacknowledged == MAX_UNACKNOWLEDGED
 
 
 def test_task_after_lost_siblings_is_not_sent_to_new_central() -> None:

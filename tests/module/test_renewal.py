@@ -252,7 +252,7 @@ def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
 
 
 def test_leaving_module_reattaches_nothing(session: Session) -> None:
-    session.withdrawn()
+    session.forget_handlers()
     assert restart(session, "two") == [Register(0, [WALK, CHECK], [])]
 
 

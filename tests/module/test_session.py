@@ -265,11 +265,11 @@ def test_answer_confirms_earlier_statements(session: Session) -> None:
     session.post(Send(0, "position"))
     send_requests(session, STATUS)
     session.post(SetVariable(0, "pose"))
-    assert session.unheard == 2
+    assert session.unconfirmed == 2
     receive(session, Answer(2))
-    assert session.unheard == 1
+    assert session.unconfirmed == 1
     receive(session, Unknown())
-    assert (session.dropped, session.doubtful, session.unheard) == (1, 0, 0)
+    assert (session.dropped, session.doubtful, session.unconfirmed) == (1, 0, 0)
 
 
 def test_sent_statement_is_doubtful_after_break(session: Session) -> None:
@@ -286,7 +286,7 @@ def test_confirmation_is_requested_during_long_sending(session: Session) -> None
     questions = [header for header in pop_headers(session) if isinstance(header, Register)]
     assert questions == [Register(2, [], [])]
     receive(session, Accepted(2))
-    assert session.unheard == 2 * CONFIRM_EVERY
+    assert session.unconfirmed == 2 * CONFIRM_EVERY
     session.post(Send(0, "position"))
     assert pop_headers(session)[-1] == Register(3, [], [])
 
@@ -297,7 +297,7 @@ def test_reply_is_settled_by_later_answer(session: Session) -> None:
     assert not session.is_confirmed
     session.confirm()
     receive(session, Accepted(2))
-    assert session.is_settled
+    assert session.is_confirmed
 
 
 def test_closing_is_reported_and_followed_by_hello(session: Session) -> None:

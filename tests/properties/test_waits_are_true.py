@@ -81,7 +81,7 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
     its constraints, too.
     """
     true = foreign_needs(central, task, moment)
-    kept = keeping(at, Node(task.id, moment))
+    kept = blocking_waits(at, Node(task.id, moment))
     named, recovery = (
         {(one.on.number, one.on.moment & ENDS) for one in kept if one.kind in kinds}
         for kinds in (OF_TASKS, {WaitKind.RECOVERY})
@@ -143,7 +143,7 @@ def assert_lists(history: History) -> None:
         for number, task in at.tasks.items():
             named = {one.on for one in waits_of(history, number) if one.start <= time < one.end}
             node = next_node(at, number)
-            assert {one.on for one in keeping(at, node)} <= named, (time, str(task))
+            assert {one.on for one in blocking_waits(at, node)} <= named, (time, str(task))
 
 
 @given(operations)
