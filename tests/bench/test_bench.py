@@ -21,7 +21,7 @@ QUICK = ("--quick", "--rounds", "1", "--seconds", "0.001")
 @pytest.mark.parametrize(
     "only", [["goals with three children"], pytest.param([], marks=pytest.mark.soak)]
 )
-def test_benchmark_cases_have_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
+def test_benchmark_reports_figures_and_finite_ratios(only: list[str], tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     chosen_by = [word for name in only for word in ("--only", name)]
     result = CliRunner().invoke(
@@ -46,7 +46,7 @@ def test_benchmark_cases_have_figures_and_finite_ratios(only: list[str], tmp_pat
     assert all(name in result.stdout for name in only or ["round trip"])
 
 
-def test_benchmark_names_contestants_that_are_not_installed() -> None:
+def test_uninstalled_contestant_is_left_out_by_name() -> None:
     needs = Needs(("no_such_package", "no.such.package"), ("no-such-program",), "pip install it")
     assert (
         lacking(needs)

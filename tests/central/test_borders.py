@@ -34,7 +34,7 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(1, soak=200))
-def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
+def test_cycle_search_agrees_with_unpruned_search(seed: int) -> None:
     """In trees with constraints across, retries, kills and ends."""
     life, chance = Life(), random.Random(seed)
     for number in range(lives(40, soak=60)):
@@ -44,7 +44,7 @@ def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int)
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=2)
-def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
+def test_cycle_search_agrees_with_unpruned_search_before_starts(seed: int) -> None:
     chance = random.Random(seed)
     player = planned_ahead(chance)
     for _ in range(12):
@@ -141,7 +141,7 @@ def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] 
     return path
 
 
-def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> None:
+def test_path_from_recovery_to_retried_ancestor_is_found() -> None:
     """It leaves what is below the failing task, which has not begun, and leads to a task far
     above.
     """
@@ -229,9 +229,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
 
 
 @pytest.mark.parametrize("planned", [True, False])
-def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(
-    counted: Counted, planned: bool
-) -> None:
+def test_constraint_between_wide_goals_costs_few_steps(counted: Counted, planned: bool) -> None:
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
     one, other = (counted.wide(constraints=held) for _ in range(2))
@@ -245,7 +243,7 @@ def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(
     assert counted.steps < 60
 
 
-def test_nor_where_subtasks_wait_for_what_is_elsewhere(counted: Counted) -> None:
+def test_constraint_costs_few_steps_when_subtasks_wait_outside(counted: Counted) -> None:
     """Such constraints lead into what is below a goal, and not out of it."""
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
@@ -258,7 +256,7 @@ def test_nor_where_subtasks_wait_for_what_is_elsewhere(counted: Counted) -> None
     assert counted.steps < 80
 
 
-def test_a_circle_with_the_top_of_a_deep_tree_is_seen_at_once(counted: Counted) -> None:
+def test_cycle_with_top_of_deep_tree_is_found_in_few_steps(counted: Counted) -> None:
     top = task = counted.player.task("user", "walk")
     for _ in range(WIDE):
         task = counted.player.task("user", "walk", under=task, origin=0)
@@ -268,7 +266,7 @@ def test_a_circle_with_the_top_of_a_deep_tree_is_seen_at_once(counted: Counted) 
     assert counted.steps < 60
 
 
-def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
+def test_killed_task_leaves_the_index_of_cross_tree_constraints(counted: Counted) -> None:
     """Where edges led across borders, nothing of that stays when they are gone."""
     goal = counted.player.task("user", "walk")
     inner = counted.player.task("user", "move", under=goal, origin=0)
@@ -347,14 +345,14 @@ def crowd(monkeypatch: pytest.MonkeyPatch) -> Crowd:
     return Crowd(monkeypatch)
 
 
-def test_the_wait_of_a_client_for_a_wide_goal_costs_nothing(crowd: Crowd) -> None:
+def test_client_wait_for_wide_goal_examines_at_most_one_edge(crowd: Crowd) -> None:
     crowd.wait("user")
     crowd.look_to_the_end()
     assert crowd.most <= 1
 
 
 @IN_PYTHON
-def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
+def test_deadlock_search_examines_bounded_edges_per_event(crowd: Crowd) -> None:
     """And once all is known to go on, nothing is looked at before something happens that might
     change that.
     """
@@ -369,7 +367,7 @@ def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
     assert crowd.central.search_timer is not None, "a task might"
 
 
-def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd) -> None:
+def test_deadlock_behind_thousands_of_subtasks_is_found(crowd: Crowd) -> None:
     note = crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     crowd.reply("watcher/1", note)
     both = [crowd.ask(), crowd.ask()]
@@ -387,7 +385,7 @@ def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd)
     assert text.endswith("waits for watcher, busy with done {3004} and done {3003}")
 
 
-def test_a_circle_that_comes_undone_while_it_is_looked_for_is_none(crowd: Crowd) -> None:
+def test_deadlock_resolved_during_search_is_not_reported(crowd: Crowd) -> None:
     both = [crowd.ask(), crowd.ask()]
     crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     for delivery in both:

@@ -51,7 +51,7 @@ def _fields(header: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("message", ["note", "where", "move", "all", "pose"])
-def test_what_waits_is_bounded_in_bytes(message: str) -> None:
+def test_queued_messages_are_bounded_in_bytes(message: str) -> None:
     player = of(
         "busy: inform note, query where, command move, multi-query all, broadcast pose", "user"
     )
@@ -67,7 +67,7 @@ def test_what_waits_is_bounded_in_bytes(message: str) -> None:
     assert player.central.budget.refused == 1
 
 
-def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> None:
+def test_unconfirmed_inform_is_dropped_and_counted_over_budget() -> None:
     player = of("busy: inform note", "user")
     for _ in range(60):
         player.receive("user", headers.Send(0, "note"), bytes(10_000))
@@ -84,7 +84,7 @@ def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> Non
     assert told["memory"]["messages and tasks"][0] == player.central.message_bytes
 
 
-def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
+def test_freeing_requests_are_accepted_over_budget() -> None:
     player = of("legs: command move, goal walk", "map: query where", "user")
     goal = player.task("user", "walk")
     tasks = [player.task("user", "move", under=goal) for _ in range(3)]
@@ -108,7 +108,7 @@ def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
     assert goal not in player.central.tree.tasks or player.central.tree.tasks[goal].killed
 
 
-def test_results_failures_and_farewells_are_counted() -> None:
+def test_results_and_termination_messages_count_in_the_budget() -> None:
     player = of("legs: command move, goal walk", "user")
     before = player.central.tree.bytes
     goal = player.task("user", "walk")
@@ -149,7 +149,7 @@ DECLARED: dict[str, Callable[[int, TaskId], Any]] = {
 
 
 @pytest.mark.parametrize("what", DECLARED)
-def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
+def test_requests_about_a_task_are_bounded_in_bytes(what: str) -> None:
     player = of("user")
     player.declare(
         "user",
@@ -177,7 +177,7 @@ def ask(player: Player, connection: str, size: int) -> int:
     return number
 
 
-def test_answers_give_way_the_oldest_first_and_are_too_late_then() -> None:
+def test_oldest_answers_are_forgotten_first_over_budget() -> None:
     player = of(*(f"user{one}" for one in range(8)))
     users = [f"user{one}" for one in range(8)]
     for user in users:
@@ -192,7 +192,7 @@ def test_answers_give_way_the_oldest_first_and_are_too_late_then() -> None:
     assert isinstance(again, headers.Answer)
 
 
-def test_one_connection_does_not_push_out_the_answers_of_the_others() -> None:
+def test_busy_connection_does_not_evict_answers_of_others() -> None:
     player = of("quiet", "user")
     for user in ("quiet", "user"):
         player.declare(user, "variable v")
@@ -204,7 +204,7 @@ def test_one_connection_does_not_push_out_the_answers_of_the_others() -> None:
     assert isinstance(answer, headers.Answer)
 
 
-def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() -> None:
+def test_answers_survive_connection_loss_but_not_goodbye() -> None:
     player = of("stays", "leaves")
     for user in ("stays", "leaves"):
         player.declare(user, "variable v")
@@ -224,7 +224,7 @@ def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() ->
 # --- names ----------------------------------------------------------------------------------------
 
 
-def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unneeded_message_names_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 12)
     monkeypatch.setattr(forgetting, "AT_ONCE", 3)
     player = of("legs: command move", "keeper")
@@ -278,7 +278,7 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
     assert player.delivered("planner/1")
 
 
-def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_has_left(
+def test_unhandled_inform_names_are_freed_after_sender_leaves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 12)
@@ -315,7 +315,7 @@ def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_
     assert len(player.facts_of("returned")) == 3
 
 
-def test_all_messages_of_a_request_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_name_limit_counts_all_messages_of_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 5)
     player = Player.of("user")
     (answer,) = player.declare("user", *(f"inform {one}" for one in range(6)))
@@ -343,7 +343,7 @@ def test_formats_are_bounded_in_bytes() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
+def test_central_stays_within_budget_in_hostile_lives(seed: int) -> None:
     """The invariants, checked at the end of each burst, walk over all that is held."""
     player = of(
         "legs: command move, goal walk, query where",
@@ -417,7 +417,7 @@ def _do_anything(player: Player, chance: random.Random) -> None:
             player.receive(slot, answer, bytes(chance.choice((1, 20_000))))
 
 
-def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(
+def test_search_for_free_names_is_repeated_after_a_departure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A search in vain is not repeated before much has happened; but a departure is enough."""
@@ -430,7 +430,7 @@ def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(
     assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Accepted)
 
 
-def test_late_failures_of_a_multi_query_given_up_hold_nothing() -> None:
+def test_late_failure_of_abandoned_multi_query_holds_nothing() -> None:
     player = of("map: multi-query where", "camera: multi-query where", "user")
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))

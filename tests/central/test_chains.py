@@ -34,7 +34,9 @@ def tapped(message: str, condition: Condition) -> Player:
 @pytest.mark.parametrize(
     "condition", [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.AFTER_HANDLED]
 )
-def test_a_listener_that_sends_what_it_taps_is_stopped(message: str, condition: Condition) -> None:
+def test_listener_that_sends_its_tapped_message_is_stopped(
+    message: str, condition: Condition
+) -> None:
     player = tapped(message, condition)
     told = player.send("user", "move")
     while (
@@ -51,7 +53,7 @@ def test_a_listener_that_sends_what_it_taps_is_stopped(message: str, condition: 
     assert player.central.registry.messages["move"].dropped == 1
 
 
-def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
+def test_listener_that_sets_its_tapped_variable_is_stopped() -> None:
     player = tapped("variable mode", Condition.WHILE_HANDLING)
     player.event(LimitsSet(player.time, 1 << 20, 1, 10))
     player.set_variable("user", "mode", 1)
@@ -61,7 +63,7 @@ def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
     assert refused.refusal is Refusal.OVERLOAD
 
 
-def test_the_daemon_has_the_same_limits_as_the_core() -> None:
+def test_daemon_chain_limits_match_the_core() -> None:
     defaults = {option.name: option.default for option in command.params}
     budget = Player().central.budget
     assert (
@@ -89,7 +91,7 @@ def retry(player: Player) -> Any:
     return player.request("expert/1", headers.Retry, TaskId(2))[-1]
 
 
-def test_retries_end_at_a_default_and_the_search_continues() -> None:
+def test_retries_stop_at_default_limit_and_search_continues() -> None:
     player = begun()
     while not isinstance(answer := retry(player), headers.Refused):
         player.reply("expert/1")
@@ -101,7 +103,7 @@ def test_retries_end_at_a_default_and_the_search_continues() -> None:
     ]
 
 
-def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
+def test_catch_all_handler_is_not_called_for_its_refused_retry() -> None:
     player = begun(failure="")
     while not isinstance(retry(player), headers.Refused):
         player.reply("expert/1")
@@ -113,7 +115,7 @@ def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
     assert called == ["stop"]
 
 
-def test_a_handler_of_all_is_asked_about_what_it_sends_instead() -> None:
+def test_catch_all_handler_is_called_for_failure_of_its_subtask() -> None:
     player = begun(failure="")
     while not isinstance(retry(player), headers.Refused):
         player.reply("expert/1")
@@ -123,7 +125,7 @@ def test_a_handler_of_all_is_asked_about_what_it_sends_instead() -> None:
     assert [one.message for one in player.facts(Received) if one.role][-1] == "recover"
 
 
-def test_retries_end_later_with_a_maximum_of_ones_own() -> None:
+def test_attachment_maximum_raises_the_retry_limit() -> None:
     player = begun(MOST_ATTEMPTS + 5)
     for _ in range(MOST_ATTEMPTS + 5):
         retry(player)
@@ -132,7 +134,7 @@ def test_retries_end_later_with_a_maximum_of_ones_own() -> None:
     assert len(player.facts(Retried)) == MOST_ATTEMPTS + 5
 
 
-def test_log_warns_once_of_a_task_that_is_retried_often(caplog: pytest.LogCaptureFixture) -> None:
+def test_frequent_retries_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     player = begun()
     lines = LogLines(logging.getLogger("often"), player.central)
     for _ in range(2 * OFTEN):

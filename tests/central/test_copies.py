@@ -39,7 +39,7 @@ OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "relea
 
 @given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 7)), max_size=60))
 @settings(max_examples=50)
-def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -> None:
+def test_claims_hold_for_all_copies_in_random_lives(life: list[tuple[str, int]]) -> None:
     """The invariants are looked at after each event; in the end all is handled, and the journal
     says nothing else.
     """

@@ -129,7 +129,7 @@ def cost(world: str, size: int) -> dict[str, int]:
 
 @IN_PYTHON
 @pytest.mark.parametrize("world", WORLDS)
-def test_nothing_that_is_asked_takes_more_steps_in_a_larger_tree(world: str) -> None:
+def test_request_cost_does_not_grow_with_the_tree(world: str) -> None:
     few, many = cost(world, FEW), cost(world, MANY)
     rounds = [name for name in ROUNDS if world != "deep" or "a failure" not in name]
     grown = {name: (few[name], many[name]) for name in rounds if many[name] > few[name] + LEEWAY}

@@ -45,7 +45,7 @@ def told(player: Player, connection: str) -> list[object]:
     return [header for header, _ in player.inbox[connection]]
 
 
-def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_next(
+def test_slot_of_hung_handler_is_replaced_after_a_kill(
     player: Player,
 ) -> None:
     first, second = player.task("user", "move"), player.task("user", "move")
@@ -67,7 +67,7 @@ def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_ne
     assert not player.central.tree.tasks
 
 
-def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
+def test_abandoned_slot_is_refused_when_it_answers_or_returns(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)
@@ -80,14 +80,14 @@ def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
     assert (resource.capacity, resource.replaced) == (0, 1)
 
 
-def test_a_query_whose_sender_gave_up_frees_its_slot(player: Player) -> None:
+def test_slot_of_hung_query_is_replaced_after_sender_gives_up(player: Player) -> None:
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))
     pass_time(player, AFTER + 1)
     assert any(isinstance(one, headers.Replace) for one in told(player, "legs"))
 
 
-def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
+def test_handler_that_returns_in_time_keeps_its_slot(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     player.reply("legs/1")
@@ -97,7 +97,7 @@ def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
     assert not any(isinstance(one, headers.Replace) for one in told(player, "legs"))
 
 
-def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: Player) -> None:
+def test_handler_without_hang_limit_is_never_replaced(player: Player) -> None:
     player.module("arms", "command lift", capacity=1)
     task = player.task("user", "lift")
     player.request("user", headers.Kill, TaskId(task))
@@ -106,7 +106,7 @@ def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: 
     assert player.central.clock.next is None
 
 
-def test_a_module_whose_own_connection_was_away_is_told_when_it_is_back(player: Player) -> None:
+def test_replacement_is_requested_again_after_reconnect(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)

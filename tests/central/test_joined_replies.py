@@ -35,14 +35,14 @@ def say(player: Player, *runs: tuple[int, float, float], begun: float = -1.0) ->
     return player.receive("ear/1", headers.Replies([EndedRun(*run) for run in runs], begun))
 
 
-def test_many_returns_are_one_entry_and_the_slot_is_given_what_follows(player: Ears) -> None:
+def test_joined_returns_make_one_entry_and_free_the_slot(player: Ears) -> None:
     say(player, (1, 0.3, 0.1), (2, 0.2, 0.1), (3, 0.1, 0.1))
     assert [fact.id for fact in player.entries[-1].facts if isinstance(fact, Returned)] == [1, 2, 3]
     assert [fact.id for fact in player.facts(Delivered)] == [1, 2, 3, 4]
     assert player.delivered("ear/1") == [4]
 
 
-def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
+def test_joined_replies_keep_their_own_bodies(player: Ears) -> None:
     say(player, *((number, 0.1, 0.0) for number in (1, 2, 3)))
     runs = [EndedRun(4, 0.0, 0.0), EndedRun(5, 0.0, 0.0, 2)]
     player.receive("ear/1", headers.Replies(runs), b"\xcc\xc8")
@@ -51,7 +51,7 @@ def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
     assert player.inbox["user"][-1] == (headers.Answer(7), b"\xcc\xc8")
 
 
-def test_what_is_wrong_with_one_reply_does_not_lose_the_others(player: Ears) -> None:
+def test_invalid_joined_reply_does_not_lose_the_others(player: Ears) -> None:
     said = say(player, (1, 0.1, 0.0), (99, 0.1, 0.0), (1, 0.1, 0.0), (2, 0.1, 0.0))
     assert [fact.id for fact in player.facts(Returned)] == [1, 2]
     assert (
@@ -62,7 +62,7 @@ def test_what_is_wrong_with_one_reply_does_not_lose_the_others(player: Ears) -> 
 
 
 @pytest.mark.parametrize("body", [b"", b"\xc0\xc0\xc0"])
-def test_a_body_of_another_size_than_the_replies_is_refused(player: Ears, body: bytes) -> None:
+def test_joined_replies_with_wrong_body_size_are_refused(player: Ears, body: bytes) -> None:
     player.receive(
         "ear/1", headers.Replies([EndedRun(1, 0.0, 0.0), EndedRun(2, 0.0, 0.0, 2)]), body
     )
@@ -82,7 +82,7 @@ def times(player: Player) -> list[tuple[float, float]]:
     return [(began[one], ended.get(one, 0.0)) for one in began]
 
 
-def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
+def test_journal_records_when_each_joined_run_began_and_ended(player: Ears) -> None:
     start = player.time
     player.time += 9.0
     say(player, (1, 4.0, 1.0), (2, 3.0, 0.5), (3, 1.0, 1.5), begun=0.5)
@@ -95,9 +95,7 @@ def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
 
 
 @pytest.mark.parametrize("wrong", [1e300, float("inf"), float("nan"), -5.0])
-def test_no_run_lies_before_what_came_before_it_or_in_the_future(
-    player: Ears, wrong: float
-) -> None:
+def test_reported_run_times_are_clamped_to_plausible_times(player: Ears, wrong: float) -> None:
     queued = {
         fact.id: entry.time
         for entry in player.entries

@@ -105,13 +105,13 @@ def judged(seed: int, events: int) -> None:
 @example(1406319357)  # a handler accepts with a goal of its own
 @example(1395)  # an exception handler resolves a failure
 @settings(max_examples=lives(3, soak=150))
-def test_states_are_what_the_tables_say(seed: int) -> None:
+def test_task_states_match_the_life_cycle_tables(seed: int) -> None:
     judged(seed, lives(200, soak=800))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(3, soak=150))
-def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> None:
+def test_everything_ends_when_handlers_reject_or_are_preempted(seed: int) -> None:
     life = BusyLife()
     life.go_on(seed, lives(150, soak=600))
     end(life)

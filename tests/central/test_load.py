@@ -35,7 +35,7 @@ def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
     ]
 
 
-def test_the_longest_waits_come_first() -> None:
+def test_longest_waits_are_listed_first() -> None:
     robot = Player.of("legs: command step", "user: query where")
     robot.send("user", "where")  # its handler does not answer
     robot.module("other")
@@ -58,7 +58,7 @@ def test_the_longest_waits_come_first() -> None:
     assert resource(told, "legs")["oldest"] == 12.0
 
 
-def test_direct_messages_count_like_others() -> None:
+def test_direct_messages_count_in_the_load() -> None:
     robot = Player()
     robot.module("map", "query where", direct=True)
     note = Note("where", "user", 0, 10, 0.0, 0.5, Outcome.DONE)
@@ -68,7 +68,7 @@ def test_direct_messages_count_like_others() -> None:
     assert (resource(told, "map")["delivered"], resource(told, "map")["busy"]) == (2, 1.0)
 
 
-def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:
+def test_load_totals_include_waits_that_are_not_listed() -> None:
     robot = Player.of("user: goal walk")
     robot.declare("user", "command step")
     for _ in range(SHOWN_WAITS + 20):
@@ -94,7 +94,7 @@ def robot() -> Player:
 
 
 @pytest.mark.parametrize("brief", [False, True])
-def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
+def test_brief_wait_is_not_a_deadlock(robot: Player, *, brief: bool) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, blocking=True)
     robot.send("eyes/1", "where", origin=2, blocking=True, brief=brief)
@@ -113,7 +113,7 @@ def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
     assert resource(told, "map")["blocked"] == 1
 
 
-def test_who_went_on_and_now_waits(robot: Player) -> None:
+def test_handler_counts_as_blocked_only_while_it_awaits(robot: Player) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, number=7)
     assert resource(load(robot.central), "map")["blocked"] == 0
@@ -126,7 +126,7 @@ def test_who_went_on_and_now_waits(robot: Player) -> None:
     assert robot.facts(Awaited) == [Awaited(2)]
 
 
-def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> None:
+def test_awaiting_coroutine_does_not_block_its_thread(robot: Player) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, number=7)
     robot.receive("map/1", headers.Await(7, blocking=False))
@@ -134,7 +134,7 @@ def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> Non
     assert robot.facts(Awaited) == [Awaited(2)]
 
 
-def test_a_wait_without_news_is_found_when_a_handler_returns(robot: Player) -> None:
+def test_observer_deadlock_is_found_after_a_handler_returns(robot: Player) -> None:
     robot.module("legs", "goal walk")
     waiting = robot.task("user", "walk", flags=Flags.NONE)
     queued = robot.task("user", "walk", flags=Flags.NONE)

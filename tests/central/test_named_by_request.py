@@ -66,7 +66,7 @@ class Naming(Player):
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=3, deadline=None)
-def test_a_task_that_is_named_by_its_request_is_that_task(seed: int) -> None:
+def test_naming_tasks_by_their_requests_changes_nothing(seed: int) -> None:
     """Whatever happens: the journal is the same, and nobody else is told of such names."""
     plain, naming = Life(Player(check=False)), Life(Naming(check=False))
     for life in (plain, naming):
@@ -77,7 +77,7 @@ def test_a_task_that_is_named_by_its_request_is_that_task(seed: int) -> None:
     assert naming.player.inbox == plain.player.inbox
 
 
-def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat() -> None:
+def test_quiet_sender_is_told_of_its_task_ids_in_batches() -> None:
     player = robot()
     requests = [sent_quietly(player, "user", "walk") for _ in range(CONFIRMED_TOGETHER + 1)]
     told = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
@@ -89,7 +89,7 @@ def test_of_many_the_sender_is_told_at_once_and_of_the_rest_with_the_next_beat()
     assert player.central.handle(ConfirmTasks(player.time)) == []
 
 
-def test_a_connection_that_is_gone_is_told_nothing() -> None:
+def test_lost_connection_gets_no_task_confirmations() -> None:
     player = robot()
     sent_quietly(player, "user", "walk")
     player.lose("user")
@@ -113,7 +113,7 @@ NAMING: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("name", NAMING)
-def test_what_names_a_refused_task_is_refused(name: str) -> None:
+def test_request_naming_a_refused_task_is_refused(name: str) -> None:
     player = robot()
     player.task("user", "walk")
     refused = sent_quietly(
@@ -125,7 +125,7 @@ def test_what_names_a_refused_task_is_refused(name: str) -> None:
     assert answer == Refused(number, Refusal.UNKNOWN, text)
 
 
-def test_the_newest_tasks_can_be_named() -> None:
+def test_only_newest_tasks_can_be_named_by_request() -> None:
     player = Player.of("legs: command move", "user", check=False)
     oldest, newer, *_ = [sent_quietly(player, "user", "move") for _ in range(REMEMBERED_TASKS + 1)]
     for request, is_known in ((oldest, False), (newer, True)):

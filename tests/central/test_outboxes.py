@@ -41,7 +41,7 @@ def test_items_share_packets_and_keep_their_order() -> None:
     assert line.boxes.held == 0
 
 
-def test_who_does_not_say_that_he_has_read_gets_no_more_than_so_much() -> None:
+def test_reader_without_receipts_gets_no_more_than_the_window() -> None:
     line, receipts = Line(), Receipts()
     for _ in range(80):
         for one in (READS, STANDS):
@@ -61,7 +61,7 @@ def test_who_does_not_say_that_he_has_read_gets_no_more_than_so_much() -> None:
     assert line.size(STANDS) == 2 * WINDOW
 
 
-def test_what_is_too_much_goes_with_whom_most_waits_for() -> None:
+def test_fullest_outbox_is_dropped_first() -> None:
     line = Line()
     for _ in range(30):
         line.boxes.add(STANDS, [bytes(PACKET_BYTES)])
@@ -76,7 +76,7 @@ def test_what_is_too_much_goes_with_whom_most_waits_for() -> None:
     assert line.size(STANDS) == WINDOW
 
 
-def test_a_line_that_takes_nothing_is_tried_again_and_one_that_is_gone_is_told() -> None:
+def test_busy_socket_is_retried_and_lost_connection_reported() -> None:
     line = Line()
     line.takes = False
     line.boxes.add(READS, [b"one"])
@@ -92,7 +92,7 @@ def test_a_line_that_takes_nothing_is_tried_again_and_one_that_is_gone_is_told()
     assert line.boxes.held == 0
 
 
-def test_beats_are_not_counted() -> None:
+def test_heartbeats_are_not_counted_for_receipts() -> None:
     receipts, beat = Receipts(), codec.pack_item(Beat())
     assert not any(receipts.due(beat) for _ in range(REPORTED_AFTER // len(beat) + 1))
     assert receipts.due(bytes(REPORTED_AFTER))

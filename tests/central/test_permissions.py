@@ -162,12 +162,12 @@ WAYS: dict[str, Callable[[Permission], tuple[str, ...]]] = {
 }
 
 
-def test_each_message_has_a_row() -> None:
+def test_every_request_has_a_permission_rule() -> None:
     assert set(NEEDS) == set(HANDLERS)
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_what_is_not_allowed_is_forbidden_and_what_is_is_not(way: str) -> None:
+def test_request_is_forbidden_exactly_when_not_allowed(way: str) -> None:
     """The full matrix: requests x permissions x names."""
     wrong, asked = [], 0
     for subset in SUBSETS:
@@ -187,7 +187,7 @@ def test_what_is_not_allowed_is_forbidden_and_what_is_is_not(way: str) -> None:
 @pytest.mark.parametrize(
     "missing", [name for name, (_, needed) in REQUESTS.items() if len(needed) == 1]
 )
-def test_each_single_need_counts(missing: str) -> None:
+def test_each_missing_permission_forbids_the_request(missing: str) -> None:
     """All is allowed but one name."""
     ask, [needed] = REQUESTS[missing]
     for permission, name in needed:
@@ -199,14 +199,14 @@ def test_each_single_need_counts(missing: str) -> None:
         assert is_forbidden(player, ask(task)), (permission, name)
 
 
-def test_what_is_ones_own_needs_nothing_more() -> None:
+def test_own_task_needs_no_further_permission() -> None:
     for name, (ask, needed) in REQUESTS.items():
         if needed in (STEER, SEE):
             player, _ = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
             assert not is_forbidden(player, ask(player.task("rogue", "move"))), name
 
 
-def test_a_task_of_ones_own_that_goes_by_its_request_is_no_way_to_its_siblings() -> None:
+def test_own_task_gives_no_permission_over_its_siblings() -> None:
     player, task = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
     player.send("rogue", "move", flags=Flags.NONE, number=ROGUE - 1)
     assert is_forbidden(player, headers.Kill(ROGUE, TaskId(1 - ROGUE), scope=Scope.SIBLINGS))
@@ -215,12 +215,12 @@ def test_a_task_of_ones_own_that_goes_by_its_request_is_no_way_to_its_siblings()
 
 
 @pytest.mark.parametrize("header", FREE, ids=lambda header: type(header).__name__)
-def test_what_needs_nothing(header: object) -> None:
+def test_free_request_needs_no_permission(header: object) -> None:
     player, _ = robot([AccessRule(("rogue",), ("rogue",))])
     assert not is_forbidden(player, header)
 
 
-def test_nobody_answers_for_somebody_else() -> None:
+def test_reply_to_foreign_delivery_changes_nothing() -> None:
     player, task = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     for answer in (headers.Reply(task), headers.Fail(task, "x")):
         player.receive("rogue", answer, b"\x07")
@@ -247,7 +247,7 @@ def test_nobody_answers_for_somebody_else() -> None:
         (("Arm",), ("*",), "arm", "any", False),
     ],
 )
-def test_who_may_be_which_module(
+def test_module_name_is_accepted_only_with_a_listed_key(
     keys: tuple[str, ...], modules: tuple[str, ...], principal: str, module: str, is_let_in: bool
 ) -> None:
     player = Player()
@@ -261,7 +261,7 @@ def test_who_may_be_which_module(
     assert bool(player.facts(facts.ModuleJoined)) == is_let_in
 
 
-def test_a_second_connection_is_the_module_that_the_first_one_is() -> None:
+def test_second_connection_keeps_the_module_of_the_first() -> None:
     """Another name in its Hello gives it no other rights."""
     player = Player()
     player.principals |= {"arm": "k", "arm/1": "k"}
@@ -277,7 +277,7 @@ def test_a_second_connection_is_the_module_that_the_first_one_is() -> None:
 # --- rules that change ----------------------------------------------------------------------------
 
 
-def test_new_rules_hold_for_those_who_are_there() -> None:
+def test_changed_rules_apply_to_connected_modules() -> None:
     player, task = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     player.receive("rogue", headers.Register(9, [], [HandlerFormat("move", "rogue")]))
     player.receive("rogue", headers.Tap(10, Condition.WHEN_SENT, "note", "move"))
@@ -294,7 +294,7 @@ def test_new_rules_hold_for_those_who_are_there() -> None:
     assert not is_forbidden(player, headers.Kill(ROGUE + 1, TaskId(task)))
 
 
-def test_who_is_in_no_rule_any_more_is_cut_off() -> None:
+def test_module_without_a_rule_is_disconnected() -> None:
     player, _ = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     player.event(
         PermissionsChanged(60.0, (AccessRule(("owner",), allowed=EVERYTHING),), "robot.toml")
@@ -306,7 +306,7 @@ def test_who_is_in_no_rule_any_more_is_cut_off() -> None:
     ]
 
 
-def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
+def test_exception_handler_needs_no_permission_for_its_retry() -> None:
     """Who may handle an exception handler may do what exception handlers do: with what failed, and
     above it.
     """
@@ -329,7 +329,7 @@ def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
     assert not [one for one in answers if isinstance(one, Refused)]
 
 
-def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_name() -> None:
+def test_only_the_handler_changes_its_tasks_state() -> None:
     player = Player()
     player.principals |= {"arm": "arm", "arm/1": "arm", "leg": "leg", "leg/1": "leg"}
     arm, leg = (

@@ -19,13 +19,13 @@ from tca_wire.points import ROOT, Moment, TaskId
 
 @given(operations)
 @settings(max_examples=lives(30, soak=4_000))
-def test_invariants_hold_whatever_happens_and_everything_ends(taken: Operations) -> None:
+def test_invariants_hold_and_everything_ends_in_short_lives(taken: Operations) -> None:
     end_life(Life().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(1, soak=8))
-def test_invariants_hold_in_a_life_of_hundreds_of_events_and_everything_ends(seed: int) -> None:
+def test_invariants_hold_and_everything_ends_in_long_lives(seed: int) -> None:
     life = Life()
     life.go_on(seed, lives(600, soak=10_000))
     end_life(life)
@@ -33,7 +33,7 @@ def test_invariants_hold_in_a_life_of_hundreds_of_events_and_everything_ends(see
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=1)
-def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> None:
+def test_predecessors_and_successors_of_points_agree(seed: int) -> None:
     """Circles are looked for from both ends: the way there must be the way back."""
     life = Life()
     for number in range(60):
@@ -159,7 +159,7 @@ def _check_watchers(life: Life) -> None:
         assert newest.get(handler.module.name) == (value.message_id if value else None)
 
 
-def test_a_deep_and_a_wide_tree_need_no_recursion_and_come_to_an_end() -> None:
+def test_deep_and_wide_trees_end_without_recursion() -> None:
     for depth, width in ((1200, 1), (1, 1200)):
         player = Player(check=False)
         player.module("planner", "goal walk", capacity=1)

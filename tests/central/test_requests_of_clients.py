@@ -40,7 +40,7 @@ def player() -> Player:
     return player
 
 
-def test_what_the_handler_has_to_answer_is_limited(player: Player) -> None:
+def test_unanswered_client_requests_are_limited(player: Player) -> None:
     task = player.task("user", "move")
     for _ in range(MOST_ASKED):
         *_, answer = player.change("user", task, "nag")
@@ -55,14 +55,14 @@ def test_what_the_handler_has_to_answer_is_limited(player: Player) -> None:
     assert isinstance(player.change("user", task, "nag")[-1], headers.Accepted)
 
 
-def test_what_needs_no_answer_is_not(player: Player) -> None:
+def test_client_requests_without_answers_are_not_limited(player: Player) -> None:
     task = player.task("user", "walk")
     for number in range(2 * MOST_ASKED):
         told = player.change("user", task, ("pause", "resume")[number % 2])
         assert [type(one) for one in told] == [Requested, headers.Accepted]
 
 
-def test_a_handler_whose_line_was_cut_is_asked_again(player: Player) -> None:
+def test_reconnected_handler_is_asked_again(player: Player) -> None:
     task = player.task("user", "move")
     player.change("user", task, "nag", text="faster")
     hello = headers.Hello(99, headers.PROTOCOL_VERSION, "legs", "run of legs", 1, "legs", "here:1")
@@ -70,14 +70,14 @@ def test_a_handler_whose_line_was_cut_is_asked_again(player: Player) -> None:
     assert told == [Requested(task, "nag", 2, "faster")]
 
 
-def test_a_long_reason_is_cut(player: Player) -> None:
+def test_long_transition_reason_is_truncated(player: Player) -> None:
     task = player.task("user", "move")
     *_, asked, accepted = player.change("user", task, "nag", text="x" * 100_000)
     assert isinstance(accepted, headers.Accepted)
     assert len(asked.text) < 20_000
 
 
-def test_an_observer_of_what_is_under_a_task_is_told_of_what_is_there(player: Player) -> None:
+def test_new_observer_of_descendants_receives_current_states(player: Player) -> None:
     player.module("planner", "goal tidy")
     goal = player.task("user", "tidy")
     player.task("user", "move", under=goal)
@@ -88,7 +88,7 @@ def test_an_observer_of_what_is_under_a_task_is_told_of_what_is_there(player: Pl
     assert [(one.message, one.is_late) for one in told] == [("move", True)]
 
 
-def test_an_accepted_goal_is_one_that_the_handler_has_seen(player: Player) -> None:
+def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
     """Of a life cycle in which another update may follow before the first is answered."""
     eager = LifeCycle(
         "eager",
@@ -115,7 +115,7 @@ def test_an_accepted_goal_is_one_that_the_handler_has_seen(player: Player) -> No
     assert (grasp.body, grasp.state) == (msgspec.msgpack.encode(9), "running")
 
 
-def test_a_result_of_a_handler_that_has_not_seen_a_pause_is_taken_before_it(player: Player) -> None:
+def test_result_sent_before_seeing_a_pause_is_accepted(player: Player) -> None:
     task = player.task("user", "walk")
     player.change("user", task, "pause")
     for _ in range(2 * MOST_ASKED):  # that it overtakes the pause so often is forgotten each time
@@ -127,7 +127,7 @@ def test_a_result_of_a_handler_that_has_not_seen_a_pause_is_taken_before_it(play
 
 
 @IN_PYTHON
-def test_nobody_observes_too_many_tasks_at_once(
+def test_observing_too_many_tasks_is_refused(
     player: Player, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for _ in range(4):

@@ -48,7 +48,7 @@ def tap(player: Player) -> int:
     return answer.id
 
 
-def test_a_resource_asks_itself_through_central(player: Player) -> None:
+def test_resource_sends_to_itself_through_central(player: Player) -> None:
     """Its slot handles the question inside of its wait; and is told so, for it may be busy and
     central not know.
     """
@@ -71,7 +71,7 @@ def test_a_resource_asks_itself_through_central(player: Player) -> None:
         (headers.Register(1000, [], [HandlerFormat("walk", "map", direct=True)]), Refusal.PROTOCOL),
     ],
 )
-def test_nonsense_is_refused_and_leaves_nothing(
+def test_invalid_direct_request_is_refused_without_effect(
     player: Player, header: Any, refusal: Refusal
 ) -> None:
     player.declare("map/1", "command walk")
@@ -82,7 +82,7 @@ def test_nonsense_is_refused_and_leaves_nothing(
 
 
 @pytest.mark.parametrize("endpoint", ["inproc://x", "ipc:///a\nb", "tcp://" + "x" * 300])
-def test_an_entrance_has_an_address(endpoint: str) -> None:
+def test_entrance_with_invalid_address_is_refused(endpoint: str) -> None:
     player = Player()
     hello = headers.Hello(
         1, headers.PROTOCOL_VERSION, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key")
@@ -91,7 +91,7 @@ def test_an_entrance_has_an_address(endpoint: str) -> None:
     assert answer.refusal is Refusal.PROTOCOL
 
 
-def test_nothing_is_left_of_those_who_go(player: Player) -> None:
+def test_lost_sender_leaves_no_route_state(player: Player) -> None:
     told(player)
     player.lose("user")
     message = player.central.registry.messages["height"]
@@ -132,13 +132,13 @@ def barred(player: Player) -> list[str]:
     ]
 
 
-def test_each_sender_has_a_licence_of_its_own_and_nobody_the_key() -> None:
+def test_each_sender_gets_its_own_licence_and_no_key() -> None:
     player = robot()
     assert (licences(player, "a"), licences(player, "b")) == ([["test.1"]], [["test.2"]])
     assert "key of map/1" not in str(player.inbox["a"])
 
 
-def test_a_revoked_key_ends_its_licences_also_of_those_who_are_away() -> None:
+def test_revoked_key_ends_licences_of_lost_senders_too() -> None:
     player = robot()
     player.lose("a")
     player.event(KeysChanged(60.0, [], ["a"]))
@@ -148,13 +148,13 @@ def test_a_revoked_key_ends_its_licences_also_of_those_who_are_away() -> None:
     assert barred(player) == ["test.1"] * 2
 
 
-def test_a_revoked_key_gets_no_new_licence_while_its_line_is_there() -> None:
+def test_revoked_key_gets_no_new_licence_while_connected() -> None:
     player = robot()
     player.event(KeysChanged(60.0, [], ["a"]))
     assert licences(player, "a") == [["test.1"]]
 
 
-def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
+def test_licence_is_withdrawn_with_the_permission_to_send() -> None:
     rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
     everything = AccessRule(("owner", "b"), allowed=tuple((one, ("*",)) for one in Permission))
     player = robot()
@@ -171,7 +171,7 @@ def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
     )
 
 
-def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:
+def test_slot_with_forbidden_messages_gives_no_licence() -> None:
     player = Player()
     rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
     owner = AccessRule(("owner",), allowed=tuple((one, ("*",)) for one in Permission))
@@ -184,6 +184,6 @@ def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:
 
 
 @IN_PYTHON
-def test_licences_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oldest_licence_is_barred_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(direct_routes, "MOST_LICENCES", 1)
     assert barred(robot())[:1] == ["test.1"]

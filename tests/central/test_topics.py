@@ -56,7 +56,7 @@ def robot() -> Player:
     return player
 
 
-def test_each_topic(robot: Player, rewrite: bool) -> None:
+def test_status_topics_match_approved_output(robot: Player, rewrite: bool) -> None:
     told = {name: topic(robot.central) for name, topic in TOPICS.items()}
     text = msgspec.json.format(msgspec.json.encode(told), indent=1).decode() + "\n"
     if rewrite:
@@ -71,7 +71,7 @@ def numbers(central: Central, task: int, relation: str, message: str = "") -> li
     ]
 
 
-def test_the_relatives_of_a_task(robot: Player) -> None:
+def test_relatives_of_a_task_are_listed(robot: Player) -> None:
     central = robot.central
     (walk,) = [task.id for task in central.tree.tasks.values() if task.message.name == "walk"]
     moves = [task.id for task in central.tree.tasks.values() if task.message.name == "move"]
@@ -112,7 +112,7 @@ def monitor(watcher: Transcript, **options: Any) -> int:
     return watcher.player.task("user", "watch", watch=WatchOptions(period=1.0), **options)
 
 
-def test_monitors_are_told_however_many_tasks_are_older(
+def test_monitors_are_listed_regardless_of_older_tasks(
     watcher: Transcript, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(topics, "SHOWN_TASKS", 3)
@@ -128,7 +128,7 @@ def test_monitors_are_told_however_many_tasks_are_older(
     }
 
 
-def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
+def test_ended_monitors_are_not_listed(watcher: Transcript) -> None:
     walk = watcher.player.task("user", "walk")
     ended, killed, below, retried = (monitor(watcher, under=under) for under in (0, 0, walk, 0))
     player = watcher.player
@@ -142,7 +142,7 @@ def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
     assert told(watcher) in ([], [retried])
 
 
-def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> None:
+def test_refused_and_killed_monitors_are_not_listed(watcher: Transcript) -> None:
     walk = watcher.player.task("user", "walk")  # its handler has it, and so does not end at once
     watcher.player.request("user", headers.Kill, TaskId(walk))
     assert monitor(watcher, under=walk) > walk
@@ -151,7 +151,7 @@ def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> N
     assert told(watcher) == []
 
 
-def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_forgotten() -> None:
+def test_calls_of_removed_attachments_are_forgotten() -> None:
     """A program that is restarted every hour attaches them to a task that lives for months."""
     robot = Transcript()
     for line in (

@@ -124,7 +124,7 @@ class Watched:
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(30, soak=1_000))
-def test_what_waits_for_the_end_of_a_monitor_comes_to_an_end(seed: int) -> None:
+def test_everything_ends_in_lives_full_of_monitors(seed: int) -> None:
     life = Watched(seed)
     for _ in range(80):
         life.do(life.chance.choice(WAYS))

@@ -49,7 +49,7 @@ def ask_three(player: Player, condition: Condition) -> None:
 
 
 @pytest.mark.parametrize("condition", LATER)
-def test_wiretaps_that_fire_before_or_after_hold_nothing_back(condition: Condition) -> None:
+def test_wiretap_at_sending_or_return_allows_prefetch(condition: Condition) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     ask_three(player, condition)
     assert len(got(player, "ear/1")) == 3
@@ -61,7 +61,7 @@ def test_wiretaps_that_fire_before_or_after_hold_nothing_back(condition: Conditi
 
 
 @pytest.mark.parametrize("condition", AT_ONCE)
-def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(
+def test_wiretap_at_delivery_prevents_prefetch(
     condition: Condition,
 ) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
@@ -70,7 +70,7 @@ def test_nothing_is_ahead_of_which_a_listener_is_told_when_it_is_delivered(
 
 
 @pytest.mark.parametrize("condition", AT_ONCE)
-def test_a_listener_that_comes_later_calls_back_what_is_ahead(condition: Condition) -> None:
+def test_late_wiretap_recalls_prefetched_messages(condition: Condition) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(3):
         player.send("user", "where")
@@ -88,7 +88,7 @@ def test_a_listener_that_comes_later_calls_back_what_is_ahead(condition: Conditi
     assert got(player, "ear/1") == [first, *others, others[0]]
 
 
-def test_what_waits_within_a_limit_is_not_ahead_so_the_oldest_gives_way_at_once() -> None:
+def test_message_with_pending_limit_is_not_prefetched() -> None:
     player = Ears.of("user")
     player.module("ear", "inform note", pending=2)
     for _ in range(5):
@@ -97,7 +97,7 @@ def test_what_waits_within_a_limit_is_not_ahead_so_the_oldest_gives_way_at_once(
     assert len(player.facts(Dropped)) == 2
 
 
-def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
+def test_unregistered_handler_returns_prefetched_messages() -> None:
     player = Ears.of("spare: query where", "ear: query where, inform note", "user")
     for _ in range(3):
         player.send("user", "where")
@@ -115,7 +115,7 @@ def test_what_a_module_handles_no_longer_it_gives_back_for_another() -> None:
     assert got(player, "ear/1") == [first, *others]
 
 
-def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(
+def test_module_loss_is_logged_as_one_line(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     player = Ears.of("ear: query where", "user")
@@ -132,7 +132,7 @@ def test_a_lost_module_is_one_line_of_the_log_with_all_that_it_had(
     ]
 
 
-def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
+def test_slot_may_keep_a_later_message_than_it_returns() -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(4):
         player.send("user", "where")
@@ -151,7 +151,7 @@ def test_a_slot_may_keep_later_messages_than_it_gives_back() -> None:
     assert len(answered) == len(set(answered)) == 4
 
 
-def test_a_slot_is_recalled_once_until_it_answers() -> None:
+def test_slot_is_recalled_only_once_until_it_answers() -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(3):
         player.send("user", "where")

@@ -84,7 +84,7 @@ def thefts_with_answers(player: Player, line: str) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("line", ["thief", "thief/1"])
-def test_others_go_on_as_if_he_had_said_nothing(line: str) -> None:
+def test_forged_requests_change_nothing_for_other_modules(line: str) -> None:
     honest, robbed = Town(), Town()
     for header in (*thefts(), *thefts_with_answers(robbed, line)):
         robbed.time -= 1.0
@@ -101,7 +101,7 @@ def test_others_go_on_as_if_he_had_said_nothing(line: str) -> None:
     assert not honest.central.tree.tasks
 
 
-def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() -> None:
+def test_reply_to_foreign_delivery_is_refused_by_name() -> None:
     town = Town()
     (delivery,) = town.delivered("planner/1")
     (answer,) = town.receive("thief/1", headers.Reply(delivery))
@@ -112,7 +112,7 @@ def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() ->
     assert town.delivered("planner/1") == [delivery]
 
 
-def test_nobody_asks_as_the_handler_of_another() -> None:
+def test_request_cannot_claim_a_foreign_origin() -> None:
     """Monitors, deadlocks and the readers of the journal would believe him."""
     town = Town()
     (delivery,) = town.delivered("planner/1")
@@ -137,7 +137,7 @@ def refusals(sent: list[object]) -> list[Refusal]:
     return [header.refusal for header in sent if isinstance(header, Refused)]
 
 
-def test_a_module_joins_with_its_principal() -> None:
+def test_module_joins_with_its_principal() -> None:
     joined = [
         fact
         for entry in player().entries
@@ -147,7 +147,7 @@ def test_a_module_joins_with_its_principal() -> None:
     assert [(fact.module, fact.principal) for fact in joined] == [("arm", "arm")]
 
 
-def test_nobody_takes_over_the_session_of_somebody_else() -> None:
+def test_session_of_another_principal_cannot_be_taken_over() -> None:
     central = player()
     for number in range(3):
         hello = headers.Hello(
@@ -158,7 +158,7 @@ def test_nobody_takes_over_the_session_of_somebody_else() -> None:
     assert not any(isinstance(header, Deliver) for header, _ in central.inbox["thief"])
 
 
-def test_nor_what_a_lost_connection_leaves_behind() -> None:
+def test_lost_session_cannot_be_resumed_by_another_principal() -> None:
     central = player()
     for name in ("arm", *[name for name in central.inbox if name.startswith("arm/")]):
         central.lose(name)
@@ -172,7 +172,7 @@ def test_nor_what_a_lost_connection_leaves_behind() -> None:
 @pytest.mark.parametrize(
     "said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
 )
-def test_a_line_that_calls_itself_like_one_of_somebody_else_has_no_say(said: object) -> None:
+def test_reused_connection_id_of_another_principal_is_unknown(said: object) -> None:
     """A line can have the name of one that is gone before central has noticed that it is."""
     central = player()
     central.principals["arm/1"] = "thief"

@@ -22,12 +22,12 @@ TASK = {"label": "GoTo", "kind": "task", "parent": 0}
         ([WHOLE, TASK], [{"source": 1, "target": 2, "symbol": "done"}]),
     ],
 )
-def test_what_is_no_machine(states: list[object], arrows: list[object]) -> None:
+def test_malformed_machine_reads_as_none(states: list[object], arrows: list[object]) -> None:
     body = msgspec.msgpack.encode({"name": "patrol", "states": states, "arrows": arrows})
     assert read_machine(FORMAT, body) is None
 
 
-def test_a_machine_and_its_progress() -> None:
+def test_machine_and_its_active_states_are_read() -> None:
     arrow = {"source": 1, "target": 1, "symbol": "failed"}
     body = msgspec.msgpack.encode({"name": "patrol", "states": [WHOLE, TASK], "arrows": [arrow]})
     chart = read_machine(FORMAT, body)

@@ -57,7 +57,7 @@ MISFIT = [
 
 
 @pytest.mark.parametrize("kind", [PointMonitor, PollingMonitor])
-def test_the_condition_and_the_action_of_a_monitor_fit_its_data(kind: Any) -> None:
+def test_monitor_is_refused_when_condition_or_action_misfits(kind: Any) -> None:
     for data, condition, action in FIT:
         kind("watch", data, condition=condition, action=action)
     for data, condition, action, words in MISFIT:
@@ -66,7 +66,7 @@ def test_the_condition_and_the_action_of_a_monitor_fit_its_data(kind: Any) -> No
         assert words.replace("KIND", str(kind.message_class)) in str(error.value)
 
 
-def test_what_a_demon_monitor_sends_fits_its_data() -> None:
+def test_demon_monitor_is_refused_when_a_part_misfits() -> None:
     DemonMonitor("watch", Cup, set_up=TAKE_CUP, action=SAY, cancel=STOP)
     for what, part in (("set-up", "set_up"), ("cancel message", "cancel")):
         option: Any = {part: SAY}
@@ -77,7 +77,7 @@ def test_what_a_demon_monitor_sends_fits_its_data() -> None:
             DemonMonitor("watch", Cup, **option)
 
 
-def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> None:
+def test_failure_is_refused_when_data_misfits_its_general_kind() -> None:
     fit: list[tuple[Any, Any]] = [
         (int, int),
         (int, float),

@@ -190,7 +190,7 @@ def kind(one: Any) -> Any:
 
 
 @pytest.mark.parametrize(("sent", "values"), TYPES, ids=str)
-def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values: list[Any]) -> None:
+def test_misfit_predicts_whether_data_can_be_decoded(sent: Any, values: list[Any]) -> None:
     for wanted, _ in TYPES:
         if wanted is Fall and sent is not Fall:
             continue  # its tag is made up where none comes, and what has one is declared with it
@@ -201,20 +201,20 @@ def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values:
 
 
 @pytest.mark.parametrize(("one", "_values"), TYPES, ids=str)
-def test_of_anything_nobody_can_tell_and_anything_takes_all(one: Any, _values: list[Any]) -> None:
+def test_any_type_fits_every_format(one: Any, _values: list[Any]) -> None:
     for each in itertools.permutations((schema_text(kind(one)), schema_text(Any))):
         assert first_misfit(*each) is None
     assert first_misfit(schema_text(list[Any]), schema_text(list[int])) is None
     assert first_misfit(schema_text(dict[str, Any]), schema_text(dict[str, int])) is None
 
 
-def test_a_misfit_says_where_and_what_is_wanted(approve: Callable[..., None]) -> None:
+def test_misfit_names_the_path_and_the_wanted_type(approve: Callable[..., None]) -> None:
     approve(
         "misfits.txt", lambda case: first_misfit(*(schema_text(kind(one)) for one in eval(case)))
     )
 
 
-def test_what_may_be_left_out_does_not_fit_where_it_is_needed() -> None:
+def test_optional_field_does_not_fit_a_required_one() -> None:
     """Whether it is left out a format does not tell: of a dataclass with a default it never is."""
     assert (
         first_misfit(schema_text(Sparse), schema_text(Leg))
@@ -230,9 +230,7 @@ def a_type(**fields: str) -> dict[str, Any]:
     return {"type": "object", "properties": of, "required": list(fields)}
 
 
-def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believed_in_the_next() -> (
-    None
-):
+def test_assumption_of_a_failed_alternative_is_discarded() -> None:
     """U fits V if T fits X, which it does not: so T does not fit W either."""
     sent = {"$ref": "#/$defs/T", "$defs": {"T": a_type(a="U", z="string"), "U": a_type(b="T")}}
     defs: dict[str, Any] = {
@@ -253,7 +251,7 @@ def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believe
     "nonsense",
     ["", "{", "5", "[]", '{"anyOf":5}', '{"$ref":"#/$defs/A"}', '{"type":"array","prefixItems":5}'],
 )
-def test_no_text_at_all_breaks_the_comparison(nonsense: str) -> None:
+def test_malformed_schema_does_not_break_the_comparison(nonsense: str) -> None:
     for other in (schema_text(tuple[int, int]), '{"items":' * 2000 + "1" + "}" * 2000):
         for one in itertools.permutations((nonsense, other)):
             first_misfit(*one)

@@ -48,7 +48,7 @@ def read(data: bytes) -> tuple[list[Entry], JournalReader]:
     return list(reader), reader
 
 
-def test_a_torn_tail_keeps_every_whole_entry() -> None:
+def test_torn_tail_keeps_every_whole_entry() -> None:
     for cut in range(1, ENDS[1]):
         with pytest.raises(JournalDamaged, match="walk: not a journal"):
             read(BYTES[:cut])
@@ -63,7 +63,7 @@ def test_a_torn_tail_keeps_every_whole_entry() -> None:
 
 
 @pytest.mark.parametrize("bit", range(8))
-def test_no_flipped_bit_goes_unnoticed(bit: int) -> None:
+def test_flipped_bit_is_detected(bit: int) -> None:
     for at in range(len(BYTES)):
         damaged = bytearray(BYTES)
         damaged[at] ^= 1 << bit
@@ -77,7 +77,7 @@ def check_flipped(at: int, entries: list[Entry], reader: JournalReader) -> None:
     assert (reader.holes == [ENDS[lost]]) if lost < 2 else reader.torn
 
 
-def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() -> None:
+def test_outdated_journal_is_refused_with_advice() -> None:
     older = b"".join(
         framed([number, 0.0, told])
         for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
@@ -87,7 +87,7 @@ def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() 
         read(older)
 
 
-def test_a_journal_of_the_version_before_this_one_is_read() -> None:
+def test_journal_of_the_previous_version_is_read() -> None:
     told = [
         ["opened", 4, "e", 1, 1e9, "0"],
         ["delivered", 1, 1, "legs", "legs", 1, False, 0],
@@ -109,7 +109,7 @@ def flipped(*places: int) -> bytes:
 
 
 @pytest.mark.parametrize("numbers", [[1], [2], [1, 2], [1, 3], [1, 2, 3]])
-def test_entries_that_are_damaged_inside_are_passed_over(numbers: list[int]) -> None:
+def test_entries_damaged_inside_are_skipped(numbers: list[int]) -> None:
     starts = [*ENDS[:-1], len(BYTES)]
     entries, reader = read(flipped(*(starts[number] + 14 for number in numbers)))
     assert [entry.number for entry in entries] == [
@@ -122,7 +122,7 @@ def test_entries_that_are_damaged_inside_are_passed_over(numbers: list[int]) -> 
 @pytest.mark.parametrize(
     "places", [(ENDS[1] + 14, ENDS[2] + 1), (ENDS[1], ENDS[2] + 14), (ENDS[1] + 2, ENDS[2] + 5)]
 )
-def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(
+def test_entries_with_damaged_frames_are_skipped(
     places: tuple[int, ...],
 ) -> None:
     entries, reader = read(flipped(*places))
@@ -143,7 +143,7 @@ def long_journal(entries: int = 3000) -> list[Entry]:
 @pytest.mark.parametrize(
     "filler", [b"", bytes(50_000), b"\xce" * 50_000, b"\xce\x00\x00\x00\x20" * 20_000]
 )
-def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) -> None:
+def test_missing_or_overwritten_part_is_skipped(filler: bytes) -> None:
     whole = long_journal()
     data = b"".join(map(record, whole))
     at, behind = 100_123, 150_321
@@ -157,21 +157,21 @@ def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) 
     assert (len(reader.holes), reader.torn) == (1, 0)
 
 
-def test_of_a_journal_whose_first_entry_is_damaged_or_missing_the_rest_is_read() -> None:
+def test_journal_without_a_sound_first_entry_is_read() -> None:
     for data in (flipped(15), flipped(0), flipped()[ENDS[1] :], flipped()[ENDS[1] - 7 :]):
         entries, reader = read(data)
         assert [entry.number for entry in entries] == [1, 2, 3, 4]
         assert reader.holes == [0]
 
 
-def test_damage_with_nothing_sound_behind_it_is_named_by_its_byte() -> None:
+def test_damage_without_later_entries_is_named_by_its_byte() -> None:
     with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: there is no record here"):
         read(BYTES + b"\xce and then garbage")
     with pytest.raises(JournalDamaged, match=f"walk, byte {ENDS[2]}: its checksum is wrong"):
         read(BYTES[: ENDS[2] + 12] + b"x" * 100)
 
 
-def test_what_a_message_holds_is_no_entry_of_the_journal_it_stands_in() -> None:
+def test_journal_inside_a_message_is_not_read_as_entries() -> None:
     """A module sends a part of the journal so far; the frame of the entry with it is damaged."""
     held = Entry(
         4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))]
@@ -239,9 +239,7 @@ def every_other() -> bytes:
 @pytest.mark.parametrize(
     ("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
 )
-def test_what_leads_nowhere_costs_no_more_than_a_few_times_the_file(
-    made: Callable[[], bytes], entries: int
-) -> None:
+def test_search_after_damage_reads_bounded_bytes(made: Callable[[], bytes], entries: int) -> None:
     stream = Counting(made())
     size = len(stream.getbuffer())
     reader = JournalReader(stream)
@@ -263,7 +261,7 @@ def framed(*values: object) -> bytes:
     )
 
 
-def test_facts_that_this_version_does_not_know_are_left_out() -> None:
+def test_unknown_facts_and_causes_are_skipped() -> None:
     entries, reader = read(
         BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"])
     )
@@ -276,7 +274,7 @@ def test_facts_that_this_version_does_not_know_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300, "noon"])
-def test_entries_at_a_time_that_is_none_are_passed_over(time: object) -> None:
+def test_entry_with_invalid_time_is_skipped(time: object) -> None:
     entries, reader = read(BYTES + framed([3, time, []]) + record(Entry(4, 2.0, [])))
     assert [entry.number for entry in entries] == [0, 1, 2, 4]
     assert (reader.holes, reader.is_counted) == ([len(BYTES)], True)
@@ -285,14 +283,14 @@ def test_entries_at_a_time_that_is_none_are_passed_over(time: object) -> None:
 @pytest.mark.parametrize(
     "opened", [["opened", 99, "epoch", 1, 1e9, "9.0"], ["opened", 99, {"all": "new"}]]
 )
-def test_of_a_journal_of_a_later_version_what_is_known_is_read(opened: list[object]) -> None:
+def test_known_facts_of_a_later_version_are_read(opened: list[object]) -> None:
     entries, reader = read(framed([0, 0.0, [opened]], [1, 1.0, [["walked", 3], ["reached", 3, 1]]]))
     assert [len(entry.facts) for entry in entries] == [len(opened) == 6, 1]
     assert (reader.version, reader.unknown, reader.holes) == (99, 2 - (len(opened) == 6), [])
 
 
 @pytest.mark.parametrize("number", [-1, 1 << 63, (1 << 64) - 1])
-def test_an_entry_of_a_number_that_central_never_gives_is_damaged(number: int) -> None:
+def test_entry_with_invalid_number_is_skipped(number: int) -> None:
     entries, reader = read(
         BYTES + framed([number, 1.0, [["reached", 3, 1]]], [3, 1.0, [["reached", 3, 1]]])
     )
@@ -300,7 +298,7 @@ def test_an_entry_of_a_number_that_central_never_gives_is_damaged(number: int) -
     assert reader.holes == [len(BYTES)]
 
 
-def test_a_tail_of_zeros_is_a_torn_tail() -> None:
+def test_zeros_at_the_end_are_a_torn_tail() -> None:
     entries, reader = read(BYTES + bytes(4096))
     assert entries == ENTRIES
     assert reader.torn == 4096
@@ -320,7 +318,7 @@ class Counted(io.FileIO):
 
 
 @pytest.mark.parametrize("cut", [0, 5])
-def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int) -> None:
+def test_sparse_end_of_file_is_not_read(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(BYTES[: len(BYTES) - cut])
     os.truncate(path, 1 << 30)
@@ -342,12 +340,12 @@ def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int)
         b"\x89PNG\r\n\x1a\n" * 4,
     ],
 )
-def test_foreign_files_are_refused(data: bytes) -> None:
+def test_foreign_file_is_not_a_journal(data: bytes) -> None:
     with pytest.raises(JournalDamaged, match="walk: not a journal of tca central"):
         read(data)
 
 
-def test_reading_goes_on_where_it_stopped_when_the_journal_grows() -> None:
+def test_reading_continues_after_the_journal_grows() -> None:
     stream = io.BytesIO(BYTES[: ENDS[1] + 7])
     reader = JournalReader(stream)
     assert list(reader) == ENTRIES[:1]
@@ -382,7 +380,7 @@ class Written(io.BytesIO):
 
 
 @given(st.integers(ENDS[1], len(BYTES)), st.lists(st.integers(0, 40), max_size=30))
-def test_who_reads_while_central_writes_sees_no_damage(begun: int, more: list[int]) -> None:
+def test_reading_during_writes_reports_no_damage(begun: int, more: list[int]) -> None:
     """A record that is not whole yet may be, and another behind it, when the reader looks once
     more.
     """
@@ -395,19 +393,19 @@ def test_who_reads_while_central_writes_sees_no_damage(begun: int, more: list[in
     assert (reader.torn, reader.holes) == (0, [])
 
 
-def test_any_messagepack_reader_can_walk_a_segment() -> None:
+def test_segment_is_readable_by_any_messagepack_reader() -> None:
     values = list(msgpack.Unpacker(io.BytesIO(BYTES)))
     assert [value[0] for value in values[2::3]] == [0, 1, 2]
 
 
-def test_facts_have_text_forms() -> None:
+def test_fact_has_a_kind_and_described_fields() -> None:
     fact: Fact = Reached(TaskId(3), int(Moment.START_HANDLING | Moment.END_ACHIEVING))
     assert kind_of(fact) == "reached"
     assert fields_of(fact) == {"task": 3, "moments": ["start handling", "end achieving"]}
     assert describe_moments(0) == []
 
 
-def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> None:
+def test_oversized_entry_is_split_under_one_number() -> None:
     told: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
     entries, _ = read(BYTES + record(Entry(3, 1.0, told)))
     parts = entries[len(ENTRIES) :]
@@ -416,7 +414,7 @@ def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> N
     assert {(part.number, part.time) for part in parts} == {(3, 1.0)}
 
 
-def test_a_record_among_a_thousand_that_look_like_one_is_not_looked_for_for_ever(
+def test_search_for_a_record_among_fakes_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A client may fill a packet with them: a recovery that reads its torn end would take hours."""

@@ -106,7 +106,7 @@ VALUES: list[tuple[Any, Any]] = [
 
 
 @pytest.mark.parametrize(("kind", "value"), VALUES, ids=lambda part: repr(part)[:30])
-def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -> None:
+def test_json_value_arrives_as_the_declared_type(kind: Any, value: Any) -> None:
     text = msgspec.json.encode(value).decode()
     assert fitting(kind, json.loads(text)) == fitting(kind, Bare(text)) == value
 
@@ -122,11 +122,11 @@ def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -
     )
 )
 @settings(max_examples=lives(10, soak=100))
-def test_a_format_without_rules_takes_everything(value: object) -> None:
+def test_unrestricted_format_accepts_every_value(value: object) -> None:
     assert fitting(Any, value) == value
 
 
-def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
+def test_typed_text_is_json_where_it_fits_and_else_text() -> None:
     typed = {
         "leg": Bare("3"),
         "to": {"x": Bare("1")},
@@ -145,11 +145,11 @@ def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
     assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, and [1] is not"
 
 
-def test_what_does_not_fit_is_named_by_its_field(approve: Callable[..., None]) -> None:
+def test_misfit_is_named_by_its_field(approve: Callable[..., None]) -> None:
     approve("complaints.txt", lambda case: complaint(*eval(case)))
 
 
-def test_whether_a_format_has_fields() -> None:
+def test_formats_with_fields_are_recognised() -> None:
     with_fields = [
         kind
         for kind in (Pose, Pose | None, Circle | Line, dict[str, int], Any)
@@ -165,7 +165,7 @@ def plain(kind: Any) -> PlainFormat:
     return PlainFormat(schema_text(kind))
 
 
-def test_schemas_come_from_anybody() -> None:
+def test_malformed_schema_or_deep_value_raises_only_bad_data() -> None:
     endless = '{"$ref":"#/$defs/A","$defs":{"A":{"$ref":"#/$defs/A"}}}'
     for schema in (
         "",
@@ -192,7 +192,7 @@ def test_schemas_come_from_anybody() -> None:
     assert fitting(Any, Bare("[" * 100_000)) == "[" * 100_000
 
 
-def test_a_message_may_be_declared_by_its_schemas() -> None:
+def test_message_can_be_declared_by_its_schemas() -> None:
     typed = Command("move", Move, result=Pose)
     untyped: Command[Any, Any] = Command(
         "move", PlainFormat(typed.format.data), result=PlainFormat(typed.format.reply)
@@ -220,7 +220,7 @@ def test_a_message_may_be_declared_by_its_schemas() -> None:
         '{"items":' * 100_000,
     ],
 )
-def test_a_schema_that_is_none_lets_everything_pass_or_says_why_not(schema: str) -> None:
+def test_malformed_schema_is_usable_as_a_format(schema: str) -> None:
     """Anybody may declare a message, and `tca send` reads what they did."""
     made = PlainFormat(schema)
     assert str(made)
