@@ -1,6 +1,4 @@
-"""A life of which the second part goes on from an image, in a process of its own: ``lived_apart.py
-SEED IMAGE``.
-"""
+"""Continue a random life from an image, in a separate process: ``lived_apart.py SEED IMAGE``."""
 
 import sys
 from hashlib import blake2b
@@ -17,7 +15,7 @@ from tca_central.image.encoder import encode
 EVENTS = 250
 
 
-class _Counting(Player):
+class _DigestingPlayer(Player):
     """Keeps a digest of all effects."""
 
     def __init__(self) -> None:
@@ -30,17 +28,17 @@ class _Counting(Player):
 
 
 def live(seed: int, image: bytes | None) -> tuple[bytes, str]:
-    """The image after the first part, and a digest of all effects; the second part goes on from
-    *image*.
+    """Return the image after the first half of a life, and a digest of the effects of both halves.
+    The second half starts from *image*, if one is given.
     """
-    player = _Counting()
+    player = _DigestingPlayer()
     life = Life(player)
     life.go_on(seed, EVENTS)
-    own = encode(player.central)
+    own_image = encode(player.central)
     if image is not None:
         player.central = decode(image)
     life.go_on(seed + 1, EVENTS)
-    return own, player.all_effects.hexdigest()
+    return own_image, player.all_effects.hexdigest()
 
 
 def digest(image: bytes) -> str:
@@ -48,5 +46,5 @@ def digest(image: bytes) -> str:
 
 
 if __name__ == "__main__":
-    own, told = live(int(sys.argv[1]), Path(sys.argv[2]).read_bytes())
-    print(digest(own), told)
+    own_image, effects = live(int(sys.argv[1]), Path(sys.argv[2]).read_bytes())
+    print(digest(own_image), effects)

@@ -1,5 +1,5 @@
-"""Each entry of the journal says what it came from: a request and the handler that asked, a timer,
-a lost connection.
+"""Each journal entry names its cause: a request and the handler that made it, a timer, or a lost
+connection.
 """
 
 import pytest
@@ -56,7 +56,7 @@ def test_stale_or_foreign_origin_is_not_recorded_as_cause(origin: int) -> None:
 
 
 def recovering() -> tuple[Player, int, int]:
-    """A move has failed, and an exception handler is called."""
+    """A player with a failed move, its task, and the delivery to its exception handler."""
     player = robot()
     player.task("user", "move", attachments=[Attachment("", "recover")])
     player.fail("legs/1", "slip")
@@ -83,7 +83,7 @@ def test_planned_kill_names_the_handler_that_planned_it() -> None:
     player.reply("expert/1")
     player.task("user", "move")
     player.tick(5.0)
-    assert not player.facts(Killed)  # it was dealt with, and has ended
+    assert not player.facts(Killed)  # the failure was resolved, and the move has ended
     player, task, handler = recovering()
     player.request("expert/1", headers.Kill, TaskId(task), delay=5.0, origin=handler)
     player.tick(5.0)

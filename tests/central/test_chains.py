@@ -1,5 +1,5 @@
-"""Limits of endless chains: listeners of wiretaps that send what they tap, and tasks under
-tasks.
+"""Limits of endless chains: listeners that send the message they tap, deep trees, and repeated
+retries.
 """
 
 import logging
@@ -20,7 +20,7 @@ from tca_wire.vocabulary import Condition, Refusal, Role
 
 
 def tapped(message: str, condition: Condition) -> Player:
-    """A message that a note listens to."""
+    """A player in which "note" is the listener of a wiretap on this message."""
     player = Player.of(f"legs: {message}", "user", "note: inform note")
     name = Player.format(message).name
     player.request("user", headers.Tap, condition, "note", name)
@@ -73,11 +73,11 @@ def test_daemon_chain_limits_match_the_core() -> None:
     )
 
 
-# --- A task that fails again and again is not retried for ever ------------------------------------
+# --- retries of a task that fails each time -------------------------------------------------------
 
 
 def begun(maximum: int = 0, failure: str = "slip") -> Player:
-    """A move that an exception handler retries each time it slips; a further one is at the root."""
+    """A running move with an exception handler that can retry it, and one more at the root."""
     handlers = "expert: exception handler recover, exception handler stop"
     player = Player.of("legs: command move", handlers, "user", check=False)
     player.request("user", headers.Attach, Attachment("", "stop"))
@@ -86,7 +86,7 @@ def begun(maximum: int = 0, failure: str = "slip") -> Player:
 
 
 def retry(player: Player) -> Any:
-    """The move slips; the answer to the exception handler, which wants it retried."""
+    """Let the move fail. Return the answer to its exception handler's retry."""
     player.fail("legs/1", "slip")
     return player.request("expert/1", headers.Retry, TaskId(2))[-1]
 

@@ -1,10 +1,9 @@
-"""What an event costs does not grow with the tree: whatever can be asked takes as many steps deep
-down, under a very wide task and beside many monitors, taps, waits and kept tasks as where there are
-few. Steps are lines of central's code.
+"""The cost of an event does not grow with the task tree. Each request takes as many steps in a
+deep or wide tree, or beside many monitors, wiretaps, waits and retained tasks, as in a small one.
 
-What one call of C looks through is one step here. What looks at every task by its nature is not
-here: the kill, suspension and retry of what has many under it. A failure looks for exception
-handlers up to the root (decision 112).
+A step is one executed line of central's code. A call of a C function counts as one step.
+Requests that must visit every descendant are left out: kill, suspend and retry of a wide task.
+A failure searches for exception handlers up to the root (decision 112).
 """
 
 import re
@@ -19,12 +18,10 @@ from central.transcript import Transcript
 
 import tca_central
 
-HERE = str(Path(tca_central.__file__).parent)
+CENTRAL_FOLDER = str(Path(tca_central.__file__).parent)
 FEW, MANY = 15, 200
 LEEWAY = 120
-"""Steps more that are no growth: of sweeps that come after so many events, and of a heap's
-logarithm.
-"""
+"""Extra steps that are no growth: occasional sweeps, and the logarithm of a heap's size."""
 
 START = """
     module planner handles goal walk
@@ -42,7 +39,7 @@ class Robot(Transcript):
     def __init__(self) -> None:
         super().__init__()
         self.player.check = False
-        self.at = 0  #: under which task things are done
+        self.at = 0  #: the task under which commands act
         self.do(START)
         self.at = 1
 
@@ -52,17 +49,15 @@ class Robot(Transcript):
 
     def do(self, text: str) -> None:
         for line in filter(None, map(str.strip, text.splitlines())):
-            said = self.play(
+            output = self.play(
                 line.format(at=self.at, new=self.newest, number=self.player.central.tree.newest)
             )
-            assert not re.search("refused|ignored", said), f"{line}: {said}"
+            assert not re.search("refused|ignored", output), f"{line}: {output}"
 
 
 WORLDS: dict[str, tuple[str, str]] = {
-    "deep": (
-        "",
-        "planner: goal walk under {at} from outside\nplanner/1: reply",
-    ),  # and what follows is under that
+    # each next goal is sent under the previous one
+    "deep": ("", "planner: goal walk under {at} from outside\nplanner/1: reply"),
     "wide": ("", "planner: command move under {at} from outside flags NONE"),
     "wide above": ("", "other: command move flags NONE"),
     "in sequence": ("", "planner: command move under {at} from outside"),
@@ -74,7 +69,7 @@ WORLDS: dict[str, tuple[str, str]] = {
     "kept": ("legs/1: reply", "planner: command halt under {at} from outside kept\nlegs/1: reply"),
     "tapped": ("", "other: tap when killed of {at} with check"),
 }
-"""What is done once, and what many times."""
+"""The commands that are played once, and those that are repeated."""
 
 ROUNDS = {
     title: commands
@@ -85,7 +80,7 @@ ROUNDS = {
 
 
 class Steps:
-    """Counts the lines of central that run."""
+    """Counts the executed lines of central's code."""
 
     def __init__(self) -> None:
         self.lines = 0
@@ -103,7 +98,7 @@ class Steps:
     def _call(self, frame: FrameType, _: str, __: Any) -> Any:
         code = frame.f_code
         if code not in self._ours:
-            self._ours[code] = code.co_filename.startswith(HERE)
+            self._ours[code] = code.co_filename.startswith(CENTRAL_FOLDER)
         return self._line if self._ours[code] else None
 
     def _line(self, _: FrameType, event: str, __: Any) -> Any:
@@ -112,9 +107,7 @@ class Steps:
 
 
 def cost(world: str, size: int) -> dict[str, int]:
-    """The steps of each round; the second of three times, so that what is made once counts
-    little.
-    """
+    """The steps of each round: the median of three runs, which excludes one-time work."""
     robot, steps, (once, each) = Robot(), Steps(), WORLDS[world]
     robot.do(once)
     for _ in range(size):

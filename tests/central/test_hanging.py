@@ -1,6 +1,4 @@
-"""Handlers that do not return though nobody waits for them: their slots are given up where they say
-so.
-"""
+"""Hung handlers: their slots are replaced if the module has set a hang limit."""
 
 import pytest
 from central.player import Player, point
@@ -41,7 +39,7 @@ def pass_time(player: Player, seconds: float) -> None:
     player.event(Tick(player.time))
 
 
-def told(player: Player, connection: str) -> list[object]:
+def headers_sent(player: Player, connection: str) -> list[object]:
     return [header for header, _ in player.inbox[connection]]
 
 
@@ -56,9 +54,9 @@ def test_slot_of_hung_handler_is_replaced_after_a_kill(
     assert first in player.central.tree.tasks
     pass_time(player, 2.0)
     assert first not in player.central.tree.tasks
-    answers = [one for one in told(player, "user") if isinstance(one, headers.Answer)]
+    answers = [one for one in headers_sent(player, "user") if isinstance(one, headers.Answer)]
     assert [one.number for one in answers] == [waiting.number]
-    (replace,) = [one for one in told(player, "legs") if isinstance(one, headers.Replace)]
+    (replace,) = [one for one in headers_sent(player, "legs") if isinstance(one, headers.Replace)]
     assert (replace.number, "'move' hangs" in replace.text) == (1, True)
     assert second in player.central.tree.tasks
     slot(player, "legs/2", 2)
@@ -84,7 +82,7 @@ def test_slot_of_hung_query_is_replaced_after_sender_gives_up(player: Player) ->
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))
     pass_time(player, AFTER + 1)
-    assert any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+    assert any(isinstance(one, headers.Replace) for one in headers_sent(player, "legs"))
 
 
 def test_handler_that_returns_in_time_keeps_its_slot(player: Player) -> None:
@@ -94,7 +92,7 @@ def test_handler_that_returns_in_time_keeps_its_slot(player: Player) -> None:
     following = player.task("user", "move")
     pass_time(player, 2 * AFTER)
     assert player.central.tree.tasks[following].is_running
-    assert not any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+    assert not any(isinstance(one, headers.Replace) for one in headers_sent(player, "legs"))
 
 
 def test_handler_without_hang_limit_is_never_replaced(player: Player) -> None:

@@ -1,6 +1,4 @@
-"""What a client may not say, and what becomes of it: names that steer a terminal, numbers out of
-this world, long texts.
-"""
+"""Hostile values in requests: names with control characters, implausible numbers, long texts."""
 
 from collections.abc import Callable
 from typing import Any
@@ -95,7 +93,9 @@ def test_implausible_loss_count_is_ignored(player: Player, number: int) -> None:
     for _ in range(3):
         player.receive("user", Noted([], [Loss("note", number)]))
     assert not player.facts(LostDirectly)
-    player.request("user", headers.Ask, "messages")  # else its answer has numbers too big to send
+    player.request(
+        "user", headers.Ask, "messages"
+    )  # fails if a count exceeds the integers of MessagePack
 
 
 def test_long_kill_reason_and_refusal_are_truncated(player: Player) -> None:
@@ -125,7 +125,9 @@ def test_oversized_reply_fails_the_task_and_frees_the_slot(player: Player) -> No
     answers = player.receive("legs/1", headers.Reply(task), bytes(Limit.BODY + 1))
     (failed,) = player.facts(Failed)
     assert "its answer has a body of 8,388,609 bytes" in failed.text
-    assert any(isinstance(answer, headers.Deliver) for answer in answers)  # the slot goes on
+    assert any(
+        isinstance(answer, headers.Deliver) for answer in answers
+    )  # the slot gets the next message
 
 
 def test_entrance_of_another_module_is_not_adopted(
@@ -149,7 +151,7 @@ def test_entrance_of_another_module_is_not_adopted(
 
 
 def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> None:
-    """Else what is shown would hang on how a heap lies in memory."""
+    """Otherwise the result would depend on the internal order of a heap."""
     player.task("user", "move")
     for name in ("move", "note", "move"):
         player.send("user", name, flags=Flags.NONE, number=player.number("user"))
@@ -176,7 +178,7 @@ def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> 
 def test_waiting_request_without_number_is_refused(header: Any) -> None:
     player = Player.of("legs: command move, query where, variable mode", "user")
     player.send("user", "move")
-    for _ in range(2):  # the second would be taken for the first
+    for _ in range(2):  # the second would count as a repetition
         (answer,) = player.receive("user", header)
         assert answer.refusal is Refusal.PROTOCOL
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
@@ -197,7 +199,7 @@ def test_polling_monitor_with_invalid_time_is_refused(option: str, seconds: floa
     assert answer.refusal is Refusal.PROTOCOL
 
 
-# --- Inputs that no central has written: they are none, or lead to nothing ------------------------
+# --- inputs that no central has written -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, 1e300])
@@ -215,7 +217,7 @@ def test_polling_monitor_with_invalid_time_is_refused(option: str, seconds: floa
 def test_input_with_invalid_time_fails_validation(
     at: Callable[[float], Input], seconds: float
 ) -> None:
-    """A monitor that is to test every second would test for ever; a journal with NaN would never
+    """With an infinite time, a periodic monitor would test for ever. A journal with NaN would not
     equal itself.
     """
     with pytest.raises(msgspec.ValidationError):

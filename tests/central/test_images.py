@@ -1,4 +1,6 @@
-"""Images: central as bytes, and back. What was read goes on as what was written."""
+"""Images: the state of central as bytes. A central that is read from an image behaves like the one
+that was written.
+"""
 
 import os
 import random
@@ -40,11 +42,12 @@ TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
 
 
 class TwinPlayer(Player):
-    """Each event happens to a second central, too, which comes from an image: a new one after so
-    many events.
+    """Gives each event to a second central, too, and compares the effects. The second central is
+    read from a new image after every few events.
     """
 
     every = 9
+    """The number of events between two images."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -65,7 +68,7 @@ class TwinPlayer(Player):
 
 
 class QuickTwinPlayer(TwinPlayer):
-    """Slots take messages ahead."""
+    """Here slots prefetch messages."""
 
     prefetch = 8
 
@@ -126,20 +129,19 @@ def test_transcript_continues_identically_from_images(path: Path) -> None:
 
 @pytest.mark.soak
 def test_image_does_not_depend_on_hash_order(tmp_path: Path) -> None:
-    """Two processes that hash otherwise write the same bytes, and what one has written the other
-    goes on with.
+    """Processes with different hash seeds write the same bytes, and continue alike from the image
+    of another process.
     """
     seed, image = 7, tmp_path / "image"
-    paths = os.pathsep.join(
-        path for path in sys.path if "pytest-of-" not in path
-    )  # there lie files of other tests
-    mine, told = lived_apart.live(seed, None)
-    image.write_bytes(mine)
+    # The temporary folders hold files of other tests.
+    paths = os.pathsep.join(path for path in sys.path if "pytest-of-" not in path)
+    own_image, effects = lived_apart.live(seed, None)
+    image.write_bytes(own_image)
     for number in (1, 2):
         command = [sys.executable, lived_apart.__file__, str(seed), str(image)]
         environment = {**os.environ, "PYTHONHASHSEED": str(number), "PYTHONPATH": paths}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.stdout.split() == [lived_apart.digest(mine), told], done.stderr
+        assert done.stdout.split() == [lived_apart.digest(own_image), effects], done.stderr
 
 
 def test_image_of_decoded_image_is_identical() -> None:
@@ -150,7 +152,7 @@ def test_image_of_decoded_image_is_identical() -> None:
 
 
 def deep(number: int) -> Central:
-    """A chain of tasks."""
+    """A central with a chain of this many tasks."""
     player = Player.of("planner: goal walk", "user", check=False)
     parent = 0
     for _ in range(number):
@@ -223,13 +225,13 @@ def test_every_value_type_survives_encoding() -> None:
     assert [(type(one), repr(one)) for one in again] == [(type(one), repr(one)) for one in values]
 
 
-# --- what can't be written ------------------------------------------------------------------------
+# --- refused states -------------------------------------------------------------------------------
 
 
 def test_unencodable_value_is_named_with_its_path() -> None:
     player = Player.of("user")
     connection = player.central.registry.connections[ConnectionId(b"user")]
-    connection.outstanding[7] = Flags  # type: ignore[assignment]  # a class is no part of the state
+    connection.outstanding[7] = Flags  # type: ignore[assignment]  # a class cannot be part of the state
     with pytest.raises(ImageError, match=r"Connection\.outstanding value"):
         encode(player.central)
 
@@ -243,9 +245,9 @@ def test_set_is_refused_in_an_image() -> None:
 
 @IN_PYTHON
 def test_state_classes_have_no_instance_dict() -> None:
-    """One that does not would lose them in silence."""
+    """Attributes outside of the slots would be lost without an error."""
     kinds: list[Any] = [Central, Stored]
-    for kind in kinds:  # grows while it is walked
+    for kind in kinds:  # the list grows during the loop
         kinds += kind.__subclasses__()
         assert not kind.__dictoffset__, kind
 
@@ -284,7 +286,7 @@ def test_image_is_refused_during_deadlock_search() -> None:
         encode(central)
 
 
-# --- what can't be read ---------------------------------------------------------------------------
+# --- refused images -------------------------------------------------------------------------------
 
 
 def image() -> bytes:
@@ -325,12 +327,12 @@ def test_changed_layout_is_named_with_class_and_attribute() -> None:
     tables = container.unseal(image())
     table = next(table for table in tables if table.name.endswith(".Task"))
     fields = table.fields
-    for changed, told in (
+    for changed, message in (
         ([*fields[:-1], "novelty"], f"Task has no novelty any more, Task now has {fields[-1]}"),
         (fields[::-1], "another order"),
     ):
         table.fields = changed
-        with pytest.raises(ImageError, match=told):
+        with pytest.raises(ImageError, match=message):
             decode(container.seal(tables))
     table.name, table.fields = "Novelty", fields
     with pytest.raises(ImageError, match="Novelty"):
@@ -338,7 +340,7 @@ def test_changed_layout_is_named_with_class_and_attribute() -> None:
 
 
 def test_forged_image_raises_only_image_error() -> None:
-    """A check sum is no proof: somebody may have written anything."""
+    """A correct checksum does not prove that central has written the image."""
     dice = random.Random(3)
     good = image()
     for _ in range(300):
@@ -351,6 +353,7 @@ def test_forged_image_raises_only_image_error() -> None:
 
 
 def mutate(table: container.ClassTable, dice: random.Random) -> None:
+    """Change a random part of a table."""
     odd: list[Any] = [-1, 0, 1 << 40, None, "x", b"x", 1.5, [], [1], {}, 3]
     if not table.columns:
         table.name = "Novelty"
@@ -370,5 +373,5 @@ def mutate(table: container.ClassTable, dice: random.Random) -> None:
 
 
 def test_image_of_thousand_tasks_is_small() -> None:
-    """Of a thousand tasks: bytes, not time, as time depends on the machine."""
+    """The test bounds bytes, not time, because time depends on the machine."""
     assert len(encode(deep(1000))) < 150_000

@@ -1,4 +1,4 @@
-"""Bounds that keep one module from stopping the others."""
+"""Limits that keep one module from blocking all others."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -48,7 +48,7 @@ def test_queue_limit_applies_to_each_broadcast_handler(monkeypatch: pytest.Monke
         player.reply("quick/1")
     assert len(player.facts_of("dropped")) == 3
     answers = player.send("user", "all")
-    assert [type(answer) for answer in answers] == [headers.Answer]  # nobody could be asked
+    assert [type(answer) for answer in answers] == [headers.Answer]  # all handlers have full queues
 
 
 def test_unhandled_queries_and_informs_are_bounded(
@@ -60,7 +60,7 @@ def test_unhandled_queries_and_informs_are_bounded(
     answers = [player.send("user", "where") for _ in range(3)]
     assert answers[2][0].refusal is Refusal.OVERLOAD
     for _ in range(3):
-        tell(player, "note")
+        send_unconfirmed(player, "note")
     assert len(player.facts_of("dropped")) == 1
 
 
@@ -77,7 +77,7 @@ def test_confirmed_send_is_refused_instead_of_dropped(
     (refused,) = player.send("user", "pose")
     assert refused.refusal is Refusal.OVERLOAD
     player.module("logger", "broadcast pose")
-    accepted = player.send("user", "pose")[-1]  # it has room
+    accepted = player.send("user", "pose")[-1]  # the queue of the logger has room
     assert isinstance(accepted, headers.Accepted)
     assert [fact.copy_of for fact in player.facts_of("dropped")] == [accepted.id]
 
@@ -86,22 +86,20 @@ def test_dropped_messages_are_counted_with_their_reason(monkeypatch: pytest.Monk
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
     player = Player.of("map: inform note", "user")
     for _ in range(5):
-        tell(player, "note")
+        send_unconfirmed(player, "note")
     assert [fact.dropping for fact in player.facts_of("dropped")] == [Dropping.OVERLOAD] * 3
     player.receive("user", Noted([], [Loss("note", 4)]))
     assert player.central.registry.messages["note"].dropped == 7
     assert overview(player.central)["dropped"] == 7
 
 
-def tell(player: Player, message: str) -> None:
-    """An inform that nobody wants to know about."""
+def send_unconfirmed(player: Player, message: str) -> None:
+    """Send an inform without a number: central does not confirm it."""
     player.receive("user", headers.Send(0, message))
 
 
 def test_queue_overload_names_the_waiting_messages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here messages of another kind, which are tasks: they are never turned away, and fill it
-    beyond the limit.
-    """
+    """The queue is full of tasks here: tasks are never refused, and may exceed the limit."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("map: command survey, query where, inform note, multi-query all", "user")
     first, second, *_ = [
@@ -113,7 +111,7 @@ def test_queue_overload_names_the_waiting_messages(monkeypatch: pytest.MonkeyPat
     full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
     (refused,) = player.send("user", "where")
     assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
-    tell(player, "note")
+    send_unconfirmed(player, "note")
     assert [dropped.why for dropped in player.facts_of("dropped")] == [full]
     player.send("user", "all")
     assert [failed.text for failed in player.facts_of("failed")] == [full]
@@ -287,7 +285,7 @@ def test_pending_kills_and_deadlines_of_a_task_are_limited() -> None:
 
 @pytest.mark.parametrize("number", [1, 5, 40])
 def test_failing_exception_handlers_come_to_an_end(number: int) -> None:
-    """However many there are, and however deep in one another."""
+    """This holds for any number of handlers, also for handlers of failures of handlers."""
     player = Player.of("legs: command move", check=False)
     player.module(
         "expert",
@@ -316,7 +314,7 @@ def test_claims_on_a_resource_are_limited(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
     player = Player.of("legs: command move")
     answers = []
-    for number in range(5):  # the first has it then
+    for number in range(5):  # the first claim is granted
         player.module(f"user{number}")
         answers += player.request(f"user{number}", headers.Lock, "legs")
     *others, last = answers
@@ -360,20 +358,36 @@ def test_lost_lock_outside_handler_does_not_fail_the_handler() -> None:
     assert not player.facts_of("failed")
 
 
-FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
-    "wiretaps": (taps, "MOST_TAPS", lambda request, task: headers.Tap(
-        request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
-    "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
-        request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
-    "farewells": (steering, "MOST_TERMINATION_MESSAGES", lambda request, task: headers.Send(
-        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for its termination"),
-}  # fmt: skip
+ATTACHMENTS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
+    "wiretaps": (
+        taps,
+        "MOST_TAPS",
+        lambda request, task: headers.Tap(
+            request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)
+        ),
+        "has 1 wiretaps already",
+    ),
+    "exception handlers": (
+        attaching,
+        "MOST_ATTACHED",
+        lambda request, task: headers.Attach(
+            request, Attachment(f"failure {request}", "recover"), TaskId(task)
+        ),
+        "has 1 exception handlers already",
+    ),
+    "termination messages": (
+        steering,
+        "MOST_TERMINATION_MESSAGES",
+        lambda request, task: headers.Send(request, "move", parent=TaskId(task), when_killed=True),
+        "1 messages are stored for its termination",
+    ),
+}
 
 
-@pytest.mark.parametrize("what", FLOODS)
+@pytest.mark.parametrize("what", ATTACHMENTS)
 def test_attachments_of_a_task_are_limited(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    place, bound, make, why = FLOODS[what]
-    monkeypatch.setattr(place, bound, 1)
+    module, limit, make, text = ATTACHMENTS[what]
+    monkeypatch.setattr(module, limit, 1)
     player = Player.of("user")
     player.declare("user", "goal walk", "command move", "query where", "exception handler recover")
     task = player.task("user", "walk")
@@ -381,10 +395,10 @@ def test_attachments_of_a_task_are_limited(what: str, monkeypatch: pytest.Monkey
         answers = player.request("user", make, task)
     (refused,) = answers
     assert refused.refusal is Refusal.OVERLOAD
-    assert why in refused.text
+    assert text in refused.text
 
 
-# --- While the disk of the journal is nearly full no new task is taken; all else goes on ----------
+# --- a nearly full disk ---------------------------------------------------------------------------
 
 
 def test_task_is_refused_while_disk_is_nearly_full() -> None:

@@ -1,5 +1,5 @@
-"""What a kill, a power cut or a full disk leaves at the ends of central's logs: the next starts
-mend it (decision 102).
+"""A kill, a power cut or a full disk leaves torn ends in central's logs: the next start repairs them
+(decision 102).
 """
 
 import errno
@@ -27,7 +27,7 @@ from tca_wire.journal.frames import framed
 def live(
     folder: Path, number: int = 6, sync: Sync = Sync.ALWAYS, *, accept: bool = False
 ) -> Daemon:
-    """Start there, take some packets, be killed."""
+    """Start a daemon in this folder, give it some packets, and kill it."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
         daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
@@ -48,7 +48,7 @@ def shorten(path: Path, size: int) -> None:
 
 @pytest.fixture
 def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """The file that says how often the machine has started."""
+    """The file with the boot id of the machine."""
     path = tmp_path / "boot"
     path.write_text("1")
     monkeypatch.setattr(input_log, "BOOT", path)
@@ -58,7 +58,7 @@ def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def fail(
     monkeypatch: pytest.MonkeyPatch, name: str, after: int = 0, number: int = errno.ENOSPC
 ) -> None:
-    """Let a function of ``os`` fail, on a full disk, after some calls."""
+    """Let a function of ``os`` fail after some calls, by default as on a full disk."""
     real, calls = getattr(os, name), count()
 
     def failing(*arguments: Any) -> Any:
@@ -94,7 +94,7 @@ def test_leftovers_of_a_kill_do_not_stop_later_starts(
 def test_start_on_full_disk_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, heads: int
 ) -> None:
-    """It has room for so many heads of the two logs."""
+    """The disk has room for the heads of none or one of the two logs."""
     live(tmp_path)
     fail(monkeypatch, "write", heads)
     with pytest.raises(DiskFull):
@@ -146,7 +146,7 @@ def test_journal_ahead_of_inputs_is_accepted_after_reboot(
 
 
 def test_task_ids_are_skipped_after_a_failed_start(tmp_path: Path, boots: Path) -> None:
-    """It has written its head, with the new boot, and nothing else."""
+    """The failed start has written only the head of its segment, with the new boot id."""
     live(tmp_path, sync=Sync.BATCH)
     boots.write_text("2")
     (tmp_path / "00000002.tcai").write_bytes(
@@ -156,7 +156,7 @@ def test_task_ids_are_skipped_after_a_failed_start(tmp_path: Path, boots: Path) 
 
 
 def test_power_cut_between_two_segments_is_repaired(tmp_path: Path, boots: Path) -> None:
-    """The second one has reached the disk, and the end of the first has not."""
+    """The second segment has reached the disk, and the end of the first has not."""
     live(tmp_path, sync=Sync.BATCH)
     live(tmp_path, sync=Sync.BATCH)
     shorten(tmp_path / "00000001.tcai", 1)

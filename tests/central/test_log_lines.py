@@ -1,4 +1,4 @@
-"""Central's log: a line an entry, whatever others have put into it."""
+"""Central's log: one line for each entry, also with hostile contents."""
 
 import logging
 
@@ -31,11 +31,11 @@ def lines() -> list[str]:
 
 @pytest.fixture
 def log(lines: list[str]) -> logging.Logger:
-    class Kept(logging.Handler):
+    class ListHandler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             lines.append(self.format(record))
 
-    log, handler = logging.getLogger("tests.lines"), Kept()
+    log, handler = logging.getLogger("tests.lines"), ListHandler()
     handler.setFormatter(LineFormatter("central: %(message)s"))
     log.handlers, log.propagate = [handler], False
     log.setLevel(logging.INFO)
@@ -89,7 +89,7 @@ def test_line_limit_counts_omitted_lines_and_passes_errors(
     assert lines[-1] == "central: 100%"
 
 
-# --- Losses that come in floods: a line a second for each thing, with how many --------------------
+# --- repeated losses: one line a second for each kind, with a count -------------------------------
 
 
 def test_repeated_losses_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:

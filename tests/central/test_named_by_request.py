@@ -1,6 +1,4 @@
-"""Tasks that are sent quietly: named by their requests, told of together, and refused to their
-senders.
-"""
+"""Tasks that are sent quietly: their senders name them by requests, and learn their ids in batches."""
 
 from typing import Any
 
@@ -23,7 +21,7 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 
 def sent_quietly(player: Player, connection: str, message: str, **options: Any) -> int:
-    """The number of the request."""
+    """Send a message quietly. Return the number of the request."""
     player.send(connection, message, quiet=True, **options)
     return player.numbers[connection]
 
@@ -50,10 +48,11 @@ def _renamed(value: Any, requests: dict[TaskId, int]) -> Any:
     return msgspec.structs.replace(value, **changes)
 
 
-class Naming(Player):
-    """Names by its request what it can."""
+class NamingPlayer(Player):
+    """Names each task by its request where that is possible."""
 
     named = 0
+    """The number of headers that were changed."""
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
         if ConnectionId(connection.encode()) in self.central.registry.connections:
@@ -67,11 +66,11 @@ class Naming(Player):
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=3, deadline=None)
 def test_naming_tasks_by_their_requests_changes_nothing(seed: int) -> None:
-    """Whatever happens: the journal is the same, and nobody else is told of such names."""
-    plain, naming = Life(Player(check=False)), Life(Naming(check=False))
+    """The journal is the same, and such names reach no other connection."""
+    plain, naming = Life(Player(check=False)), Life(NamingPlayer(check=False))
     for life in (plain, naming):
         life.go_on(seed, 300)
-    assert isinstance(naming.player, Naming)
+    assert isinstance(naming.player, NamingPlayer)
     assert naming.player.named > 3
     assert naming.player.entries == plain.player.entries
     assert naming.player.inbox == plain.player.inbox
@@ -131,6 +130,3 @@ def test_only_newest_tasks_can_be_named_by_request() -> None:
     for request, is_known in ((oldest, False), (newer, True)):
         *_, answer = player.request("user", headers.Suspend, TaskId(-request))
         assert isinstance(answer, Accepted) == is_known
-
-
-# --- refusals that a handler may not have heard ---------------------------------------------------

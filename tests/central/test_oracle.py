@@ -1,5 +1,5 @@
-"""A deliberately simple reference scheduler agrees with central on what may start when, and what is
-next.
+"""The oracle, a deliberately simple reference scheduler, agrees with central on which deliveries may
+start, and in which order.
 """
 
 import random
@@ -31,19 +31,19 @@ JUDGED = {
     "expert": MODULES["expert"],
 }
 NO_SMALLER_SEED = (Phase.explicit, Phase.reuse, Phase.generate)
-"""A life from a smaller seed is no simpler."""
+"""Shrinking is useless: a smaller seed gives no simpler life."""
 
 
 class JudgedPlayer(Player):
-    """The oracle looks at every event."""
+    """Lets the oracle judge every event."""
 
     def __init__(self) -> None:
         super().__init__()
         self.oracle = Oracle()
 
     def event(self, event: Any) -> list[Effect]:
-        """While anybody may be in a deadlock each timer has an event of its own: what is due then
-        and a deadlock that is found then can't be told apart otherwise.
+        """Give each timer an event of its own while a deadlock is possible. Otherwise the oracle
+        cannot tell the effects of a timer from those of a deadlock.
         """
         clock = self.central.clock
         while (
@@ -61,8 +61,8 @@ class JudgedPlayer(Player):
 
 
 class JudgedLife(Life):
-    """A life without what the oracle does not know: pending limits, variables, two timers due at
-    the very same time.
+    """A life without features that the oracle lacks: pending limits, variables, and timers due at
+    the same time.
     """
 
     modules = JUDGED
@@ -156,9 +156,7 @@ def test_monitor_that_ends_at_its_start_sends_its_listeners(is_ended: bool) -> N
 
 
 def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
-    """A task of which *module* has the handler, and whose failures *recover* hears first, then
-    *report*.
-    """
+    """A task that *module* handles. Its exception handlers are *recover*, then *report*."""
     player = JudgedPlayer()
     player.module(module, message)
     player.module("expert", "exception handler recover", "exception handler report")
@@ -255,7 +253,7 @@ def test_task_resumed_in_the_same_event_keeps_its_place() -> None:
     player = Player.of("legs: command move", "user")
     _, second, _ = (player.task("user", "move", flags=Flags.NONE) for _ in range(3))
     task = player.central.tree.tasks[TaskId(second)]
-    for resume in (False, True):  # in one event, as by a kill above what it is under
+    for resume in (False, True):  # in one event, like a kill of an ancestor
         suspend(player.central, task, resume=resume)
     player.event(ConfirmTasks(player.time))
     player.reply("legs/1")
@@ -285,12 +283,8 @@ def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@example(
-    3079024226
-)  # in the soak's length: a kill resumes at once what a suspension took out of a queue
-@example(
-    724652
-)  # in the soak's length: two monitors that began in one event are tested at the same time
+@example(3079024226)  # with the soak's length: a kill resumes a queued task that was suspended
+@example(724652)  # with the soak's length: two monitors that began in one event test at one time
 @settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
 def test_oracle_agrees_with_central_in_long_lives(seed: int) -> None:
     JudgedLife().go_on(seed, lives(400, soak=10_000))

@@ -1,4 +1,4 @@
-"""Permissions: each request against each combination of what is allowed, and nothing by mistake."""
+"""Permissions: each kind of request is tried with each combination of permissions."""
 
 from collections.abc import Callable, Iterable
 from itertools import combinations
@@ -26,11 +26,11 @@ ROGUE = 50  # the number of its request
 ATTACHED, TAPPED = 2, 3
 
 Needed = list[set[tuple[Permission, str]]]
-"""Sets of what is needed; one of them is enough."""
+"""Alternative sets of permissions, of which one is enough."""
 
 
 def one_of(*alternatives: str) -> Needed:
-    """ "send move + kill move": that is needed; each argument is enough."""
+    """Read alternatives such as "send move + kill move"."""
     return [{_needed(part) for part in alternative.split(" + ")} for alternative in alternatives]
 
 
@@ -41,22 +41,22 @@ def _needed(text: str) -> tuple[Permission, str]:
 
 STEER, SEE = one_of("kill move"), one_of("kill move", "tap move")
 Ask = Callable[[int], object]
-"""Makes a request about a task of somebody else's."""
+"""Makes a request about a task of another module."""
 
 REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "send": (lambda _: headers.Send(ROGUE, "move"), one_of("send move")),
     "send a query": (lambda _: headers.Send(ROGUE, "where"), one_of("send where")),
     "send under": (lambda task: headers.Send(ROGUE, "move", TaskId(task)), one_of("send move + kill move")),
-    "send at death": (lambda task: headers.Send(ROGUE, "move", TaskId(task), when_killed=True), one_of("send move + kill move")),
+    "send on termination": (lambda task: headers.Send(ROGUE, "move", TaskId(task), when_killed=True), one_of("send move + kill move")),
     "send after": (lambda task: headers.Send(ROGUE, "move", constraints=[before(point(-1, Moment.END_ACHIEVING), point(task, Moment.END_ACHIEVING))]), one_of("send move + kill move")),
-    "send with help": (lambda _: headers.Send(ROGUE, "move", attachments=[Attachment("", "rescue")]), one_of("send move + send rescue")),
+    "send with exception handler": (lambda _: headers.Send(ROGUE, "move", attachments=[Attachment("", "rescue")]), one_of("send move + send rescue")),
     "declare": (lambda _: headers.Register(ROGUE, [Player.format("command move")]), one_of("send move", "handle move", "tap move")),
     "declare a monitor": (lambda _: headers.Register(ROGUE, [msgspec.structs.replace(Player.format("polling monitor guard"), parts=["where", "note"])]), one_of("send guard + send where + send note", "handle guard + send where + send note", "tap guard + send where + send note")),
     "handle": (lambda _: headers.Register(ROGUE, [], [HandlerFormat("move", "rogue")]), one_of("handle move")),
     "constrain": (lambda task: headers.Constrain(ROGUE, [before(point(0, Moment.START_HANDLING), point(task, Moment.END_ACHIEVING), 1.0)]), STEER),
     "kill": (lambda task: headers.Kill(ROGUE, TaskId(task)), STEER),
-    "kill what is under": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.DESCENDANTS), STEER),
-    "kill its siblings": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.SIBLINGS), one_of("kill move + administer root")),
+    "kill descendants": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.DESCENDANTS), STEER),
+    "kill siblings": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.SIBLINGS), one_of("kill move + administer root")),
     "kill all": (lambda _: headers.Kill(ROGUE, TaskId(0), scope=Scope.DESCENDANTS), one_of("administer root")),
     "raise": (lambda task: headers.Raise(ROGUE, TaskId(task), "fire"), STEER),
     "retry": (lambda task: headers.Retry(ROGUE, TaskId(task)), STEER),
@@ -65,7 +65,7 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "change a state": (lambda task: ChangeState(ROGUE, TaskId(task), "cancel"), STEER),
     "observe a task": (lambda task: Observe(ROGUE, TaskId(task)), SEE),
     "observe a message": (lambda _: Observe(ROGUE, message="move"), one_of("tap move")),
-    "observe what is under": (lambda task: Observe(ROGUE, below=TaskId(task)), one_of("administer tree")),
+    "observe descendants": (lambda task: Observe(ROGUE, below=TaskId(task)), one_of("administer tree")),
     "observe all": (lambda _: Observe(ROGUE), one_of("administer tree")),
     "await": (lambda task: headers.AwaitPoint(ROGUE, point(task, Moment.END_ACHIEVING)), SEE),
     "keep": (lambda task: headers.Keep(ROGUE, TaskId(task)), SEE),
@@ -90,11 +90,20 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
 }  # fmt: skip
 
 FREE: tuple[object, ...] = (
-    headers.Unregister(ROGUE, []), headers.Reply(1), headers.Replies([]), headers.Fail(1, "x"), headers.Await(7),
-    headers.AwaitAny(1, []), headers.GiveUp(7), headers.Release(ROGUE, 7), headers.Recalled([]),
-    headers.WaitUntilHandled(ROGUE, ["move"]), headers.Ask(ROGUE, "messages"), headers.Ask(ROGUE, "modules"),
+    headers.Unregister(ROGUE, []),
+    headers.Reply(1),
+    headers.Replies([]),
+    headers.Fail(1, "x"),
+    headers.Await(7),
+    headers.AwaitAny(1, []),
+    headers.GiveUp(7),
+    headers.Release(ROGUE, 7),
+    headers.Recalled([]),
+    headers.WaitUntilHandled(ROGUE, ["move"]),
+    headers.Ask(ROGUE, "messages"),
+    headers.Ask(ROGUE, "modules"),
     headers.Hello(ROGUE, headers.PROTOCOL_VERSION, "rogue", "run of rogue"),
-)  # fmt: skip
+)
 
 NAMES = {
     SEND: ("move", "where", "note", "rescue", "speed", "guard"), HANDLE: ("move", "speed", "note", "guard"),
@@ -104,7 +113,7 @@ NAMES = {
 
 
 def robot(rules: Iterable[AccessRule]) -> tuple[Player, int]:
-    """A boss with a running task, and a rogue under rules."""
+    """A player with a running task of the boss, and a rogue under rules. Also the task's id."""
     player = Player()
     player.check = False
     player.principals |= {"rogue": "rogue"}
@@ -138,7 +147,7 @@ def is_forbidden(player: Player, header: object) -> bool:
         return False
     changes = [fact for entry in player.entries[before:] for fact in entry.facts]
     assert [type(fact) for fact in changes] == [facts.RequestRefused], (
-        "what is forbidden changes nothing"
+        "a forbidden request changes nothing"
     )
     return True
 
@@ -168,7 +177,7 @@ def test_every_request_has_a_permission_rule() -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_request_is_forbidden_exactly_when_not_allowed(way: str) -> None:
-    """The full matrix: requests x permissions x names."""
+    """The full matrix: requests, permissions and names."""
     wrong, asked = [], 0
     for subset in SUBSETS:
         allowed = tuple((permission, WAYS[way](permission)) for permission in subset)
@@ -188,7 +197,7 @@ def test_request_is_forbidden_exactly_when_not_allowed(way: str) -> None:
     "missing", [name for name, (_, needed) in REQUESTS.items() if len(needed) == 1]
 )
 def test_each_missing_permission_forbids_the_request(missing: str) -> None:
-    """All is allowed but one name."""
+    """Everything is allowed except one name."""
     ask, [needed] = REQUESTS[missing]
     for permission, name in needed:
         names = {
@@ -227,7 +236,7 @@ def test_reply_to_foreign_delivery_changes_nothing() -> None:
         assert player.delivered("boss/1") == [task]
 
 
-# --- who may be which module ----------------------------------------------------------------------
+# --- names of modules -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -262,7 +271,7 @@ def test_module_name_is_accepted_only_with_a_listed_key(
 
 
 def test_second_connection_keeps_the_module_of_the_first() -> None:
-    """Another name in its Hello gives it no other rights."""
+    """Another module name in its Hello gives it no other permissions."""
     player = Player()
     player.principals |= {"arm": "k", "arm/1": "k"}
     rules = (AccessRule(("k",), ("arm",)), AccessRule(("k",), ("boss",), EVERYTHING))
@@ -307,8 +316,8 @@ def test_module_without_a_rule_is_disconnected() -> None:
 
 
 def test_exception_handler_needs_no_permission_for_its_retry() -> None:
-    """Who may handle an exception handler may do what exception handlers do: with what failed, and
-    above it.
+    """A running exception handler may retry the failed task and its ancestors, but kill no other
+    task.
     """
     player = Player()
     player.principals |= {"medic": "medic", "medic/1": "medic"}
@@ -344,8 +353,7 @@ def test_only_the_handler_changes_its_tasks_state() -> None:
     task, step = player.task("boss", "move"), player.task("boss", "step", flags=Flags.NONE)
     *_, refused = player.change("leg/1", task, "result available", 5, origin=step)
     assert isinstance(refused, Refused)
-    *_, refused = player.change(
-        "boss", task, "result available", 5, origin=task
-    )  # of a delivery that it has not
+    # The boss does not have this delivery.
+    *_, refused = player.change("boss", task, "result available", 5, origin=task)
     assert isinstance(refused, Refused)
     assert isinstance(player.change("arm/1", task, "result available", 5)[-1], headers.Accepted)

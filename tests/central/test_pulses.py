@@ -1,4 +1,4 @@
-"""Who stands still, as far as central can tell: by the beats that are not sent back."""
+"""Pulses: central finds stopped processes by heartbeats that are not echoed."""
 
 from itertools import count
 
@@ -21,7 +21,7 @@ def connection_of(pulse: bytes) -> Connection:
 
 
 def beat(pulses: Pulses, *connections: Connection) -> set[bytes]:
-    """A beat that every pulse takes; those that are silent for too long."""
+    """Send a heartbeat to every pulse. Return the pulses that are silent for too long."""
     beating = pulses.start_round(connections)
     silent = pulses.silent()
     for pulse in beating - silent:
@@ -40,7 +40,7 @@ def test_process_that_echoes_no_heartbeat_is_silent() -> None:
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == {b"legs"}
     pulses.active.add(b"eyes")
-    assert beat(pulses, eyes) == set()  # the legs have been lost; now they come back
+    assert beat(pulses, eyes) == set()  # the legs have been lost, and come back next
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == set()
     pulses.active |= {b"legs", b"eyes"}
@@ -76,14 +76,14 @@ def test_closed_pulse_line_does_not_count_as_silence() -> None:
     pulses.active.add(b"legs")
     for _ in range(3 * LATE):
         assert pulses.start_round([legs]) == {b"legs"}
-        pulses.mark_closed(b"legs")  # says the socket
+        pulses.mark_closed(b"legs")  # as the socket reports
         assert pulses.silent() == set()
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
 
 
-def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
-    """After so many a process whose pulse has no line is silent."""
+def beats_until_silence_without_line(pulses: Pulses, *connections: Connection) -> int:
+    """The number of heartbeats after which a process without a pulse line is silent, or 0."""
     for beats in range(3 * LATE):
         if pulses.silent():
             return beats
@@ -93,8 +93,8 @@ def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
 
 
 def test_pulse_line_that_never_opens_counts_as_silence() -> None:
-    """A test stopped a module in its first milliseconds, and waited in vain for its loss."""
-    assert beats_without_a_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
+    """Otherwise a process that is stopped in its first milliseconds would never be lost."""
+    assert beats_until_silence_without_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
 
 
 def test_late_pulse_line_is_watched_from_then_on() -> None:
@@ -113,14 +113,14 @@ def test_packet_before_pulse_line_opens_restarts_the_grace() -> None:
         pulses.start_round([legs])
         pulses.mark_closed(b"legs")
     pulses.active.add(legs.id)
-    assert beats_without_a_line(pulses, legs) == 1 + LATE + 2
+    assert beats_until_silence_without_line(pulses, legs) == 1 + LATE + 2
 
 
 def test_returning_process_is_not_silent_without_a_line() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     beat(pulses, legs)
     beat(pulses)
-    assert beats_without_a_line(pulses, legs) == 0
+    assert beats_until_silence_without_line(pulses, legs) == 0
 
 
 @pytest.mark.parametrize("length", [Limit.NAME, Limit.NAME + 1])

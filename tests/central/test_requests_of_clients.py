@@ -1,5 +1,5 @@
-"""So many requests of clients may wait for the word of a task's handler; those that need none may
-be any number.
+"""Requests of clients to change the state of a task: their limits, and their order with the handler's
+changes.
 """
 
 import msgspec
@@ -89,7 +89,7 @@ def test_new_observer_of_descendants_receives_current_states(player: Player) -> 
 
 
 def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
-    """Of a life cycle in which another update may follow before the first is answered."""
+    """In this life cycle, an update may follow another one that is not answered yet."""
     eager = LifeCycle(
         "eager",
         [
@@ -107,10 +107,8 @@ def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
     player.change("user", task, "update", 9)
     player.change("arm/1", task, "accept", serial=2)
     grasp = player.central.tree.tasks[TaskId(task)]
-    assert (grasp.body, grasp.state) == (
-        msgspec.msgpack.encode(8),
-        "update requested",
-    )  # as the other is still to answer
+    # The second update has no answer yet.
+    assert (grasp.body, grasp.state) == (msgspec.msgpack.encode(8), "update requested")
     player.change("arm/1", task, "accept", serial=3)
     assert (grasp.body, grasp.state) == (msgspec.msgpack.encode(9), "running")
 
@@ -118,7 +116,7 @@ def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:
 def test_result_sent_before_seeing_a_pause_is_accepted(player: Player) -> None:
     task = player.task("user", "walk")
     player.change("user", task, "pause")
-    for _ in range(2 * MOST_ASKED):  # that it overtakes the pause so often is forgotten each time
+    for _ in range(2 * MOST_ASKED):  # each result overtakes the pause once more
         *_, answer = player.change("feet/1", task, "result available", 5, serial=0)
         assert isinstance(answer, headers.Accepted)
         assert player.central.tree.tasks[TaskId(task)].state == "paused"

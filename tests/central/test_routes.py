@@ -1,4 +1,4 @@
-"""Who is told that a message may go directly, and when it must not any more."""
+"""Direct routes: central gives them to senders, and withdraws them."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from tca_wire.vocabulary import Condition, Permission, Refusal
 
 @pytest.fixture
 def player() -> Player:
-    """A map that takes queries directly, and a user who has asked once and knows it."""
+    """A map with direct handlers, and a user that got its route with a first query."""
     player = Player()
     player.module("map", "query height", "inform pose", direct=True)
     player.module("user")
@@ -25,8 +25,8 @@ def player() -> Player:
     return player
 
 
-def told(player: Player, connection: str = "user") -> list[Any]:
-    """What a connection was told of routes, and forget it."""
+def drain_routes(player: Player, connection: str = "user") -> list[Any]:
+    """The routes that a connection was sent. This clears its inbox."""
     inbox = player.inbox[connection]
     found = [header for header, _ in inbox if isinstance(header, Route | EntranceGone)]
     inbox.clear()
@@ -49,8 +49,8 @@ def tap(player: Player) -> int:
 
 
 def test_resource_sends_to_itself_through_central(player: Player) -> None:
-    """Its slot handles the question inside of its wait; and is told so, for it may be busy and
-    central not know.
+    """The slot handles the query within its wait. The delivery is marked `own`, because the slot may
+    be busy without central's knowledge.
     """
     player.declare("map/1", "query height")
     (route, delivery) = player.send("map/1", "height")
@@ -92,7 +92,7 @@ def test_entrance_with_invalid_address_is_refused(endpoint: str) -> None:
 
 
 def test_lost_sender_leaves_no_route_state(player: Player) -> None:
-    told(player)
+    drain_routes(player)
     player.lose("user")
     message = player.central.registry.messages["height"]
     (slot,) = message.route
@@ -104,7 +104,7 @@ def test_lost_sender_leaves_no_route_state(player: Player) -> None:
 
 
 def robot() -> Player:
-    """Two senders that know the way to a map, with keys of their own."""
+    """Two senders with keys of their own, and with a route to the same map."""
     player = Player()
     player.principals |= {"a": "a", "b": "b"}
     player.module("map", "query height", direct=True)
@@ -115,7 +115,7 @@ def robot() -> Player:
 
 
 def licences(player: Player, name: str) -> list[list[str]]:
-    """By what a sender may send, of each route that it was told of."""
+    """The licences in each route that a sender was sent."""
     routes = [header for header, _ in player.inbox[name] if isinstance(header, Route)]
     return [
         [number_of(one.key, "key of map/1") or "forged" for one in route.entrances]
@@ -124,6 +124,7 @@ def licences(player: Player, name: str) -> list[list[str]]:
 
 
 def barred(player: Player) -> list[str]:
+    """The licences that the slot of the map was drain_routes to refuse."""
     return [
         one
         for header, _ in player.inbox["map/1"]
@@ -143,7 +144,7 @@ def test_revoked_key_ends_licences_of_lost_senders_too() -> None:
     player.lose("a")
     player.event(KeysChanged(60.0, [], ["a"]))
     assert barred(player) == ["test.1"]
-    player.hello("map/1", "map", "map", direct=True)  # a slot that comes back may not have heard it
+    player.hello("map/1", "map", "map", direct=True)  # a slot may have missed it while it was lost
     assert licences(player, "b") == [["test.2"]]
     assert barred(player) == ["test.1"] * 2
 
@@ -166,9 +167,7 @@ def test_licence_is_withdrawn_with_the_permission_to_send() -> None:
     player.event(PermissionsChanged(62.0, None))
     player.hello("a")
     player.send("a", "height")
-    assert licences(player, "a")[-1] == ["test.3"], (
-        "a licence that was withdrawn is never given again"
-    )
+    assert licences(player, "a")[-1] == ["test.3"], "a withdrawn licence is never given again"
 
 
 def test_slot_with_forbidden_messages_gives_no_licence() -> None:

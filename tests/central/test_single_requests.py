@@ -1,5 +1,5 @@
-"""Single requests at the edges: kills of what is suspended or was never heard of, lines that break,
-notices, odd times.
+"""Single requests in rare situations: suspended and killed tasks, rounded times, notices, waits for
+handlers.
 """
 
 import pytest
@@ -27,14 +27,14 @@ def test_termination_message_is_sent_after_kill_suspend_and_kill() -> None:
         robot.request("user", header, TaskId(task))
     robot.reply("legs/1", busy)
     assert not any(task.suspended for task in robot.central.tree.tasks.values())
-    assert robot.delivered("legs/1")  # it stops
+    assert robot.delivered("legs/1")  # the termination message arrives
 
 
 @pytest.mark.parametrize("began", [6.3, 8.7, 12345.6])
 @pytest.mark.parametrize("period", [0.1, 0.02, 1 / 3])
 def test_polling_monitor_tests_once_a_period_despite_rounding(began: float, period: float) -> None:
-    """To a computer 0.6 - 0.3 is less than 3 * 0.1: the next test was due at once, again and again,
-    for ever.
+    """In floating point, 0.6 - 0.3 is less than 3 * 0.1. The next test was therefore due at once,
+    again and again.
     """
     player = Player.of("eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, "", parts=["seen", ""])

@@ -1,5 +1,5 @@
-"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` writes them anew: commit only
-what you can explain.
+"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` rewrites all files: commit
+only changes that you can explain.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Bounds of shared variables, and what becomes of them when programs change."""
+"""Variables: the limit of their total size, and their fate after a new declaration."""
 
 import msgspec
 import pytest

@@ -1,6 +1,4 @@
-"""Lives full of monitors whose ends others are to wait for: all that central accepts comes to an
-end.
-"""
+"""Random lives with many monitors, whose ends other tasks wait for: everything ends."""
 
 import random
 
@@ -21,9 +19,9 @@ WAYS = ["send"] * 6 + ["constrain"] * 4 + ["reply"] * 3 + ["fail", "kill", "retr
 ENDS = (Moment.END_HANDLING, Moment.END_ACHIEVING)
 
 
-class Watched:
-    """Goals and commands that never wait for a slot, monitors without bound, and a handler of all
-    failures.
+class LifeOfMonitors:
+    """Goals and commands that never wait for a slot, any number of monitors, and an exception handler
+    of all failures.
     """
 
     def __init__(self, seed: int) -> None:
@@ -51,7 +49,7 @@ class Watched:
         self.player.request("user", kind, *arguments)
 
     def constraint(self, held: int) -> Constraint:
-        """Most are for the end of a monitor."""
+        """A random constraint, most often on the end of a monitor."""
         monitors = [
             task for task in self.tasks if task.is_watcher and self.chance.random() < 0.7
         ] or self.tasks
@@ -101,7 +99,7 @@ class Watched:
         self.player.reply(task.slot.id.decode(), task.handling_id)
 
     def retry(self, task: Task) -> None:
-        """By the user, or by an exception handler that runs."""
+        """Retry a task, or let a running exception handler retry an ancestor of its failure."""
         if task.message.name != "mend" or task.slot is None:
             self.request(headers.Retry, TaskId(task.id))
             return
@@ -109,8 +107,8 @@ class Watched:
         name = task.slot.id.decode()
         self.player.request(name, headers.Retry, TaskId(above.id), origin=task.handling_id)
 
-    def end(self) -> None:
-        """All handlers return; monitors under the root are killed."""
+    def finish(self) -> None:
+        """Kill all monitors under the root, and let all handlers return."""
         tops = [
             task
             for task in self.tasks
@@ -125,8 +123,8 @@ class Watched:
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(30, soak=1_000))
 def test_everything_ends_in_lives_full_of_monitors(seed: int) -> None:
-    life = Watched(seed)
+    life = LifeOfMonitors(seed)
     for _ in range(80):
         life.do(life.chance.choice(WAYS))
-    life.end()
+    life.finish()
     assert not life.tasks

@@ -1,6 +1,4 @@
-"""Which messages a slot has ahead, and which it does not: every condition of decision 68 that is
-central's alone.
-"""
+"""Prefetching: which messages central sends to a slot before it is free (decision 68)."""
 
 import logging
 
@@ -14,12 +12,12 @@ from tca_wire.journal.facts import Dropped
 from tca_wire.packets import headers
 from tca_wire.vocabulary import Condition
 
-LATER = [Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED]
-AT_ONCE = [Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING]
+AT_SENDING_OR_RETURN = [Condition.WHEN_SENT, Condition.AFTER_HANDLED, Condition.AFTER_REPLIED]
+AT_DELIVERY = [Condition.BEFORE_HANDLING, Condition.WHILE_HANDLING]
 
 
 class Ears(Player):
-    """Slots take eight messages ahead."""
+    """Slots prefetch up to eight messages."""
 
     prefetch = 8
 
@@ -34,47 +32,47 @@ def every_handler_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
     trust_every_handler(monkeypatch)
 
 
-def got(player: Player, slot: str) -> list[int]:
-    """The deliveries that a slot was sent, ahead or not."""
+def deliveries(player: Player, slot: str) -> list[int]:
+    """The deliveries that a slot was sent, prefetched or not."""
     return [
         header.delivery for header, _ in player.inbox[slot] if isinstance(header, headers.Deliver)
     ]
 
 
-def ask_three(player: Player, condition: Condition) -> None:
-    """Three questions, to which somebody listens."""
+def send_three_tapped_queries(player: Player, condition: Condition) -> None:
+    """Send three queries that are tapped."""
     player.request("user", headers.Tap, condition, "seen", "where")
     for _ in range(3):
         player.send("user", "where")
 
 
-@pytest.mark.parametrize("condition", LATER)
+@pytest.mark.parametrize("condition", AT_SENDING_OR_RETURN)
 def test_wiretap_at_sending_or_return_allows_prefetch(condition: Condition) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
-    ask_three(player, condition)
-    assert len(got(player, "ear/1")) == 3
-    heard = len(got(player, "eye/1"))
+    send_three_tapped_queries(player, condition)
+    assert len(deliveries(player, "ear/1")) == 3
+    heard = len(deliveries(player, "eye/1"))
     player.reply("ear/1")
-    assert (heard, len(got(player, "eye/1"))) == (
+    assert (heard, len(deliveries(player, "eye/1"))) == (
         (1, 1) if condition is Condition.WHEN_SENT else (0, 1)
     )
 
 
-@pytest.mark.parametrize("condition", AT_ONCE)
+@pytest.mark.parametrize("condition", AT_DELIVERY)
 def test_wiretap_at_delivery_prevents_prefetch(
     condition: Condition,
 ) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
-    ask_three(player, condition)
-    assert len(got(player, "ear/1")) == 1
+    send_three_tapped_queries(player, condition)
+    assert len(deliveries(player, "ear/1")) == 1
 
 
-@pytest.mark.parametrize("condition", AT_ONCE)
+@pytest.mark.parametrize("condition", AT_DELIVERY)
 def test_late_wiretap_recalls_prefetched_messages(condition: Condition) -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(3):
         player.send("user", "where")
-    first, *others = got(player, "ear/1")
+    first, *others = deliveries(player, "ear/1")
     player.request("user", headers.Tap, condition, "seen", "where")
     recalled = [
         header.deliveries
@@ -84,8 +82,8 @@ def test_late_wiretap_recalls_prefetched_messages(condition: Condition) -> None:
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
     player.reply("ear/1", first)
-    assert len(got(player, "eye/1")) == 1
-    assert got(player, "ear/1") == [first, *others, others[0]]
+    assert len(deliveries(player, "eye/1")) == 1
+    assert deliveries(player, "ear/1") == [first, *others, others[0]]
 
 
 def test_message_with_pending_limit_is_not_prefetched() -> None:
@@ -93,7 +91,7 @@ def test_message_with_pending_limit_is_not_prefetched() -> None:
     player.module("ear", "inform note", pending=2)
     for _ in range(5):
         player.send("user", "note")
-    assert len(got(player, "ear/1")) == 1
+    assert len(deliveries(player, "ear/1")) == 1
     assert len(player.facts(Dropped)) == 2
 
 
@@ -101,7 +99,7 @@ def test_unregistered_handler_returns_prefetched_messages() -> None:
     player = Ears.of("spare: query where", "ear: query where, inform note", "user")
     for _ in range(3):
         player.send("user", "where")
-    first, *others = got(player, "ear/1")
+    first, *others = deliveries(player, "ear/1")
     player.request("ear", headers.Unregister, ["where"])
     recalled = [
         header.deliveries
@@ -111,8 +109,8 @@ def test_unregistered_handler_returns_prefetched_messages() -> None:
     assert recalled == [others]
     player.receive("ear/1", headers.Recalled(others))
     player.reply("ear/1", first)
-    assert got(player, "spare/1") == others
-    assert got(player, "ear/1") == [first, *others]
+    assert deliveries(player, "spare/1") == others
+    assert deliveries(player, "ear/1") == [first, *others]
 
 
 def test_module_loss_is_logged_as_one_line(
@@ -125,7 +123,7 @@ def test_module_loss_is_logged_as_one_line(
     for effect in player.lose("ear/1"):
         if isinstance(effect, Record):
             lines.write(effect)
-    first, *_ = got(player, "ear/1")
+    first, *_ = deliveries(player, "ear/1")
     named = ", ".join(f"query {number} 'where'" for number in range(first, first + 3))
     assert [line for line in caplog.messages if "failure" in line] == [
         f"failure 'module lost' of {named} and 2 more: module 'ear' was lost: its connection closed"
@@ -136,14 +134,11 @@ def test_slot_may_keep_a_later_message_than_it_returns() -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(4):
         player.send("user", "where")
-    first, *others, last = got(player, "ear/1")
+    first, *others, last = deliveries(player, "ear/1")
     player.request("user", headers.Tap, Condition.BEFORE_HANDLING, "seen", "where")
     player.receive("ear/1", headers.Recalled(others))
-    for delivery in (
-        first,
-        last,
-        *others,
-    ):  # as after a power cut in which central forgot that others were handled
+    # After a power cut, central may have lost the replies to the others.
+    for delivery in (first, last, *others):
         player.reply("ear/1", delivery)
     answered = [
         header.number for header, _ in player.inbox["user"] if isinstance(header, headers.Answer)
@@ -155,7 +150,7 @@ def test_slot_is_recalled_only_once_until_it_answers() -> None:
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     for _ in range(3):
         player.send("user", "where")
-    for condition in AT_ONCE:
+    for condition in AT_DELIVERY:
         player.receive("user", headers.Tap(player.number("user"), condition, "seen", "where"))
     assert (
         len([header for header, _ in player.inbox["ear/1"] if isinstance(header, headers.Recall)])

@@ -1,4 +1,4 @@
-"""Machines as data: bytes that are none are not taken for one."""
+"""Machines as data: other bytes are not read as a machine."""
 
 import msgspec
 import pytest

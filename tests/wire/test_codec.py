@@ -1,6 +1,4 @@
-"""Packets: everything that goes in comes out, and no bytes whatever get past as something else than
-ProtocolError.
-"""
+"""Packets: decoding returns the encoded items, and other bytes raise only ProtocolError."""
 
 import re
 from contextlib import suppress
@@ -81,7 +79,7 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(b"\x92\x05" + b"\x91" * 100_000), "no message to central"),
         (item(b"\x92\x05\xa2\xff\xfe"), "no message to central"),
     ],
-)  # fmt: skip
+)
 def test_malformed_packet_is_refused_with_a_reason(packet: bytes, why: str) -> None:
     with pytest.raises(ProtocolError, match=why):
         codec.unpack_to_central(packet)
@@ -93,7 +91,7 @@ def test_reply_packet_matches_the_documented_bytes() -> None:
 
 
 def test_hello_of_a_later_version_is_read() -> None:
-    """So that who speaks it is told which version central speaks."""
+    """Otherwise central could not answer a newer module with its own version."""
     hello = headers.Hello(1, headers.PROTOCOL_VERSION + 1, "legs", "run")
     later = msgspec.msgpack.encode(
         [*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7]
@@ -104,7 +102,7 @@ def test_hello_of_a_later_version_is_read() -> None:
 
 
 def test_oversized_header_is_reported_before_sending() -> None:
-    """A packet above the limit closes the connection without a word."""
+    """A packet beyond the limit would close the connection without an error message."""
     formats = [MessageFormat("walk", MessageClass.GOAL, "x" * (8 << 20))]
     assert "8,388,6" in codec.misfit(headers.Register(1, formats))
     assert not codec.misfit(headers.Ask(1, "status"))
@@ -128,8 +126,8 @@ FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
 
 @pytest.mark.parametrize("what", FLOODS)
 def test_packet_beyond_limits_is_refused_as_a_whole(what: str) -> None:
-    """What it may hold is taken; one more item, and all of it is refused before there is any
-    work.
+    """A packet at the limit is accepted. With one more item, it is refused before any of its items
+    is processed.
     """
     items, most, why = FLOODS[what]
     if most:

@@ -1,5 +1,5 @@
-"""Declarations that refer to others: parts of monitors, kinds of failures. What can't get its data
-is refused at once.
+"""Declarations that refer to others: parts of monitors, and kinds of failures. A declaration is
+refused if its data do not fit.
 """
 
 from dataclasses import dataclass
@@ -41,10 +41,18 @@ STOP, SAY, SINK = Command("stop"), Inform("say", str), Command("sink", float)
 NONE: Any = None
 
 FIT = [
-    (str, IS_GONE, SAY), (str, IS_GONE, STOP), (str, IS_DARK, SAY), (Cup, IS_DARK, TAKE_CUP), (Cup, IS_DARK, TAKE_MUG),
-    (None, SEEN, TAKE_CUP), (None, SEEN, TAKE_ANY), (None, SEEN, STOP), (None, LEVEL, SINK), (int, ANYTHING, TAKE_CUP),
+    (str, IS_GONE, SAY),
+    (str, IS_GONE, STOP),
+    (str, IS_DARK, SAY),
+    (Cup, IS_DARK, TAKE_CUP),
+    (Cup, IS_DARK, TAKE_MUG),
+    (None, SEEN, TAKE_CUP),
+    (None, SEEN, TAKE_ANY),
+    (None, SEEN, STOP),
+    (None, LEVEL, SINK),
+    (int, ANYTHING, TAKE_CUP),
     (Any, IS_GONE, SAY),
-]  # fmt: skip
+]
 MISFIT = [
     (None, IS_GONE, None, "the condition 'is it gone' of KIND 'watch' wants data of type str, and gets the monitor's own, N"),
     (int, IS_GONE, None, "wants data of type str, and gets the monitor's own, int: declare both with the same type, or it w"),

@@ -1,4 +1,4 @@
-"""A file that is nested too deeply is said to be wrong, like any other."""
+"""A deeply nested file raises the same error as any other wrong file."""
 
 from collections.abc import Callable
 from pathlib import Path

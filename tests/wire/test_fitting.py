@@ -1,4 +1,4 @@
-"""What the formats say of which data fit is what happens when the data come."""
+"""The comparison of two formats predicts whether data can be decoded."""
 
 import itertools
 import json
@@ -36,7 +36,7 @@ class Contact:
 
 @dataclass
 class Scraped(Contact):
-    """A subclass with a field more."""
+    """A subclass with one more field."""
 
     side: Side
 
@@ -119,7 +119,7 @@ class TextTree:
 
 CONTACT, SCRAPED = Contact(1, 0.5), Scraped(2, 0.25, Side.LEFT)
 
-# Of each type a value for each of its alternatives; so what fits all of these fits the type.
+# Each type has a value for each of its alternatives. A format that fits all values fits the type.
 TYPES: list[tuple[Any, list[Any]]] = [
     (None, [None]),
     (int, [1, -50, 50]),
@@ -176,7 +176,7 @@ TYPES: list[tuple[Any, list[Any]]] = [
 
 
 def reads(values: list[Any], sent: Any, wanted: Any) -> bool:
-    """Whether all these can be read, as when a message is delivered."""
+    """Whether all these values can be decoded after their delivery."""
     try:
         for value in values:
             Format[Any](wanted).decode(Format[Any](sent).encode(value))
@@ -193,7 +193,7 @@ def kind(one: Any) -> Any:
 def test_misfit_predicts_whether_data_can_be_decoded(sent: Any, values: list[Any]) -> None:
     for wanted, _ in TYPES:
         if wanted is Fall and sent is not Fall:
-            continue  # its tag is made up where none comes, and what has one is declared with it
+            continue  # a receiver supplies a missing tag, so such values decode nevertheless
         misfit = first_misfit(schema_text(kind(sent)), schema_text(kind(wanted)))
         assert (misfit is None) == reads(values, kind(sent), kind(wanted)), (
             f"{sent} to {wanted}: {misfit}"
@@ -215,7 +215,7 @@ def test_misfit_names_the_path_and_the_wanted_type(approve: Callable[..., None])
 
 
 def test_optional_field_does_not_fit_a_required_one() -> None:
-    """Whether it is left out a format does not tell: of a dataclass with a default it never is."""
+    """A format does not tell whether an optional field is really left out."""
     assert (
         first_misfit(schema_text(Sparse), schema_text(Leg))
         == "$.leg: required here, optional there"

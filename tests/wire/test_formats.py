@@ -1,5 +1,5 @@
-"""User data: what fits passes unchanged, what does not is named by its field; formats are compared
-by shape.
+"""User data: a fitting value arrives unchanged, and a misfit is named by its field. Formats are
+compared by shape.
 """
 
 from collections.abc import Callable
@@ -71,7 +71,7 @@ POSE = Pose(1.0, 2.0, Side.RIGHT)
         (set[int], {1, 2}),
         (type(None), None),
     ],
-)  # fmt: skip
+)
 def test_value_survives_encoding_and_decoding(kind: Any, value: Any) -> None:
     data = Format[Any](kind)
     assert data.decode(data.encode(value)) == value
@@ -154,23 +154,28 @@ class Sparse(msgspec.Struct, omit_defaults=True, rename="camel", tag=True):
 
 
 def test_data_that_would_lose_information_is_refused(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+    def error_text(case: str) -> str:
         kind, value = eval(case)
         with pytest.raises(BadData) as error:
             Format[Any](kind).encode(value)
         return str(error.value)
 
-    approve("refused_data.txt", tell)
+    approve("refused_data.txt", error_text)
 
 
 @pytest.mark.parametrize(
     ("kind", "value"),
     [
-        (Pose, {"y": 2, "x": 1}), (Sparse, {"type": "Sparse", "legNumber": 0, "poses": {1: {"x": 1, "y": 1}}}),
-        (dict[int, Sparse], {1: Sparse(0), 2: Sparse(2)}), (Options, {}), (tuple[set[int], Pose], [[1, 1], POSE]), (Scan, {"heights": np.zeros(2, "f4"), "raw": b""}),
-        (tuple[Pose, ...], [POSE]), (Row, [1]),
+        (Pose, {"y": 2, "x": 1}),
+        (Sparse, {"type": "Sparse", "legNumber": 0, "poses": {1: {"x": 1, "y": 1}}}),
+        (dict[int, Sparse], {1: Sparse(0), 2: Sparse(2)}),
+        (Options, {}),
+        (tuple[set[int], Pose], [[1, 1], POSE]),
+        (Scan, {"heights": np.zeros(2, "f4"), "raw": b""}),
+        (tuple[Pose, ...], [POSE]),
+        (Row, [1]),
     ],
-)  # fmt: skip
+)
 def test_data_in_an_equivalent_form_is_encoded(kind: Any, value: Any) -> None:
     Format[Any](kind).encode(value)
 

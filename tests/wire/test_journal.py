@@ -1,6 +1,4 @@
-"""Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong
-fact.
-"""
+"""Journal records that are cut, damaged, foreign or of another version never yield a wrong fact."""
 
 import io
 import os
@@ -172,7 +170,7 @@ def test_damage_without_later_entries_is_named_by_its_byte() -> None:
 
 
 def test_journal_inside_a_message_is_not_read_as_entries() -> None:
-    """A module sends a part of the journal so far; the frame of the entry with it is damaged."""
+    """A module sent a part of the journal. The frame of the entry with this part is damaged."""
     held = Entry(
         4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))]
     )
@@ -188,8 +186,8 @@ def test_journal_inside_a_message_is_not_read_as_entries() -> None:
     ]
 
 
-class Counting(io.BytesIO):
-    """Counts the bytes that are read of it."""
+class CountingStream(io.BytesIO):
+    """Counts the bytes that are read from it."""
 
     taken = 0
 
@@ -203,7 +201,7 @@ COUNT = 50_000
 
 
 def lies() -> bytes:
-    """Each of many frames promises a record as long as the rest of the file."""
+    """Many frames, each with the length of the rest of the file."""
     frames = (
         struct.pack(">BIBIB", 0xCE, 11 * (COUNT - number) - 10, 0xCE, 7, 0x93)
         for number in range(COUNT)
@@ -212,9 +210,7 @@ def lies() -> bytes:
 
 
 def leaps() -> bytes:
-    """Between good entries stand frames that all lead to the same frames behind them, which lead to
-    nothing.
-    """
+    """Good entries, with frames between them that all end at the same worthless frames."""
     good = [record(Entry(3 + number, 1.0, [])) for number in range(COUNT)]
     size = sum(10 + len(one) for one in good)
     parts = [BYTES]
@@ -230,7 +226,7 @@ def leaps() -> bytes:
 
 
 def every_other() -> bytes:
-    """Every other entry has no frame any more."""
+    """Entries of which every other one has lost its frame."""
     return BYTES + b"".join(
         bytes(30) + record(Entry(3 + number, 1.0, [])) for number in range(COUNT)
     )
@@ -240,21 +236,20 @@ def every_other() -> bytes:
     ("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
 )
 def test_search_after_damage_reads_bounded_bytes(made: Callable[[], bytes], entries: int) -> None:
-    stream = Counting(made())
+    stream = CountingStream(made())
     size = len(stream.getbuffer())
     reader = JournalReader(stream)
-    assert (
-        entries * 0.99 < sum(1 for _ in reader) <= entries
-    )  # where it would cost too much, some are not found
-    assert reader._in_vain <= MAX_RECORD + 9 * size  # what checksums were made of
+    # Some entries are given up because their search would cost too much.
+    assert entries * 0.99 < sum(1 for _ in reader) <= entries
+    assert reader._in_vain <= MAX_RECORD + 9 * size  # bytes with a wrong checksum
     assert stream.taken <= 2 * reader._in_vain + 4 * size
 
 
-# --- what this version does not know --------------------------------------------------------------
+# --- unknown facts and other versions -------------------------------------------------------------
 
 
 def framed(*values: object) -> bytes:
-    """Entries that no central of this version writes."""
+    """Framed entries that no central of this version writes."""
     payloads = [msgpack.packb(value) for value in values]
     return b"".join(
         struct.pack(">BIBI", 0xCE, len(one), 0xCE, zlib.crc32(one)) + one for one in payloads
@@ -266,11 +261,8 @@ def test_unknown_facts_and_causes_are_skipped() -> None:
         BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"])
     )
     assert entries == [*ENTRIES, Entry(3, 1.0, [Reached(TaskId(3), 1)])]
-    assert (reader.unknown, reader.holes, reader.version) == (
-        2,
-        [],
-        JOURNAL_VERSION,
-    )  # a fact, and a cause
+    # One fact and one cause are unknown.
+    assert (reader.unknown, reader.holes, reader.version) == (2, [], JOURNAL_VERSION)
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300, "noon"])
@@ -302,12 +294,12 @@ def test_zeros_at_the_end_are_a_torn_tail() -> None:
     entries, reader = read(BYTES + bytes(4096))
     assert entries == ENTRIES
     assert reader.torn == 4096
-    entries, reader = read(BYTES[:-5] + bytes(4096))  # of the last entry a part was on the disk
+    entries, reader = read(BYTES[:-5] + bytes(4096))  # the last entry is only partly on the disk
     assert (entries, reader.torn) == (ENTRIES[:2], ENDS[3] - ENDS[2] - 5 + 4096)
 
 
-class Counted(io.FileIO):
-    """A file that counts what is read of it."""
+class CountingFile(io.FileIO):
+    """A file that counts the bytes that are read from it."""
 
     taken = 0
 
@@ -324,7 +316,7 @@ def test_sparse_end_of_file_is_not_read(tmp_path: Path, cut: int) -> None:
     os.truncate(path, 1 << 30)
     if path.stat().st_blocks * 512 > 1 << 20:
         pytest.skip("this file system has no holes")
-    with Counted(path) as stream:
+    with CountingFile(path) as stream:
         reader = JournalReader(stream, "walk")
         assert list(reader) == ENTRIES[: 3 - bool(cut)]
         assert reader.torn == (1 << 30) - reader.offset
@@ -355,8 +347,8 @@ def test_reading_continues_after_the_journal_grows() -> None:
     assert list(reader) == []
 
 
-class Written(io.BytesIO):
-    """Somebody writes on, a few bytes whenever the reader looks."""
+class GrowingStream(io.BytesIO):
+    """Grows by a few bytes whenever it is read."""
 
     def __init__(self, data: bytes, begun: int, more: list[int]) -> None:
         super().__init__(data[:begun])
@@ -381,13 +373,11 @@ class Written(io.BytesIO):
 
 @given(st.integers(ENDS[1], len(BYTES)), st.lists(st.integers(0, 40), max_size=30))
 def test_reading_during_writes_reports_no_damage(begun: int, more: list[int]) -> None:
-    """A record that is not whole yet may be, and another behind it, when the reader looks once
-    more.
-    """
+    """A torn record may be whole at the next read, with another record behind it."""
     data = BYTES + b"".join(
         record(Entry(number, float(number), ENTRIES[2].facts)) for number in range(3, 12)
     )
-    reader = JournalReader(Written(data, begun, list(more)), "walk")
+    reader = JournalReader(GrowingStream(data, begun, list(more)), "walk")
     found = [entry for _ in range(len(more) + 2) for entry in reader]
     assert [entry.number for entry in found] == list(range(12))
     assert (reader.torn, reader.holes) == (0, [])
@@ -417,7 +407,7 @@ def test_oversized_entry_is_split_under_one_number() -> None:
 def test_search_for_a_record_among_fakes_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A client may fill a packet with them: a recovery that reads its torn end would take hours."""
+    """A client may fill a packet with fake frames. Reading a torn end of them must not take hours."""
     fake = struct.pack(">BIBI", 0xCE, 4000, 0xCE, 7) * 1000
     looked_at = 0
 
@@ -428,7 +418,7 @@ def test_search_for_a_record_among_fakes_is_bounded(
 
     monkeypatch.setattr(frames, "crc32", counted)
     monkeypatch.setattr(frames, "MAX_RECORD", 0)
-    assert frames.has_record(fake)  # perhaps: that is told, and people decide
+    assert frames.has_record(fake)  # not certain: the operator decides
     assert looked_at <= 9 * len(fake)
     assert not frames.has_record(fake[:2000])
     assert frames.has_record(fake[:2000] + frames.framed(b"an input"))

@@ -1,5 +1,5 @@
-"""Life cycles as tables: the built-in ones are the figures of Lütkebohle et al., and a table by
-which no task could go is refused when it is made.
+"""Life cycles as tables. The built-in life cycles match the figures of Lütkebohle et al. An invalid
+table is refused when it is made.
 """
 
 from collections.abc import Callable
@@ -45,9 +45,8 @@ FIGURE_10: set[Row] = {
     ("running", "cancel", "cancel requested", CLIENT),
     ("cancel requested", "cancel failed", "running", SERVER),
     ("cancel requested", "aborted", "cancelled", SERVER),
-    *(
-        (state, "result available", state, SERVER) for state in ACTIVE
-    ),  # the figure draws these three at "Active"
+    # The figure draws the next three at "Active".
+    *((state, "result available", state, SERVER) for state in ACTIVE),
     *((state, "completed", "done", SERVER) for state in ACTIVE),
     *((state, "failed", "cancelled", SERVER) for state in ACTIVE),
 }
@@ -134,12 +133,12 @@ STRANGE: Any = "strange"
 
 
 def test_invalid_life_cycle_is_refused_with_a_reason(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+    def refusal(case: str) -> str:
         with pytest.raises(BadFormat) as error:
             LifeCycle("odd", eval(case))
         return str(error.value)
 
-    approve("bad_tables.txt", tell)
+    approve("bad_tables.txt", refusal)
 
 
 def test_initial_done_and_cancelled_states_must_differ() -> None:
@@ -176,7 +175,7 @@ def test_life_cycle_survives_its_declaration() -> None:
     pausable = LifeCycle("pausable", [*GENERAL.transitions, *PAUSE, *ending("paused")])
     assert read_life_cycle(Command("grasp", life_cycle=pausable).format.life_cycle) == pausable
     assert read_life_cycle(Goal("tidy", life_cycle=BASIC).format.life_cycle) == BASIC
-    assert Command("grasp").format.life_cycle == ""  # as in the journals and packets of before
+    assert Command("grasp").format.life_cycle == ""  # as in older journals and packets
     assert read_life_cycle("") is GENERAL
     assert read_life_cycle(GENERAL.text) == GENERAL
     others = [
@@ -220,9 +219,7 @@ TRANSITIONS = st.builds(Transition, NAMES, st.sampled_from(ALIVE) | STATES, STAT
 
 @given(st.lists(TRANSITIONS, max_size=5))
 def test_life_cycle_is_refused_exactly_when_tasks_could_not_end(more: list[Transition]) -> None:
-    """A table is refused just if one of these is not so; told again here, by going all ways of a
-    few steps.
-    """
+    """The rules are checked again here, by following all transitions from each state."""
     table = [
         ACCEPTED,
         Transition("completed", "running", "done"),

@@ -1,5 +1,5 @@
-"""Plain values as data of a format of which only the schema is known: what fits arrives, what does
-not is named.
+"""Plain values as data of a format that is known only by its schema: a value arrives whole, or its
+misfit is named.
 """
 
 import json
@@ -79,8 +79,8 @@ NAIVE = Annotated[datetime, msgspec.Meta(tz=False)]
 ARRAY = NDArray[np.float64]
 
 
-def fitting(kind: Any, value: Any) -> Any:
-    """What a receiver who declares *kind* gets of a plain value."""
+def received(kind: Any, value: Any) -> Any:
+    """The value that a receiver with the declared *kind* gets."""
     schema = schema_text(kind)
     return Format(kind).decode(PlainFormat(schema).encode(value))
 
@@ -108,7 +108,7 @@ VALUES: list[tuple[Any, Any]] = [
 @pytest.mark.parametrize(("kind", "value"), VALUES, ids=lambda part: repr(part)[:30])
 def test_json_value_arrives_as_the_declared_type(kind: Any, value: Any) -> None:
     text = msgspec.json.encode(value).decode()
-    assert fitting(kind, json.loads(text)) == fitting(kind, Bare(text)) == value
+    assert received(kind, json.loads(text)) == received(kind, Bare(text)) == value
 
 
 @given(
@@ -123,7 +123,7 @@ def test_json_value_arrives_as_the_declared_type(kind: Any, value: Any) -> None:
 )
 @settings(max_examples=lives(10, soak=100))
 def test_unrestricted_format_accepts_every_value(value: object) -> None:
-    assert fitting(Any, value) == value
+    assert received(Any, value) == value
 
 
 def test_typed_text_is_json_where_it_fits_and_else_text() -> None:
@@ -133,14 +133,14 @@ def test_typed_text_is_json_where_it_fits_and_else_text() -> None:
         "side": Bare("right"),
         "notes": Bare('["a", "5"]'),
     }
-    assert fitting(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
-    assert fitting(str, Bare("5")) == "5"
-    assert fitting(str, Bare('"five"')) == "five"
-    assert fitting(str | int, Bare("5")) == 5
-    assert fitting(datetime, Bare("2024-02-03T12:00:00Z")) == datetime(2024, 2, 3, 12, tzinfo=UTC)
-    assert fitting(str | None, Bare("null")) is None
-    assert fitting(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
-    assert fitting(Pose, Bare('{"x": 1}')) == Pose(1.0)
+    assert received(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
+    assert received(str, Bare("5")) == "5"
+    assert received(str, Bare('"five"')) == "five"
+    assert received(str | int, Bare("5")) == 5
+    assert received(datetime, Bare("2024-02-03T12:00:00Z")) == datetime(2024, 2, 3, 12, tzinfo=UTC)
+    assert received(str | None, Bare("null")) is None
+    assert received(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
+    assert received(Pose, Bare('{"x": 1}')) == Pose(1.0)
     assert complaint(int, Bare("five")) == 'the data must be a whole number, and "five" is not'
     assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, and [1] is not"
 
@@ -189,7 +189,7 @@ def test_malformed_schema_or_deep_value_raises_only_bad_data() -> None:
     for _ in range(100_000):
         nested = [nested]
     assert "nested too deeply" in complaint(list[Any], nested)
-    assert fitting(Any, Bare("[" * 100_000)) == "[" * 100_000
+    assert received(Any, Bare("[" * 100_000)) == "[" * 100_000
 
 
 def test_message_can_be_declared_by_its_schemas() -> None:
@@ -221,7 +221,7 @@ def test_message_can_be_declared_by_its_schemas() -> None:
     ],
 )
 def test_malformed_schema_is_usable_as_a_format(schema: str) -> None:
-    """Anybody may declare a message, and `tca send` reads what they did."""
+    """Any program may declare a message, and `tca send` reads its schema."""
     made = PlainFormat(schema)
     assert str(made)
     assert made.takes_fields in (True, False)

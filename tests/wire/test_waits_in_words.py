@@ -1,4 +1,4 @@
-"""Each kind of wait has words, and several of one kind are told together."""
+"""Descriptions of waits: each kind has words, and waits of one kind are joined."""
 
 from collections.abc import Callable
 
