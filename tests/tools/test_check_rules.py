@@ -280,13 +280,13 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
 @pytest.mark.parametrize(
     ("mistake", "transcript", "what"),
     [
-        (what_waits_is_left_alone, "taps_that_come_late_hold_what_waits_for_a_slot",
+        (what_waits_is_left_alone, "taps_late_and_queued_messages",
          "move {3} went on, and wiretap {5} (check before handling) was not fired"),
-        (what_waits_is_left_alone, "taps_that_come_late_on_what_is_locked_out_or_suspended",
+        (what_waits_is_left_alone, "taps_late_and_locked_or_suspended_messages",
          "move {2} went on, and wiretap {4} (check before handling) was not fired"),
         (what_was_passed_over_is_forgotten, "taps_whose_listener_is_handled_late",
          "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it"),
-        (what_is_handled_once_more_is_not_held, "taps_that_come_late_on_what_is_handled_once_more",
+        (what_is_handled_once_more_is_not_held, "taps_late_and_messages_handled_again",
          "move {1} was given to a handler once more before end handling of check {3}"),
     ],
 )  # fmt: skip
