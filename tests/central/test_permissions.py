@@ -106,10 +106,13 @@ FREE: tuple[object, ...] = (
 )
 
 NAMES = {
-    SEND: ("move", "where", "note", "rescue", "speed", "guard"), HANDLE: ("move", "speed", "note", "guard"),
-    TAP: ("move", "guard"), LOCK: ("boss.boss",), KILL: ("move",),
+    SEND: ("move", "where", "note", "rescue", "speed", "guard"),
+    HANDLE: ("move", "speed", "note", "guard"),
+    TAP: ("move", "guard"),
+    LOCK: ("boss.boss",),
+    KILL: ("move",),
     ADMINISTER: ("root", "tree", "status", "attach", "unlock", "detach", "resume"),
-}  # fmt: skip
+}
 
 
 def robot(rules: Iterable[AccessRule]) -> tuple[Player, int]:

@@ -172,7 +172,7 @@ TYPES: list[tuple[Any, list[Any]]] = [
     (list[Scraped], [[SCRAPED], []]),
     (list[Contact | None], [[CONTACT], [None]]),
     (np.ndarray, [np.zeros(3)]),
-]  # fmt: skip
+]
 
 
 def reads(values: list[Any], sent: Any, wanted: Any) -> bool:
