@@ -56,9 +56,9 @@ def test_queued_messages_are_bounded_in_bytes(message: str) -> None:
     taken = fill(player, headers.Send(1, message), bytes(10_000))
     assert 40 <= taken <= 60
     assert player.central.message_bytes <= player.central.budget.messages
-    told = player.facts_of("refused")[-1]
-    assert "messages and tasks hold 5" in told.text
-    assert "--memory" in told.text
+    refused = player.facts_of("refused")[-1]
+    assert "messages and tasks hold 5" in refused.text
+    assert "--memory" in refused.text
     assert player.central.budget.refused == 1
     player.reply("busy/1")  # one message is gone: the next one is accepted
     player.request("user", headers.Send, message, body=b"\xc0")
@@ -77,9 +77,9 @@ def test_unconfirmed_inform_is_dropped_and_counted_over_budget() -> None:
         == len(dropped)
         == player.central.budget.refused
     )
-    told: Any = TOPICS["load"](player.central)
-    assert told["overloads"] == len(dropped)
-    assert told["memory"]["messages and tasks"][0] == player.central.message_bytes
+    load: Any = TOPICS["load"](player.central)
+    assert load["overloads"] == len(dropped)
+    assert load["memory"]["messages and tasks"][0] == player.central.message_bytes
 
 
 def test_freeing_requests_are_accepted_over_budget() -> None:

@@ -38,15 +38,15 @@ def test_listener_that_sends_its_tapped_message_is_stopped(
     message: str, condition: Condition
 ) -> None:
     player = tapped(message, condition)
-    told = player.send("user", "move")
+    answers = player.send("user", "move")
     while (
-        not (refused := [one for one in told if isinstance(one, headers.Refused)])
+        not (refused := [one for one in answers if isinstance(one, headers.Refused)])
         and player.time < 100
     ):
         for legs in player.delivered("legs/1"):
             player.reply("legs/1", legs)
         note = player.delivered("note/1")[0]
-        told = player.send("note", "move", origin=note)
+        answers = player.send("note", "move", origin=note)
         player.reply("note/1", note)
     assert sum(fact.role is Role.LISTENER for fact in player.facts(Received)) == 8
     assert refused[0].refusal is Refusal.OVERLOAD

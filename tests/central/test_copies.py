@@ -43,7 +43,7 @@ def test_claims_hold_for_all_copies_in_random_lives(life: list[tuple[str, int]])
     """The invariants are checked after each event. In the end no task is left, and the journal
     passes all checks.
     """
-    player, made = Player(), 0
+    player, joined = Player(), 0
     wanted: list[tuple[str, int]] = []
     for client in ("user", *CLIENTS):
         player.module(client)
@@ -51,12 +51,12 @@ def test_claims_hold_for_all_copies_in_random_lives(life: list[tuple[str, int]])
     copies: list[str] = []
     for name, choice in [*life, ("join", 0)]:
         if name in ("join", "pool"):
-            made += 1
-            copies.append(f"copy{made}")
+            joined += 1
+            copies.append(f"copy{joined}")
             join(player, copies[-1], pool=name if name == "pool" else "")
         elif name == "lose" and copies:
-            gone = copies.pop(choice % len(copies))
-            for connection in (f"{gone}/1", gone)[:: 1 if choice > 3 else -1]:
+            lost_copy = copies.pop(choice % len(copies))
+            for connection in (f"{lost_copy}/1", lost_copy)[:: 1 if choice > 3 else -1]:
                 player.lose(connection)
         elif name == "move":
             player.send(("user", *CLIENTS)[choice % 4], "move", flags=Flags.NONE)

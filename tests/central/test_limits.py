@@ -157,9 +157,9 @@ def test_next_exception_handler_receives_long_failure_text() -> None:
     player.receive("legs/1", headers.Fail(player.delivered("legs/1")[-1], "slip", text))
     sent = player.fail("expert/1", "timeout")
     (asked,) = [header for header in sent if isinstance(header, headers.Deliver)]
-    told = str(asked.context)
-    assert "ValueError: not an image: iVBOR" in told
-    assert "exception handler task 4 'recover' could not decide: timeout" in told
+    context = str(asked.context)
+    assert "ValueError: not an image: iVBOR" in context
+    assert "exception handler task 4 'recover' could not decide: timeout" in context
 
 
 def test_message_names_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,9 +58,9 @@ class JudgedLife(LifeOfStates):
             assert not change.is_late
             seen[change.task].append(change)
         for number, task in self.reference.tasks.items():
-            told = seen[number]
+            changes = seen[number]
             if task.is_over:
-                *told, end = told
+                *changes, end = changes
                 assert end.is_over
                 assert end.serial == task.serial + 1
                 assert task.cycle.is_over(end.state)
@@ -76,7 +76,7 @@ class JudgedLife(LifeOfStates):
                 assert end.transition in (
                     ways or (["killed"] if is_kill else ["completed", "failed"])
                 )
-            assert [(one.transition, one.state, one.serial) for one in told] == task.changes
+            assert [(one.transition, one.state, one.serial) for one in changes] == task.changes
 
 
 class BusyLife(LifeOfStates):

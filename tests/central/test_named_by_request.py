@@ -79,8 +79,8 @@ def test_naming_tasks_by_their_requests_changes_nothing(seed: int) -> None:
 def test_quiet_sender_is_told_of_its_task_ids_in_batches() -> None:
     player = robot()
     requests = [sent_quietly(player, "user", "walk") for _ in range(CONFIRMED_TOGETHER + 1)]
-    told = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
-    assert told == [
+    confirmations = [header for header, _ in player.inbox["user"] if isinstance(header, TasksMade)]
+    assert confirmations == [
         TasksMade([(request, TaskId(n + 1)) for n, request in enumerate(requests[:-1])])
     ]
     (effect,) = player.central.handle(ConfirmTasks(player.time))

@@ -207,8 +207,10 @@ def test_newly_held_monitor_dies_when_all_else_has_ended() -> None:
     child = player.task("user", "guard", watch=WatchOptions(), under=parent)
     player.request("user", headers.EndMonitor, parent)
     assert child in player.central.tree.tasks
-    anew = before(point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING))
-    player.request("user", headers.Constrain, [anew])
+    second_constraint = before(
+        point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING)
+    )
+    player.request("user", headers.Constrain, [second_constraint])
     assert child not in player.central.tree.tasks
 
 

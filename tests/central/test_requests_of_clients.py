@@ -58,16 +58,16 @@ def test_unanswered_client_requests_are_limited(player: Player) -> None:
 def test_client_requests_without_answers_are_not_limited(player: Player) -> None:
     task = player.task("user", "walk")
     for number in range(2 * MOST_ASKED):
-        told = player.change("user", task, ("pause", "resume")[number % 2])
-        assert [type(one) for one in told] == [Requested, headers.Accepted]
+        sent = player.change("user", task, ("pause", "resume")[number % 2])
+        assert [type(one) for one in sent] == [Requested, headers.Accepted]
 
 
 def test_reconnected_handler_is_asked_again(player: Player) -> None:
     task = player.task("user", "move")
     player.change("user", task, "nag", text="faster")
     hello = headers.Hello(99, headers.PROTOCOL_VERSION, "legs", "run of legs", 1, "legs", "here:1")
-    told = [one for one in player.receive("legs back", hello) if isinstance(one, Requested)]
-    assert told == [Requested(task, "nag", 2, "faster")]
+    requested = [one for one in player.receive("legs back", hello) if isinstance(one, Requested)]
+    assert requested == [Requested(task, "nag", 2, "faster")]
 
 
 def test_long_transition_reason_is_truncated(player: Player) -> None:
@@ -82,10 +82,10 @@ def test_new_observer_of_descendants_receives_current_states(player: Player) -> 
     goal = player.task("user", "tidy")
     player.task("user", "move", under=goal)
     player.observe("user", below=goal)
-    told = [
+    changes = [
         msgspec.msgpack.decode(body, type=StateChange) for _, body in player.inbox["user"] if body
     ]
-    assert [(one.message, one.is_late) for one in told] == [("move", True)]
+    assert [(one.message, one.is_late) for one in changes] == [("move", True)]
 
 
 def test_accept_applies_only_goals_seen_by_the_handler(player: Player) -> None:

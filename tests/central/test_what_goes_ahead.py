@@ -51,9 +51,9 @@ def test_wiretap_at_sending_or_return_allows_prefetch(condition: Condition) -> N
     player = Ears.of("ear: query where", "eye: inform seen", "user")
     send_three_tapped_queries(player, condition)
     assert len(deliveries(player, "ear/1")) == 3
-    heard = len(deliveries(player, "eye/1"))
+    before_return = len(deliveries(player, "eye/1"))
     player.reply("ear/1")
-    assert (heard, len(deliveries(player, "eye/1"))) == (
+    assert (before_return, len(deliveries(player, "eye/1"))) == (
         (1, 1) if condition is Condition.WHEN_SENT else (0, 1)
     )
 

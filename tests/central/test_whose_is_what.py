@@ -124,11 +124,11 @@ def test_request_cannot_claim_a_foreign_origin() -> None:
 # --- principals of connections --------------------------------------------------------------------
 
 
-def player() -> Player:
-    made = Player()
-    made.principals |= {"arm": "arm", "arm/1": "arm", "thief": "thief"}
-    made.module("arm", "command grip")
-    return made
+def robot_with_principals() -> Player:
+    player = Player()
+    player.principals |= {"arm": "arm", "arm/1": "arm", "thief": "thief"}
+    player.module("arm", "command grip")
+    return player
 
 
 def refusals(sent: list[object]) -> list[Refusal]:
@@ -138,7 +138,7 @@ def refusals(sent: list[object]) -> list[Refusal]:
 def test_module_joins_with_its_principal() -> None:
     joined = [
         fact
-        for entry in player().entries
+        for entry in robot_with_principals().entries
         for fact in entry.facts
         if isinstance(fact, facts.ModuleJoined)
     ]
@@ -146,37 +146,37 @@ def test_module_joins_with_its_principal() -> None:
 
 
 def test_session_of_another_principal_cannot_be_taken_over() -> None:
-    central = player()
+    player = robot_with_principals()
     for number in range(3):
         hello = headers.Hello(
             1, headers.PROTOCOL_VERSION, "arm", "run of arm", number, "arm" if number else ""
         )
-        assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
-    assert {one.principal for one in central.central.registry.connections.values()} == {"arm"}
-    assert not any(isinstance(header, Deliver) for header, _ in central.inbox["thief"])
+        assert refusals(player.receive("thief", hello)) == [Refusal.FORBIDDEN]
+    assert {one.principal for one in player.central.registry.connections.values()} == {"arm"}
+    assert not any(isinstance(header, Deliver) for header, _ in player.inbox["thief"])
 
 
 def test_lost_session_cannot_be_resumed_by_another_principal() -> None:
-    central = player()
-    for name in ("arm", *[name for name in central.inbox if name.startswith("arm/")]):
-        central.lose(name)
+    player = robot_with_principals()
+    for name in ("arm", *[name for name in player.inbox if name.startswith("arm/")]):
+        player.lose(name)
     hello = headers.Hello(1, headers.PROTOCOL_VERSION, "arm", "run of arm")
-    assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
-    assert any(isinstance(header, Welcome) for header in central.receive("arm", hello)), (
+    assert refusals(player.receive("thief", hello)) == [Refusal.FORBIDDEN]
+    assert any(isinstance(header, Welcome) for header in player.receive("arm", hello)), (
         "its own principal gets it back"
     )
 
 
 @pytest.mark.parametrize(
-    "said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
+    "header", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
 )
-def test_reused_connection_id_of_another_principal_is_unknown(said: object) -> None:
+def test_reused_connection_id_of_another_principal_is_unknown(header: object) -> None:
     """A new connection can reuse the id of a lost one before central has noticed the loss."""
-    central = player()
-    central.principals["arm/1"] = "thief"
-    assert [type(one) for one in central.receive("arm/1", said)] == [Unknown]
-    central.principals["arm/1"] = "arm"
-    assert not any(isinstance(header, Deliver) for header, _ in central.inbox["arm/1"])
-    assert central.central.registry.messages["grip"].handlers
-    changed = [fact for fact in central.facts(facts.ResourceChanged) if fact.resource == "arm"]
+    player = robot_with_principals()
+    player.principals["arm/1"] = "thief"
+    assert [type(one) for one in player.receive("arm/1", header)] == [Unknown]
+    player.principals["arm/1"] = "arm"
+    assert not any(isinstance(sent, Deliver) for sent, _ in player.inbox["arm/1"])
+    assert player.central.registry.messages["grip"].handlers
+    changed = [fact for fact in player.facts(facts.ResourceChanged) if fact.resource == "arm"]
     assert [fact.capacity for fact in changed] == [1, 0], "the slot counts as lost"

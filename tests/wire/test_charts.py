@@ -34,8 +34,8 @@ def test_machine_and_its_active_states_are_read() -> None:
     assert isinstance(chart, MachineChart)
     assert (chart.inside(0), chart.entered(0), chart.around(1)) == ([1], 1, [1, 0])
     assert read_machine("{}", body) is None
-    told = ActiveStates(["GoTo"], "Wait has completed", [0, 1])
-    assert read_active(msgspec.msgpack.encode(told)) == told
+    active = ActiveStates(["GoTo"], "Wait has completed", [0, 1])
+    assert read_active(msgspec.msgpack.encode(active)) == active
     assert read_active(b"") == ActiveStates([], "", [])
     report = CoordinationReport(1, "done", 1, [Foreseen(1, 0.5, 0.5)])
     assert read_report(msgspec.msgpack.encode(report)) == report

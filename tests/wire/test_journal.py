@@ -77,21 +77,21 @@ def check_flipped(at: int, entries: list[Entry], reader: JournalReader) -> None:
 
 def test_outdated_journal_is_refused_with_advice() -> None:
     older = b"".join(
-        framed([number, 0.0, told])
-        for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
+        framed([number, 0.0, facts])
+        for number, facts in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
     )
-    said = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
-    with pytest.raises(JournalDamaged, match=said):
+    message = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
+    with pytest.raises(JournalDamaged, match=message):
         read(older)
 
 
 def test_journal_of_the_previous_version_is_read() -> None:
-    told = [
+    facts = [
         ["opened", 4, "e", 1, 1e9, "0"],
         ["delivered", 1, 1, "legs", "legs", 1, False, 0],
         ["returned", 1, "done", b""],
     ]
-    entries, reader = read(framed([0, 0.0, told]))
+    entries, reader = read(framed([0, 0.0, facts]))
     assert entries[0].facts[1:] == [
         Delivered(1, 1, "legs", "legs", 1),
         Returned(1, Outcome.DONE, b""),
@@ -233,10 +233,10 @@ def every_other() -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
+    ("make", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
 )
-def test_search_after_damage_reads_bounded_bytes(made: Callable[[], bytes], entries: int) -> None:
-    stream = CountingStream(made())
+def test_search_after_damage_reads_bounded_bytes(make: Callable[[], bytes], entries: int) -> None:
+    stream = CountingStream(make())
     size = len(stream.getbuffer())
     reader = JournalReader(stream)
     # Some entries are given up because their search would cost too much.
@@ -396,11 +396,11 @@ def test_fact_has_a_kind_and_described_fields() -> None:
 
 
 def test_oversized_entry_is_split_under_one_number() -> None:
-    told: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
-    entries, _ = read(BYTES + record(Entry(3, 1.0, told)))
+    facts: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
+    entries, _ = read(BYTES + record(Entry(3, 1.0, facts)))
     parts = entries[len(ENTRIES) :]
     assert len(parts) == 2
-    assert [fact for part in parts for fact in part.facts] == told
+    assert [fact for part in parts for fact in part.facts] == facts
     assert {(part.number, part.time) for part in parts} == {(3, 1.0)}
 
 

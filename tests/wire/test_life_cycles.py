@@ -246,9 +246,9 @@ def test_life_cycle_is_refused_exactly_when_tasks_could_not_end(more: list[Trans
         or any(not reached(state, by_client=False) & {"done", "cancelled"} for state in states)
     )
     try:
-        made = LifeCycle("random", table)
+        life_cycle = LifeCycle("random", table)
     except BadFormat:
         assert wrong
     else:
         assert not wrong
-        assert read_life_cycle(made.text) == made
+        assert read_life_cycle(life_cycle.text) == life_cycle

@@ -252,9 +252,9 @@ def test_message_can_be_declared_by_its_schemas() -> None:
 )
 def test_malformed_schema_is_usable_as_a_format(schema: str) -> None:
     """Any program may declare a message, and `tca send` reads its schema."""
-    made = PlainFormat(schema)
-    assert str(made)
-    assert made.takes_fields in (True, False)
+    plain_format = PlainFormat(schema)
+    assert str(plain_format)
+    assert plain_format.takes_fields in (True, False)
     for value in ({"x": Bare("1")}, [1], "x", None):
         with suppress(BadData):
-            assert made.encode(value)
+            assert plain_format.encode(value)
