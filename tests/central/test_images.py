@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central import lived_apart
+from central import separate_life
 from central.player import IN_PYTHON, Player
 from central.transcript import Transcript
 from hypothesis import given, settings
@@ -135,13 +135,13 @@ def test_image_does_not_depend_on_hash_order(tmp_path: Path) -> None:
     seed, image = 7, tmp_path / "image"
     # The temporary folders hold files of other tests.
     paths = os.pathsep.join(path for path in sys.path if "pytest-of-" not in path)
-    own_image, effects = lived_apart.live(seed, None)
+    own_image, effects = separate_life.live(seed, None)
     image.write_bytes(own_image)
     for number in (1, 2):
-        command = [sys.executable, lived_apart.__file__, str(seed), str(image)]
+        command = [sys.executable, separate_life.__file__, str(seed), str(image)]
         environment = {**os.environ, "PYTHONHASHSEED": str(number), "PYTHONPATH": paths}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.stdout.split() == [lived_apart.digest(own_image), effects], done.stderr
+        assert done.stdout.split() == [separate_life.digest(own_image), effects], done.stderr
 
 
 def test_image_of_decoded_image_is_identical() -> None:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from central.player import ANY, Player
-from central.test_what_goes_ahead import Ears, trust_every_handler
-from central.test_what_goes_ahead import deliveries as got
+from central.test_prefetched_messages import Ears, trust_every_handler
+from central.test_prefetched_messages import deliveries as got
 from central.transcript import Transcript
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

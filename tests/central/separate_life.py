@@ -1,4 +1,4 @@
-"""Continue a random life from an image, in a separate process: ``lived_apart.py SEED IMAGE``."""
+"""Continue a random life from an image, in a separate process: ``separate_life.py SEED IMAGE``."""
 
 import sys
 from hashlib import blake2b
