@@ -1,5 +1,5 @@
-"""Requests of clients to change the state of a task: their limits, and their order with the handler's
-changes.
+"""Requests of clients to change the state of a task: their limits, and their order with the
+handler's changes.
 """
 
 import msgspec

@@ -1,5 +1,5 @@
 """The cost of an event does not grow with the task tree. Each request takes as many steps in a
-deep or wide tree, or beside many monitors, wiretaps, waits and retained tasks, as in a small one.
+deep or wide tree, or beside many monitors, wiretaps and waits, as in a small one.
 
 A step is one executed line of central's code. A call of a C function counts as one step.
 Requests that must visit every descendant are left out: kill, suspend and retry of a wide task.

@@ -20,8 +20,8 @@ ENDS = (Moment.END_HANDLING, Moment.END_ACHIEVING)
 
 
 class LifeOfMonitors:
-    """Goals and commands that never wait for a slot, any number of monitors, and an exception handler
-    of all failures.
+    """Goals and commands that never wait for a slot, any number of monitors, and an exception
+    handler of all failures.
     """
 
     def __init__(self, seed: int) -> None:

@@ -1,5 +1,5 @@
-"""A kill, a power cut or a full disk leaves torn ends in central's logs: the next start repairs them
-(decision 102).
+"""A kill, a power cut or a full disk leaves torn ends in central's logs: the next start repairs
+them (decision 102).
 """
 
 import errno

@@ -1,5 +1,5 @@
-"""The oracle, a deliberately simple reference scheduler, agrees with central on which deliveries may
-start, and in which order.
+"""The oracle, a deliberately simple reference scheduler, agrees with central on which deliveries
+may start, and in which order.
 """
 
 import random

@@ -1,5 +1,5 @@
-"""Outboxes hold unsent packets: a connection gets no more than it reads, and a slow reader delays no
-other.
+"""Outboxes hold unsent packets: a connection gets no more than it reads, and a slow reader delays
+no other.
 """
 
 from tca_central.events import ConnectionId

@@ -1,4 +1,4 @@
-"""Tasks that are sent quietly: their senders name them by requests, and learn their ids in batches."""
+"""Quietly sent tasks: their senders name them by requests, and learn their ids in batches."""
 
 from typing import Any
 

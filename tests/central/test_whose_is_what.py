@@ -1,4 +1,4 @@
-"""Ownership: no module can answer, complete, end or give up a delivery, task or request of another."""
+"""Ownership: no module can answer, end or give up a delivery, task or request of another."""
 
 from collections.abc import Iterator
 from typing import Any

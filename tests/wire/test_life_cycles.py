@@ -1,5 +1,5 @@
-"""Life cycles as tables. The built-in life cycles match the figures of Lütkebohle et al. An invalid
-table is refused when it is made.
+"""Life cycles as tables. The built-in life cycles match the figures of Lütkebohle et al. An
+invalid table is refused when it is made.
 """
 
 from collections.abc import Callable
