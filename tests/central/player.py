@@ -1,4 +1,4 @@
-"""Plays modules against the pure core: each call is one event, each returns what central sent."""
+"""Play modules against the pure core: each call is one event and returns what central sent."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -32,24 +32,24 @@ from tca_wire.points import Moment, Point, TaskId
 from tca_wire.vocabulary import MessageClass
 
 ANY = '{"type":"integer"}'
-SAYS_ITSELF = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
-"""What else a connection asks, the handler asks that it is running; of these a test says which
-does.
+WITH_EXPLICIT_ORIGIN = headers.Send | headers.AwaitPoint | headers.Lock | headers.SetVariable
+"""Requests in which a test names the handler that asks. For all other requests, the player names
+the handler that the connection runs.
 """
 
 IN_PYTHON = pytest.mark.skipif(
     is_compiled(),
-    reason="machine code can be neither traced nor patched, nor its objects made one by one",
+    reason="compiled code can be neither traced nor patched, nor its objects made one by one",
 )
 
 
 class Player:
-    """One central and any number of modules, named by single words. Invariants are checked after
-    every event.
+    """One central and any number of modules, named by single words. Every event is followed by a
+    check of the invariants.
     """
 
     prefetch = 0
-    """Messages that each slot takes ahead."""
+    """The number of messages that each slot may prefetch."""
 
     def __init__(self, *, check: bool = True) -> None:
         self.central = Central()
@@ -58,15 +58,13 @@ class Player:
         self.entries: list[Entry] = []
         self.inbox: dict[str, list[tuple[Any, bytes]]] = {}
         self.numbers: dict[str, int] = {}
-        self.principals: dict[
-            str, str
-        ] = {}  #: whose a connection is ("": of the user who runs central)
-        self.life_cycles: dict[str, str] = {}  #: by message: the table that its declarations have
+        self.principals: dict[str, str] = {}  #: by connection; "" is the user that runs central
+        self.life_cycles: dict[str, str] = {}  #: the declared table, by message
 
     @classmethod
     def of(cls, *modules: str, check: bool = True) -> Self:
-        """A central with modules and what they handle: "legs: command move, query where",
-        "user".
+        """A central with modules, each given with the messages that it handles, such as "legs:
+        command move, query where" or "user".
         """
         player = cls()
         player.check = check
@@ -91,9 +89,9 @@ class Player:
                 )
 
     def receive(self, connection: str, header: Any, body: bytes = b"") -> list[Any]:
-        """Let central receive a message; the headers that it sent to anyone."""
+        """Let central receive a message. Return all headers that it sent."""
         self.time += 1.0
-        if getattr(header, "origin", None) == 0 and not isinstance(header, SAYS_ITSELF):
+        if getattr(header, "origin", None) == 0 and not isinstance(header, WITH_EXPLICIT_ORIGIN):
             header = msgspec.structs.replace(header, origin=(self.delivered(connection) or [0])[-1])
         principal = self.principals.get(connection, "")
         effects = self.event(
@@ -110,7 +108,7 @@ class Player:
         body: bytes = b"",
         **options: Any,
     ) -> list[Any]:
-        """Make a request, under the next number."""
+        """Make a request with the next number."""
         return self.receive(connection, kind(self.number(connection), *fields, **options), body)
 
     def number(self, connection: str) -> int:
@@ -152,8 +150,8 @@ class Player:
         direct: bool = False,
         **wishes: Any,
     ) -> None:
-        """A module joins: "goal walk", "query where", ...: its words are class and name of what it
-        handles; *wishes* are what its handlers say of the life cycles of tasks.
+        """Let a module join. *handles*: class and name of each message, such as "goal walk".
+        *wishes*: options of its handlers for the life cycles of tasks.
         """
         self.hello(name)
         messages = [self.declared(words) for words in handles]
@@ -183,7 +181,7 @@ class Player:
         return MessageFormat(name, message_class, ANY, reply)
 
     def declared(self, words: str) -> MessageFormat:
-        """The declaration of a message, with the life cycle that its tasks have here."""
+        """The declaration of a message, with the life cycle set in `life_cycles`."""
         message = self.format(words)
         life_cycle = self.life_cycles.get(message.name, "")
         return msgspec.structs.replace(message, life_cycle=life_cycle) if life_cycle else message
@@ -202,7 +200,7 @@ class Player:
         serial: int = -1,
         **options: Any,
     ) -> list[Any]:
-        """Take a transition of a task: as its handler where it is that, else as a client."""
+        """Request a transition of a task, as its handler if the connection runs it."""
         return self.request(
             connection,
             ChangeState,
@@ -246,14 +244,14 @@ class Player:
         )
 
     def task(self, connection: str, message: str, **options: Any) -> int:
-        """Send a goal or command; its id."""
+        """Send a goal or command. Return its id."""
         answers = self.send(connection, message, **options)
         accepted = [a for a in answers if isinstance(a, headers.Accepted)]
         assert accepted, answers
         return accepted[-1].id
 
     def delivered(self, connection: str) -> list[int]:
-        """The deliveries that a connection was given and has not answered."""
+        """The deliveries that a connection has not answered yet."""
         return [
             d.handling_id
             for d in self.central.dispatcher.running.values()
@@ -269,7 +267,7 @@ class Player:
         return self.receive(connection, headers.Fail(delivery, failure, "why", **options))
 
     def resolve(self, connection: str, delivery: int = 0) -> list[Any]:
-        """An exception handler says that its failure is resolved."""
+        """Let an exception handler resolve its failure."""
         origin = delivery or self.delivered(connection)[-1]
         return self.request(connection, headers.Resolve, origin)
 
@@ -309,11 +307,11 @@ CODE = (type, ModuleType, FunctionType, BuiltinFunctionType, MethodType)
 
 
 def reachable(central: Central) -> Iterator[object]:
-    """Every object but code, once."""
+    """All objects that central refers to, except code; each once."""
     seen, frontier = {id(central)}, [central]
     while frontier:
-        for one in gc.get_referents(frontier.pop()):
-            if not isinstance(one, CODE) and id(one) not in seen:
-                seen.add(id(one))
-                frontier.append(one)
-                yield one
+        for referent in gc.get_referents(frontier.pop()):
+            if not isinstance(referent, CODE) and id(referent) not in seen:
+                seen.add(id(referent))
+                frontier.append(referent)
+                yield referent

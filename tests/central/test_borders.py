@@ -1,5 +1,6 @@
-"""The search for circles passes by what is below most tasks, and finds a way exactly where there is
-one.
+"""The search for cycles skips the descendants of most tasks, and still finds every path.
+
+Borders are the tasks whose subtrees a search must enter.
 """
 
 import random
@@ -34,8 +35,8 @@ END, START = Moment.END_ACHIEVING, Moment.START_ACHIEVING
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(1, soak=200))
-def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int) -> None:
-    """In trees with constraints across, retries, kills and ends."""
+def test_cycle_search_agrees_with_unpruned_search(seed: int) -> None:
+    """The trees have constraints between subtrees, retries, kills and ended tasks."""
     life, chance = Life(), random.Random(seed)
     for number in range(lives(40, soak=60)):
         life.go_on(seed + number, 12)
@@ -44,7 +45,7 @@ def test_a_way_is_found_just_where_one_is_found_by_looking_everywhere(seed: int)
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=2)
-def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
+def test_cycle_search_agrees_with_unpruned_search_before_starts(seed: int) -> None:
     chance = random.Random(seed)
     player = planned_ahead(chance)
     for _ in range(12):
@@ -59,9 +60,7 @@ def test_so_it_is_in_trees_of_which_nothing_has_begun(seed: int) -> None:
 
 
 def planned_ahead(chance: random.Random) -> Player:
-    """A random tree of goals and commands: all is held back, and some goals have been handled
-    already.
-    """
+    """A random tree of goals and commands. All are held; some goals have been handled already."""
     player = Player(check=False)
     player.module("planner", "goal walk", capacity=3)
     player.module("user")
@@ -87,7 +86,7 @@ def planned_ahead(chance: random.Random) -> Player:
 
 
 def compare(tree: TaskTree, chance: random.Random) -> None:
-    """Ways between points that are to come, searched in all three ways."""
+    """Search for paths between random pending points in all three ways."""
     places = [
         place
         for place in all_places(tree)
@@ -100,7 +99,7 @@ def compare(tree: TaskTree, chance: random.Random) -> None:
             assert (
                 (known is None)
                 == (pruned(tree, start, goal) is None)
-                == (found(tree, start, goal) is None)
+                == (found_by_central(tree, start, goal) is None)
             )
 
 
@@ -122,8 +121,8 @@ def pruned(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
     return checked(path_of(PathSearch(tree, start, goal, borders)), start, goal)
 
 
-def found(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
-    """As central finds it, but with borders from the first step on."""
+def found_by_central(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
+    """Search as central does, but with borders from the first step."""
     easy, cycles.EASY_ROUNDS = cycles.EASY_ROUNDS, 0
     try:
         return checked(find_path(tree, start, goal), start, goal)
@@ -132,7 +131,7 @@ def found(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
 
 
 def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] | None:
-    """A way leads from point to point."""
+    """Check that each step of a path leads to a pending successor."""
     if path is not None:
         assert (path[0], path[-1]) == (start, goal)
         for one, other in pairwise(path):
@@ -141,9 +140,9 @@ def checked(path: list[Place] | None, start: Place, goal: Place) -> list[Place] 
     return path
 
 
-def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> None:
-    """It leaves what is below the failing task, which has not begun, and leads to a task far
-    above.
+def test_path_from_recovery_to_retried_ancestor_is_found() -> None:
+    """The path leaves the subtree of the failing task, which has not begun, for a distant
+    ancestor.
     """
     player = Player.of(
         "planner: goal walk", "eye: query seen", "expert: exception handler recover", "user"
@@ -154,12 +153,12 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     walk = player.task("user", "walk", attachments=[Attachment("slip", "recover")])
     monitor = player.task(
         "user", "watch", under=walk, origin=0, watch=WatchOptions(7)
-    )  # others put it there: it stays
+    )  # sent by another module: a retry spares it
     first = player.task("user", "move", flags=Flags.NONE)
     held = before(point(first, END), point(-1, Moment.START_PLANNING))
     goal = player.task("user", "walk", under=monitor, origin=0, constraints=(held,))
     step = goal
-    for _ in range(10):  # so that the search from the other end takes long
+    for _ in range(10):  # makes the search from the other end slow
         step = player.task("user", "walk", under=step, origin=0)
     player.request("user", headers.Raise, TaskId(goal), "slip")
     tasks = player.central.tree.tasks
@@ -174,13 +173,13 @@ def test_the_way_from_an_exception_handler_to_what_it_has_retried_is_found() -> 
     assert pruned(player.central.tree, start, end)
 
 
-# --- what it costs --------------------------------------------------------------------------------
+# --- costs ----------------------------------------------------------------------------------------
 
 WIDE = 1_500
 
 
-class Counted:
-    """A central whose searches are counted step by step."""
+class CountedSearch:
+    """A central whose search steps are counted."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.steps = 0
@@ -206,14 +205,14 @@ class Counted:
         monkeypatch.setattr(kind, name, step if kind is PathSearch else draw)
 
     def wide(self, **options: object) -> int:
-        """A goal that is planned ahead, with thousands of subtasks, and held back."""
+        """Send a goal that is planned ahead, with thousands of subtasks."""
         goal = self.player.task("user", "walk", flags=Flags.NONE, **options)
         for _ in range(WIDE):
             self.player.task("user", "move", under=goal, origin=0, flags=Flags.NONE)
         return goal
 
     def plan(self) -> None:
-        """All handlers return."""
+        """Let all handlers return."""
         for slot in ("planner/1", "planner/2"):
             self.player.reply(slot)
 
@@ -224,13 +223,13 @@ class Counted:
 
 
 @pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> Counted:
-    return Counted(monkeypatch)
+def counted(monkeypatch: pytest.MonkeyPatch) -> CountedSearch:
+    return CountedSearch(monkeypatch)
 
 
 @pytest.mark.parametrize("planned", [True, False])
-def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(
-    counted: Counted, planned: bool
+def test_constraint_between_wide_goals_costs_few_steps(
+    counted: CountedSearch, planned: bool
 ) -> None:
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
@@ -245,8 +244,8 @@ def test_a_constraint_between_two_wide_goals_is_no_question_of_their_size(
     assert counted.steps < 60
 
 
-def test_nor_where_subtasks_wait_for_what_is_elsewhere(counted: Counted) -> None:
-    """Such constraints lead into what is below a goal, and not out of it."""
+def test_constraint_costs_few_steps_when_subtasks_wait_outside(counted: CountedSearch) -> None:
+    """The constraints lead into the subtree of each goal, but not out of it."""
     first = counted.player.task("user", "move")
     held = (before(point(first, END), point(-1, START)),)
     one, other = (counted.wide(constraints=held) for _ in range(2))
@@ -258,7 +257,7 @@ def test_nor_where_subtasks_wait_for_what_is_elsewhere(counted: Counted) -> None
     assert counted.steps < 80
 
 
-def test_a_circle_with_the_top_of_a_deep_tree_is_seen_at_once(counted: Counted) -> None:
+def test_cycle_with_top_of_deep_tree_is_found_in_few_steps(counted: CountedSearch) -> None:
     top = task = counted.player.task("user", "walk")
     for _ in range(WIDE):
         task = counted.player.task("user", "walk", under=task, origin=0)
@@ -268,8 +267,8 @@ def test_a_circle_with_the_top_of_a_deep_tree_is_seen_at_once(counted: Counted) 
     assert counted.steps < 60
 
 
-def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
-    """Where edges led across borders, nothing of that stays when they are gone."""
+def test_killed_task_leaves_the_index_of_cross_tree_constraints(counted: CountedSearch) -> None:
+    """The index would otherwise keep ended tasks alive."""
     goal = counted.player.task("user", "walk")
     inner = counted.player.task("user", "move", under=goal, origin=0)
     counted.player.task("user", "move", constraints=(before(point(inner, END), point(-1, START)),))
@@ -280,22 +279,21 @@ def test_what_is_below_a_task_that_ends_is_forgotten(counted: Counted) -> None:
     assert not tree.across
 
 
-# --- Handlers that wait for a goal with thousands of subtasks: no event looks at more than so many
-
+# --- handlers that wait for a goal with thousands of subtasks: the work of one event is bounded ---
 
 SUBTASKS = 3_000
 MOST = deadlocks.PATIENCE + deadlocks.SLICE + 10
-"""A wait may begin in an event in which a look is due. A group is looked at as a whole, so that it
-may be a few more.
+"""A wait may begin in an event that also continues a search. A group of edges is examined as a
+whole, so a few more are allowed.
 """
 
 
 class Crowd(Player):
-    """A goal with thousands of commands, all of which wait for busy legs."""
+    """A goal with thousands of commands that wait for busy legs."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         super().__init__(check=False)
-        self.most = self.edges = 0  #: edges looked at in one event, and in this one
+        self.most = self.edges = 0  #: edges examined in one event, and in this event
         count = Search._count
 
         def counted(search: Search, edges: int) -> None:
@@ -318,22 +316,22 @@ class Crowd(Player):
         self.most = max(self.most, self.edges)
         return effects
 
-    def wait(self, who: str, origin: int = 0) -> None:
+    def wait(self, connection: str, origin: int = 0) -> None:
         end = point(TaskId(self.walk), Moment.END_ACHIEVING)
-        self.request(who, headers.AwaitPoint, end, origin, blocking=True)
+        self.request(connection, headers.AwaitPoint, end, origin, blocking=True)
 
     def ask(self) -> int:
-        """Ask whether it is done; the handler's delivery."""
+        """Send a query. Return the delivery of its handler."""
         self.send("user", "done")
         return next(reversed(self.central.dispatcher.running))
 
-    def look_to_the_end(self) -> int:
-        """How many looks that takes."""
-        looks = 0
+    def finish_search(self) -> int:
+        """Let the deadlock search end. Return the number of its slices."""
+        slices = 0
         while self.central.search_timer is not None:
             self.tick(0.25)
-            looks += 1
-        return looks
+            slices += 1
+        return slices
 
     @property
     def refused(self) -> list[str]:
@@ -347,47 +345,46 @@ def crowd(monkeypatch: pytest.MonkeyPatch) -> Crowd:
     return Crowd(monkeypatch)
 
 
-def test_the_wait_of_a_client_for_a_wide_goal_costs_nothing(crowd: Crowd) -> None:
+def test_client_wait_for_wide_goal_examines_at_most_one_edge(crowd: Crowd) -> None:
     crowd.wait("user")
-    crowd.look_to_the_end()
+    crowd.finish_search()
     assert crowd.most <= 1
 
 
 @IN_PYTHON
-def test_no_event_looks_at_more_than_so_many_edges(crowd: Crowd) -> None:
-    """And once all is known to go on, nothing is looked at before something happens that might
-    change that.
+def test_deadlock_search_examines_bounded_edges_per_event(crowd: Crowd) -> None:
+    """After a search without result, the next one starts only with an event that may close a
+    cycle.
     """
     for slot in ("watcher/1", "watcher/2"):
         crowd.wait(slot, crowd.ask())
-    assert crowd.look_to_the_end() > 1
+    assert crowd.finish_search() > 1
     assert 0 < crowd.most <= MOST
     crowd.send("user", "where")
     crowd.reply("map/1", next(reversed(crowd.central.dispatcher.running)))
-    assert crowd.central.search_timer is None, "a question of strangers closes no circle"
+    assert crowd.central.search_timer is None, "a query of other modules closes no cycle"
     crowd.task("user", "walk")
-    assert crowd.central.search_timer is not None, "a task might"
+    assert crowd.central.search_timer is not None, "a task may close one"
 
 
-def test_a_circle_behind_thousands_of_subtasks_is_found_in_the_end(crowd: Crowd) -> None:
+def test_deadlock_behind_thousands_of_subtasks_is_found(crowd: Crowd) -> None:
     note = crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     crowd.reply("watcher/1", note)
     both = [crowd.ask(), crowd.ask()]
-    crowd.task(
-        "planner", "note", under=crowd.walk, flags=Flags.NONE
-    )  # for a watcher, and both wait for the walk
+    # This task needs a watcher, and both watchers will wait for the walk.
+    crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     for delivery in both:
         slot = crowd.central.dispatcher.running[delivery].slot
         assert slot is not None
         crowd.wait(slot.id.decode(), delivery)
-    assert not crowd.refused, "that takes longer than an event may"
-    crowd.look_to_the_end()
+    assert not crowd.refused, "the search takes more than one event"
+    crowd.finish_search()
     assert crowd.most <= MOST
     (text,) = crowd.refused
     assert text.endswith("waits for watcher, busy with done {3004} and done {3003}")
 
 
-def test_a_circle_that_comes_undone_while_it_is_looked_for_is_none(crowd: Crowd) -> None:
+def test_deadlock_resolved_during_search_is_not_reported(crowd: Crowd) -> None:
     both = [crowd.ask(), crowd.ask()]
     crowd.task("planner", "note", under=crowd.walk, flags=Flags.NONE)
     for delivery in both:
@@ -398,5 +395,5 @@ def test_a_circle_that_comes_undone_while_it_is_looked_for_is_none(crowd: Crowd)
     assert crowd.central.scan is not None
     waiter = next(iter(crowd.central.blocked))
     crowd.receive(waiter.id.decode(), headers.GiveUp(next(iter(waiter.waits))))
-    crowd.look_to_the_end()
+    crowd.finish_search()
     assert not crowd.refused

@@ -1,6 +1,4 @@
-"""The budget of bytes: whatever modules do, what is counted is what is held, and stays within
-bounds.
-"""
+"""The byte budget of central: its counters match the stored bytes, and stay within limits."""
 
 import random
 from collections.abc import Callable
@@ -26,7 +24,7 @@ MEMORY = 1 << 20
 
 
 def of(*modules: str) -> Player:
-    """A central that may hold a megabyte: half of it messages and tasks."""
+    """A central with a budget of one megabyte, half of it for messages and tasks."""
     player = Player.of(*modules)
     player.event(LimitsSet(0.0, MEMORY, 8, 20_000))
     return player
@@ -37,13 +35,13 @@ def refusal(sent: list[Any]) -> Refusal | None:
 
 
 def fill(player: Player, header: Any, body: bytes, most: int = 2000) -> int:
-    """Send until it is refused; how often it was taken."""
+    """Send until a refusal. Return the number of accepted messages."""
     for count in range(most):
         request = {"number": player.number("user")} if header.number else {}
         sent = player.receive("user", type(header)(**{**_fields(header), **request}), body)
         if refusal(sent) is Refusal.OVERLOAD:
             return count
-    pytest.fail("it is never refused")
+    pytest.fail("no message is refused")
 
 
 def _fields(header: Any) -> dict[str, Any]:
@@ -51,23 +49,23 @@ def _fields(header: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("message", ["note", "where", "move", "all", "pose"])
-def test_what_waits_is_bounded_in_bytes(message: str) -> None:
+def test_queued_messages_are_bounded_in_bytes(message: str) -> None:
     player = of(
         "busy: inform note, query where, command move, multi-query all, broadcast pose", "user"
     )
     taken = fill(player, headers.Send(1, message), bytes(10_000))
     assert 40 <= taken <= 60
     assert player.central.message_bytes <= player.central.budget.messages
-    told = player.facts_of("refused")[-1]
-    assert "messages and tasks hold 5" in told.text
-    assert "--memory" in told.text
+    refused = player.facts_of("refused")[-1]
+    assert "messages and tasks hold 5" in refused.text
+    assert "--memory" in refused.text
     assert player.central.budget.refused == 1
-    player.reply("busy/1")  # one has gone, and one gets in
+    player.reply("busy/1")  # one message is gone: the next one is accepted
     player.request("user", headers.Send, message, body=b"\xc0")
     assert player.central.budget.refused == 1
 
 
-def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> None:
+def test_unconfirmed_inform_is_dropped_and_counted_over_budget() -> None:
     player = of("busy: inform note", "user")
     for _ in range(60):
         player.receive("user", headers.Send(0, "note"), bytes(10_000))
@@ -79,12 +77,12 @@ def test_an_inform_of_which_nobody_wants_to_know_is_dropped_and_counted() -> Non
         == len(dropped)
         == player.central.budget.refused
     )
-    told: Any = TOPICS["load"](player.central)
-    assert told["overloads"] == len(dropped)
-    assert told["memory"]["messages and tasks"][0] == player.central.message_bytes
+    load: Any = TOPICS["load"](player.central)
+    assert load["overloads"] == len(dropped)
+    assert load["memory"]["messages and tasks"][0] == player.central.message_bytes
 
 
-def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
+def test_freeing_requests_are_accepted_over_budget() -> None:
     player = of("legs: command move, goal walk", "map: query where", "user")
     goal = player.task("user", "walk")
     tasks = [player.task("user", "move", under=goal) for _ in range(3)]
@@ -108,7 +106,7 @@ def test_what_frees_something_gets_in_when_the_budget_is_spent() -> None:
     assert goal not in player.central.tree.tasks or player.central.tree.tasks[goal].killed
 
 
-def test_results_failures_and_farewells_are_counted() -> None:
+def test_results_and_termination_messages_count_in_the_budget() -> None:
     player = of("legs: command move, goal walk", "user")
     before = player.central.tree.bytes
     goal = player.task("user", "walk")
@@ -117,7 +115,7 @@ def test_results_failures_and_farewells_are_counted() -> None:
     player.request("user", headers.Send, "move", TaskId(goal), body=bytes(5000), when_killed=True)
     assert player.central.tree.bytes > held + 5000
     child = player.task("user", "move", under=goal)
-    player.receive("legs/1", headers.Reply(goal), bytes(3000))  # it waits for its child
+    player.receive("legs/1", headers.Reply(goal), bytes(3000))  # the goal waits for its child
     assert player.central.tree.bytes > held + 8000
     assert player.central.tree.tasks[child].is_running
     player.reply("legs/1")
@@ -149,7 +147,7 @@ DECLARED: dict[str, Callable[[int, TaskId], Any]] = {
 
 
 @pytest.mark.parametrize("what", DECLARED)
-def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
+def test_requests_about_a_task_are_bounded_in_bytes(what: str) -> None:
     player = of("user")
     player.declare(
         "user",
@@ -171,13 +169,13 @@ def test_what_is_asked_for_about_a_task_is_bounded(what: str) -> None:
 
 
 def ask(player: Player, connection: str, size: int) -> int:
-    """Exchange a variable for one of that size; the answer has what was there before."""
+    """Swap a variable for a value of this size. The answer holds the previous value."""
     number = player.number(connection)
     player.receive(connection, headers.SetVariable(number, "v", swap=True), bytes(size))
     return number
 
 
-def test_answers_give_way_the_oldest_first_and_are_too_late_then() -> None:
+def test_oldest_answers_are_forgotten_first_over_budget() -> None:
     player = of(*(f"user{one}" for one in range(8)))
     users = [f"user{one}" for one in range(8)]
     for user in users:
@@ -192,7 +190,7 @@ def test_answers_give_way_the_oldest_first_and_are_too_late_then() -> None:
     assert isinstance(again, headers.Answer)
 
 
-def test_one_connection_does_not_push_out_the_answers_of_the_others() -> None:
+def test_busy_connection_does_not_evict_answers_of_others() -> None:
     player = of("quiet", "user")
     for user in ("quiet", "user"):
         player.declare(user, "variable v")
@@ -204,7 +202,7 @@ def test_one_connection_does_not_push_out_the_answers_of_the_others() -> None:
     assert isinstance(answer, headers.Answer)
 
 
-def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() -> None:
+def test_answers_survive_connection_loss_but_not_goodbye() -> None:
     player = of("stays", "leaves")
     for user in ("stays", "leaves"):
         player.declare(user, "variable v")
@@ -224,7 +222,7 @@ def test_answers_of_the_lost_are_kept_and_those_of_who_said_goodbye_are_not() ->
 # --- names ----------------------------------------------------------------------------------------
 
 
-def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unneeded_message_names_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 12)
     monkeypatch.setattr(forgetting, "AT_ONCE", 3)
     player = of("legs: command move", "keeper")
@@ -262,11 +260,11 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
         "d",
         "e",
     } == set(known)
-    player.central.registry.next_search = 0  # else it is not worth to look again so soon
+    player.central.registry.next_search = 0  # a repeated search would be skipped
     (answer,) = player.declare("new", "inform f", "inform g", "inform h")
     assert isinstance(answer, headers.Accepted)
     assert "waiting" not in known
-    assert "value" in known  # it goes last
+    assert "value" in known  # a value is forgotten last
     player.central.registry.next_search = 0
     (answer,) = player.declare("new", "inform i")
     assert isinstance(answer, headers.Accepted)
@@ -274,11 +272,11 @@ def test_messages_that_nobody_needs_make_room_for_new_ones(monkeypatch: pytest.M
     (answer,) = player.declare("new", "inform j")
     assert answer.refusal is Refusal.OVERLOAD
     player.declare("new", "goal held")
-    player.module("planner", "goal held")  # who waited for a handler gets one
+    player.module("planner", "goal held")  # the waiting task is delivered
     assert player.delivered("planner/1")
 
 
-def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_has_left(
+def test_unhandled_inform_names_are_freed_after_sender_leaves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 12)
@@ -286,21 +284,19 @@ def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_
     player = Player.of("stays", "leaves")
     player.declare("stays", "inform kept")
     player.declare("leaves", "inform kept", "query asked", *(f"inform {one}" for one in "abcdefgh"))
-    for name in ("kept", *"hgfedcbaa"):  # of 'a' two wait, and more is lost with it
+    for name in ("kept", *"hgfedcbaa"):  # two messages 'a' wait: forgetting it loses more
         player.receive("leaves", headers.Send(0, name), b"\xc0")
     player.request("leaves", headers.Send, "asked", body=b"\xc0")
     player.declare("stays", "inform i", "inform j")
-    (refused,) = player.declare("stays", "inform l")  # their sender is there: it may send more
+    (refused,) = player.declare("stays", "inform l")  # their sender is still connected
     assert refused.refusal is Refusal.OVERLOAD
     player.receive("leaves", headers.Bye())
     held, refusals = player.central.dispatcher.bytes, player.central.budget.refused
     (answer,) = player.declare("stays", "inform l")
     assert isinstance(answer, headers.Accepted)
     known = player.central.registry.messages
-    assert [one for one in "abcdefgh" if one not in known] == [
-        "b",
-        "c",
-    ]  # with 'asked', of which nothing waits
+    # 'asked' is forgotten, too: none of its messages waits.
+    assert [one for one in "abcdefgh" if one not in known] == ["b", "c"]
     assert "kept" in known
     dropped = [fact for fact in player.facts_of("dropped") if fact.dropping is Dropping.OVERLOAD]
     assert [fact.message for fact in dropped] == ["b", "c"]
@@ -308,14 +304,14 @@ def test_informs_that_nobody_handles_give_their_names_up_when_who_declared_them_
     status: Any = TOPICS["status"](player.central)
     assert status["dropped"] == len(dropped)
     assert player.central.dispatcher.bytes < held
-    player.module("late", "inform a", "inform kept")  # what was not lost is delivered
+    player.module("late", "inform a", "inform kept")  # messages that were not lost are delivered
     for _ in range(3):
         player.reply("late/1")
     assert not player.central.registry.messages["a"].waiting
     assert len(player.facts_of("returned")) == 3
 
 
-def test_all_messages_of_a_request_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_name_limit_counts_all_messages_of_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 5)
     player = Player.of("user")
     (answer,) = player.declare("user", *(f"inform {one}" for one in range(6)))
@@ -343,8 +339,8 @@ def test_formats_are_bounded_in_bytes() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
-    """The invariants, checked at the end of each burst, walk over all that is held."""
+def test_central_stays_within_budget_in_hostile_lives(seed: int) -> None:
+    """The invariants, checked after each burst, recount all stored bytes."""
     player = of(
         "legs: command move, goal walk, query where",
         "map: inform note, broadcast pose, multi-query all",
@@ -364,7 +360,7 @@ def test_whatever_modules_do_central_stays_within_its_budget(seed: int) -> None:
             assert central.answers.bytes <= central.budget.answers
             assert central.declared_bytes <= central.budget.declared
         check_invariants(player.central)
-    # handlers of failures are let in, each with the data of the failure
+    # Exception handlers are accepted over budget, each with the data of its failure.
     assert player.central.budget.messages // 2 < most <= 1.5 * player.central.budget.messages
     assert player.central.budget.refused
 
@@ -417,10 +413,10 @@ def _do_anything(player: Player, chance: random.Random) -> None:
             player.receive(slot, answer, bytes(chance.choice((1, 20_000))))
 
 
-def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(
+def test_search_for_free_names_is_repeated_after_a_departure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A search in vain is not repeated before much has happened; but a departure is enough."""
+    """A search without result is normally repeated only after many events."""
     monkeypatch.setattr(registry, "MESSAGES", 60)
     monkeypatch.setattr(forgetting, "STEPS", 1)
     player = Player.of("keeper", "full")
@@ -430,7 +426,7 @@ def test_names_of_a_module_that_has_left_make_room_on_a_quiet_robot_too(
     assert isinstance(player.declare("keeper", "inform fresh")[0], headers.Accepted)
 
 
-def test_late_failures_of_a_multi_query_given_up_hold_nothing() -> None:
+def test_late_failure_of_abandoned_multi_query_holds_nothing() -> None:
     player = of("map: multi-query where", "camera: multi-query where", "user")
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))

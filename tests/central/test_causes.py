@@ -1,5 +1,5 @@
-"""Each entry of the journal says what it came from: a request and the handler that asked, a timer,
-a lost connection.
+"""Each journal entry names its cause: a request and the handler that made it, a timer, or a lost
+connection.
 """
 
 import pytest
@@ -31,7 +31,7 @@ def causes(player: Player, kind: type) -> list[Cause | None]:
     return [entry.cause for entry in with_fact(player, kind)]
 
 
-def test_a_request_names_its_connection_number_message_and_the_handler_that_asked() -> None:
+def test_request_cause_names_connection_message_and_origin() -> None:
     player = robot()
     player.task("user", "move")
     player.task("legs/1", "move", origin=player.delivered("legs/1")[-1])
@@ -43,7 +43,7 @@ def test_a_request_names_its_connection_number_message_and_the_handler_that_aske
 
 
 @pytest.mark.parametrize("origin", [99, 2])
-def test_a_handler_that_does_not_run_or_is_of_another_module_has_not_asked(origin: int) -> None:
+def test_stale_or_foreign_origin_is_not_recorded_as_cause(origin: int) -> None:
     player = robot()
     player.task("user", "move")
     player.task("user", "move")
@@ -56,7 +56,7 @@ def test_a_handler_that_does_not_run_or_is_of_another_module_has_not_asked(origi
 
 
 def recovering() -> tuple[Player, int, int]:
-    """A move has failed, and an exception handler is called."""
+    """A player with a failed move, its task, and the delivery to its exception handler."""
     player = robot()
     player.task("user", "move", attachments=[Attachment("", "recover")])
     player.fail("legs/1", "slip")
@@ -64,7 +64,7 @@ def recovering() -> tuple[Player, int, int]:
     return player, 1, handler
 
 
-def test_what_an_exception_handler_has_killed_or_retried_names_it() -> None:
+def test_recovery_kill_and_retry_name_the_exception_handler() -> None:
     player, task, handler = recovering()
     player.request("expert/1", headers.Retry, TaskId(task), origin=handler)
     (cause,) = causes(player, Retried)
@@ -76,14 +76,14 @@ def test_what_an_exception_handler_has_killed_or_retried_names_it() -> None:
     assert (killed.by, killed.origin, killed.failed) == ("expert", handler, ROOT)
 
 
-def test_a_kill_that_was_planned_names_the_handler_that_planned_it() -> None:
+def test_planned_kill_names_the_handler_that_planned_it() -> None:
     player, task, handler = recovering()
     player.request("expert/1", headers.Kill, TaskId(task), delay=5.0, origin=handler)
     player.resolve("expert/1")
     player.reply("expert/1")
     player.task("user", "move")
     player.tick(5.0)
-    assert not player.facts(Killed)  # it was dealt with, and has ended
+    assert not player.facts(Killed)  # the failure was resolved, and the move has ended
     player, task, handler = recovering()
     player.request("expert/1", headers.Kill, TaskId(task), delay=5.0, origin=handler)
     player.tick(5.0)
@@ -91,7 +91,7 @@ def test_a_kill_that_was_planned_names_the_handler_that_planned_it() -> None:
     assert causes(player, Killed) == [TimeOver(Due.KILL, task)]
 
 
-def test_a_kill_for_a_failure_that_nobody_handles_names_whose_it_was() -> None:
+def test_kill_after_unhandled_failure_names_the_failed_task() -> None:
     player = robot()
     player.task("user", "move")
     inner = player.task("legs/1", "move", under=1)
@@ -102,7 +102,7 @@ def test_a_kill_for_a_failure_that_nobody_handles_names_whose_it_was() -> None:
     }
 
 
-def test_timers_that_are_due_at_the_same_event_are_entries_of_their_own() -> None:
+def test_timers_due_in_one_event_are_separate_entries() -> None:
     player = robot()
     for seconds in (20.0, 10.0, 0.0):
         player.request("user", headers.Send, "move", deadline=seconds)
@@ -115,9 +115,7 @@ def test_timers_that_are_due_at_the_same_event_are_entries_of_their_own() -> Non
     assert [entry.number for entry in new] == list(range(new[0].number, new[0].number + 3))
 
 
-def test_a_connection_that_breaks_one_that_comes_and_bytes_that_are_no_message_are_causes_too() -> (
-    None
-):
+def test_garbled_lost_and_new_connections_are_recorded_causes() -> None:
     player = robot()
     player.garbage("user")
     player.garbage("nobody")

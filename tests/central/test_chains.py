@@ -1,5 +1,5 @@
-"""Limits of endless chains: listeners of wiretaps that send what they tap, and tasks under
-tasks.
+"""Limits of endless chains: listeners that send the message they tap, deep trees, and repeated
+retries.
 """
 
 import logging
@@ -20,7 +20,7 @@ from tca_wire.vocabulary import Condition, Refusal, Role
 
 
 def tapped(message: str, condition: Condition) -> Player:
-    """A message that a note listens to."""
+    """A player in which "note" is the listener of a wiretap on this message."""
     player = Player.of(f"legs: {message}", "user", "note: inform note")
     name = Player.format(message).name
     player.request("user", headers.Tap, condition, "note", name)
@@ -34,24 +34,26 @@ def tapped(message: str, condition: Condition) -> Player:
 @pytest.mark.parametrize(
     "condition", [Condition.WHEN_SENT, Condition.BEFORE_HANDLING, Condition.AFTER_HANDLED]
 )
-def test_a_listener_that_sends_what_it_taps_is_stopped(message: str, condition: Condition) -> None:
+def test_listener_that_sends_its_tapped_message_is_stopped(
+    message: str, condition: Condition
+) -> None:
     player = tapped(message, condition)
-    told = player.send("user", "move")
+    answers = player.send("user", "move")
     while (
-        not (refused := [one for one in told if isinstance(one, headers.Refused)])
+        not (refused := [one for one in answers if isinstance(one, headers.Refused)])
         and player.time < 100
     ):
         for legs in player.delivered("legs/1"):
             player.reply("legs/1", legs)
         note = player.delivered("note/1")[0]
-        told = player.send("note", "move", origin=note)
+        answers = player.send("note", "move", origin=note)
         player.reply("note/1", note)
     assert sum(fact.role is Role.LISTENER for fact in player.facts(Received)) == 8
     assert refused[0].refusal is Refusal.OVERLOAD
     assert player.central.registry.messages["move"].dropped == 1
 
 
-def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
+def test_listener_that_sets_its_tapped_variable_is_stopped() -> None:
     player = tapped("variable mode", Condition.WHILE_HANDLING)
     player.event(LimitsSet(player.time, 1 << 20, 1, 10))
     player.set_variable("user", "mode", 1)
@@ -61,7 +63,7 @@ def test_a_setter_of_a_tapped_variable_is_stopped() -> None:
     assert refused.refusal is Refusal.OVERLOAD
 
 
-def test_the_daemon_has_the_same_limits_as_the_core() -> None:
+def test_daemon_chain_limits_match_the_core() -> None:
     defaults = {option.name: option.default for option in command.params}
     budget = Player().central.budget
     assert (
@@ -71,11 +73,11 @@ def test_the_daemon_has_the_same_limits_as_the_core() -> None:
     )
 
 
-# --- A task that fails again and again is not retried for ever ------------------------------------
+# --- retries of a task that fails each time -------------------------------------------------------
 
 
 def begun(maximum: int = 0, failure: str = "slip") -> Player:
-    """A move that an exception handler retries each time it slips; a further one is at the root."""
+    """A running move with an exception handler that can retry it, and one more at the root."""
     handlers = "expert: exception handler recover, exception handler stop"
     player = Player.of("legs: command move", handlers, "user", check=False)
     player.request("user", headers.Attach, Attachment("", "stop"))
@@ -84,12 +86,12 @@ def begun(maximum: int = 0, failure: str = "slip") -> Player:
 
 
 def retry(player: Player) -> Any:
-    """The move slips; the answer to the exception handler, which wants it retried."""
+    """Let the move fail. Return the answer to its exception handler's retry."""
     player.fail("legs/1", "slip")
     return player.request("expert/1", headers.Retry, TaskId(2))[-1]
 
 
-def test_retries_end_at_a_default_and_the_search_continues() -> None:
+def test_retries_stop_at_default_limit_and_search_continues() -> None:
     player = begun()
     while not isinstance(answer := retry(player), headers.Refused):
         player.reply("expert/1")
@@ -101,7 +103,7 @@ def test_retries_end_at_a_default_and_the_search_continues() -> None:
     ]
 
 
-def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
+def test_catch_all_handler_is_not_called_for_its_refused_retry() -> None:
     player = begun(failure="")
     while not isinstance(retry(player), headers.Refused):
         player.reply("expert/1")
@@ -113,7 +115,7 @@ def test_a_handler_of_all_is_not_asked_about_its_refused_retry() -> None:
     assert called == ["stop"]
 
 
-def test_a_handler_of_all_is_asked_about_what_it_sends_instead() -> None:
+def test_catch_all_handler_is_called_for_failure_of_its_subtask() -> None:
     player = begun(failure="")
     while not isinstance(retry(player), headers.Refused):
         player.reply("expert/1")
@@ -123,7 +125,7 @@ def test_a_handler_of_all_is_asked_about_what_it_sends_instead() -> None:
     assert [one.message for one in player.facts(Received) if one.role][-1] == "recover"
 
 
-def test_retries_end_later_with_a_maximum_of_ones_own() -> None:
+def test_attachment_maximum_raises_the_retry_limit() -> None:
     player = begun(MOST_ATTEMPTS + 5)
     for _ in range(MOST_ATTEMPTS + 5):
         retry(player)
@@ -132,7 +134,7 @@ def test_retries_end_later_with_a_maximum_of_ones_own() -> None:
     assert len(player.facts(Retried)) == MOST_ATTEMPTS + 5
 
 
-def test_log_warns_once_of_a_task_that_is_retried_often(caplog: pytest.LogCaptureFixture) -> None:
+def test_frequent_retries_are_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     player = begun()
     lines = LogLines(logging.getLogger("often"), player.central)
     for _ in range(2 * OFTEN):

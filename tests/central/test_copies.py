@@ -1,4 +1,4 @@
-"""A program that runs in several copies: a lock or reservation is for all of them."""
+"""A lock or reservation covers all copies of a program that runs several times."""
 
 from central.player import Player
 from hypothesis import given, settings
@@ -11,7 +11,7 @@ from tca_wire.packets.parts import HandlerFormat
 
 
 def join(player: Player, connection: str, *, pool: str = "") -> None:
-    """One more copy of the legs' program, with one slot."""
+    """Let one more copy of the legs' program join, with one slot."""
     incarnation = f"run of {connection}"
     player.hello(connection, "legs", incarnation=incarnation)
     handled = [HandlerFormat("move", "legs", pool)]
@@ -20,7 +20,7 @@ def join(player: Player, connection: str, *, pool: str = "") -> None:
 
 
 def lock(player: Player, connection: str, *, reserve: bool = False) -> int:
-    """Want the legs; the number of the request."""
+    """Claim the legs. Return the number of the request."""
     number = player.number(connection)
     player.receive(connection, headers.Lock(number, "legs", reserve=reserve))
     return number
@@ -39,11 +39,11 @@ OPERATIONS = ("join", "pool", "lose", "move", "reply", "lock", "reserve", "relea
 
 @given(st.lists(st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 7)), max_size=60))
 @settings(max_examples=50)
-def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -> None:
-    """The invariants are looked at after each event; in the end all is handled, and the journal
-    says nothing else.
+def test_claims_hold_for_all_copies_in_random_lives(life: list[tuple[str, int]]) -> None:
+    """The invariants are checked after each event. In the end no task is left, and the journal
+    passes all checks.
     """
-    player, made = Player(), 0
+    player, joined = Player(), 0
     wanted: list[tuple[str, int]] = []
     for client in ("user", *CLIENTS):
         player.module(client)
@@ -51,12 +51,12 @@ def test_whatever_comes_and_goes_nobody_is_let_in(life: list[tuple[str, int]]) -
     copies: list[str] = []
     for name, choice in [*life, ("join", 0)]:
         if name in ("join", "pool"):
-            made += 1
-            copies.append(f"copy{made}")
+            joined += 1
+            copies.append(f"copy{joined}")
             join(player, copies[-1], pool=name if name == "pool" else "")
         elif name == "lose" and copies:
-            gone = copies.pop(choice % len(copies))
-            for connection in (f"{gone}/1", gone)[:: 1 if choice > 3 else -1]:
+            lost_copy = copies.pop(choice % len(copies))
+            for connection in (f"{lost_copy}/1", lost_copy)[:: 1 if choice > 3 else -1]:
                 player.lose(connection)
         elif name == "move":
             player.send(("user", *CLIENTS)[choice % 4], "move", flags=Flags.NONE)

@@ -1,6 +1,4 @@
-"""Handlers that do not return though nobody waits for them: their slots are given up where they say
-so.
-"""
+"""Hung handlers: their slots are replaced if the module has set a hang limit."""
 
 import pytest
 from central.player import Player, point
@@ -41,11 +39,11 @@ def pass_time(player: Player, seconds: float) -> None:
     player.event(Tick(player.time))
 
 
-def told(player: Player, connection: str) -> list[object]:
+def headers_sent(player: Player, connection: str) -> list[object]:
     return [header for header, _ in player.inbox[connection]]
 
 
-def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_next(
+def test_slot_of_hung_handler_is_replaced_after_a_kill(
     player: Player,
 ) -> None:
     first, second = player.task("user", "move"), player.task("user", "move")
@@ -56,9 +54,9 @@ def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_ne
     assert first in player.central.tree.tasks
     pass_time(player, 2.0)
     assert first not in player.central.tree.tasks
-    answers = [one for one in told(player, "user") if isinstance(one, headers.Answer)]
+    answers = [one for one in headers_sent(player, "user") if isinstance(one, headers.Answer)]
     assert [one.number for one in answers] == [waiting.number]
-    (replace,) = [one for one in told(player, "legs") if isinstance(one, headers.Replace)]
+    (replace,) = [one for one in headers_sent(player, "legs") if isinstance(one, headers.Replace)]
     assert (replace.number, "'move' hangs" in replace.text) == (1, True)
     assert second in player.central.tree.tasks
     slot(player, "legs/2", 2)
@@ -67,7 +65,7 @@ def test_a_killed_task_whose_handler_hangs_ends_and_another_slot_gets_what_is_ne
     assert not player.central.tree.tasks
 
 
-def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
+def test_abandoned_slot_is_refused_when_it_answers_or_returns(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)
@@ -80,24 +78,24 @@ def test_who_was_given_up_has_no_say_any_more(player: Player) -> None:
     assert (resource.capacity, resource.replaced) == (0, 1)
 
 
-def test_a_query_whose_sender_gave_up_frees_its_slot(player: Player) -> None:
+def test_slot_of_hung_query_is_replaced_after_sender_gives_up(player: Player) -> None:
     player.send("user", "where")
     player.receive("user", headers.GiveUp(player.numbers["user"]))
     pass_time(player, AFTER + 1)
-    assert any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+    assert any(isinstance(one, headers.Replace) for one in headers_sent(player, "legs"))
 
 
-def test_who_returns_in_time_keeps_his_slot(player: Player) -> None:
+def test_handler_that_returns_in_time_keeps_its_slot(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     player.reply("legs/1")
     following = player.task("user", "move")
     pass_time(player, 2 * AFTER)
     assert player.central.tree.tasks[following].is_running
-    assert not any(isinstance(one, headers.Replace) for one in told(player, "legs"))
+    assert not any(isinstance(one, headers.Replace) for one in headers_sent(player, "legs"))
 
 
-def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: Player) -> None:
+def test_handler_without_hang_limit_is_never_replaced(player: Player) -> None:
     player.module("arms", "command lift", capacity=1)
     task = player.task("user", "lift")
     player.request("user", headers.Kill, TaskId(task))
@@ -106,7 +104,7 @@ def test_without_a_word_about_it_a_handler_may_take_as_long_as_it_likes(player: 
     assert player.central.clock.next is None
 
 
-def test_a_module_whose_own_connection_was_away_is_told_when_it_is_back(player: Player) -> None:
+def test_replacement_is_requested_again_after_reconnect(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task))
     pass_time(player, AFTER + 1)

@@ -1,6 +1,4 @@
-"""What a client may not say, and what becomes of it: names that steer a terminal, numbers out of
-this world, long texts.
-"""
+"""Hostile values in requests: names with control characters, implausible numbers, long texts."""
 
 from collections.abc import Callable
 from typing import Any
@@ -45,7 +43,7 @@ def hello(**fields: Any) -> headers.Hello:
 
 
 @pytest.mark.parametrize("name", BAD_NAMES)
-def test_no_name_steers_a_terminal(player: Player, name: str) -> None:
+def test_unprintable_name_is_refused_in_printable_words(player: Player, name: str) -> None:
     formats = [MessageFormat(name, MessageClass.INFORM, ANY)]
     for header in (
         headers.Register(player.number("user"), formats),
@@ -60,23 +58,23 @@ def test_no_name_steers_a_terminal(player: Player, name: str) -> None:
         assert isinstance(answer, Refused), header
         assert answer.refusal is Refusal.PROTOCOL
         assert answer.text.isprintable()
-    for said in (
+    for header in (
         hello(module=name),
         hello(resource=name),
         hello(process=name),
         hello(incarnation=name),
     ):
-        (answer,) = player.receive("new", said)
+        (answer,) = player.receive("new", header)
         assert answer.text.isprintable()
-        assert isinstance(answer, Refused), said
+        assert isinstance(answer, Refused), header
 
 
-def test_a_run_without_a_name_of_its_own_is_nobodys(player: Player) -> None:
+def test_hello_without_incarnation_is_refused(player: Player) -> None:
     (answer,) = player.receive("new", hello(incarnation=""))
     assert answer.text == "'' names no incarnation: give 1 to 128 printable characters"
 
 
-def test_a_handler_that_fails_with_a_strange_name_has_failed_all_the_same(player: Player) -> None:
+def test_failure_with_hostile_name_is_recorded_escaped(player: Player) -> None:
     task = player.task("user", "move")
     player.receive("legs/1", headers.Fail(task, "\x1b[2Jslipped" + "x" * 500, kinds=["a\nb"]))
     (failed,) = player.facts(Failed)
@@ -84,21 +82,23 @@ def test_a_handler_that_fails_with_a_strange_name_has_failed_all_the_same(player
     assert len(failed.failure) == Limit.NAME
 
 
-def test_what_is_withdrawn_twice_in_one_request_is_withdrawn_once(player: Player) -> None:
+def test_handler_named_twice_in_a_request_is_removed_once(player: Player) -> None:
     (answer,) = player.request("legs", headers.Unregister, ["note", "note"])
     assert isinstance(answer, Accepted)
     assert list(player.central.registry.modules["run of legs"].handlers) == ["move"]
 
 
 @pytest.mark.parametrize("number", [-1, 1 << 62])
-def test_nobody_loses_more_messages_than_there_are(player: Player, number: int) -> None:
+def test_implausible_loss_count_is_ignored(player: Player, number: int) -> None:
     for _ in range(3):
         player.receive("user", Noted([], [Loss("note", number)]))
     assert not player.facts(LostDirectly)
-    player.request("user", headers.Ask, "messages")  # else its answer has numbers too big to send
+    player.request(
+        "user", headers.Ask, "messages"
+    )  # fails if a count exceeds the integers of MessagePack
 
 
-def test_a_long_reason_or_refusal_is_cut(player: Player) -> None:
+def test_long_kill_reason_and_refusal_are_truncated(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Kill, TaskId(task), "why" * 100_000)
     assert len(player.facts_of("killed")[-1].why) <= Limit.TEXT + 100
@@ -106,7 +106,7 @@ def test_a_long_reason_or_refusal_is_cut(player: Player) -> None:
     assert len(answer.text) <= Limit.TEXT
 
 
-def test_a_body_that_is_too_long_is_refused_with_both_sizes(player: Player) -> None:
+def test_oversized_body_is_refused_with_both_sizes(player: Player) -> None:
     body = bytes(Limit.BODY + 1)
     (answer,) = player.request("user", headers.Send, "note", body=body)
     assert (
@@ -119,16 +119,18 @@ def test_a_body_that_is_too_long_is_refused_with_both_sizes(player: Player) -> N
     )
 
 
-def test_a_handler_whose_answer_is_too_long_fails_and_its_sender_is_told(player: Player) -> None:
+def test_oversized_reply_fails_the_task_and_frees_the_slot(player: Player) -> None:
     task = player.task("user", "move")
     player.request("user", headers.Send, "move", body=b"\x07")
     answers = player.receive("legs/1", headers.Reply(task), bytes(Limit.BODY + 1))
     (failed,) = player.facts(Failed)
     assert "its answer has a body of 8,388,609 bytes" in failed.text
-    assert any(isinstance(answer, headers.Deliver) for answer in answers)  # the slot goes on
+    assert any(
+        isinstance(answer, headers.Deliver) for answer in answers
+    )  # the slot gets the next message
 
 
-def test_who_names_the_entrance_of_another_gets_its_messages_through_central(
+def test_entrance_of_another_module_is_not_adopted(
     player: Player,
 ) -> None:
     player.module("map", "query where", direct=True)
@@ -148,8 +150,8 @@ def test_who_names_the_entrance_of_another_gets_its_messages_through_central(
     assert owners == ["map"]
 
 
-def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player: Player) -> None:
-    """Else what is shown would hang on how a heap lies in memory."""
+def test_first_arrival_counts_as_oldest_when_times_are_equal(player: Player) -> None:
+    """Otherwise the result would depend on the internal order of a heap."""
     player.task("user", "move")
     for name in ("move", "note", "move"):
         player.send("user", name, flags=Flags.NONE, number=player.number("user"))
@@ -173,10 +175,10 @@ def test_the_oldest_of_those_that_came_at_one_time_is_the_first_that_came(player
     ],
     ids=lambda header: type(header).__name__,
 )
-def test_a_request_that_waits_needs_a_number(header: Any) -> None:
+def test_waiting_request_without_number_is_refused(header: Any) -> None:
     player = Player.of("legs: command move, query where, variable mode", "user")
     player.send("user", "move")
-    for _ in range(2):  # the second would be taken for the first
+    for _ in range(2):  # the second would count as a repetition
         (answer,) = player.receive("user", header)
         assert answer.refusal is Refusal.PROTOCOL
     assert not player.central.registry.connections[ConnectionId(b"user")].outstanding
@@ -184,7 +186,7 @@ def test_a_request_that_waits_needs_a_number(header: Any) -> None:
 
 @pytest.mark.parametrize("option", ["period", "duration"])
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0])
-def test_polling_monitor_is_refused_when_its_time_is_none(option: str, seconds: float) -> None:
+def test_polling_monitor_with_invalid_time_is_refused(option: str, seconds: float) -> None:
     player = Player.of("legs: query where, command move", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["where", "move"])
     player.request("user", headers.Register, [watch])
@@ -197,7 +199,7 @@ def test_polling_monitor_is_refused_when_its_time_is_none(option: str, seconds: 
     assert answer.refusal is Refusal.PROTOCOL
 
 
-# --- Inputs that no central has written: they are none, or lead to nothing ------------------------
+# --- inputs that no central has written -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, 1e300])
@@ -212,16 +214,16 @@ def test_polling_monitor_is_refused_when_its_time_is_none(option: str, seconds: 
     ],
     ids=["tick", "disk space", "limits", "away", "grace"],
 )
-def test_an_input_with_a_time_that_is_none_is_no_input(
+def test_input_with_invalid_time_fails_validation(
     at: Callable[[float], Input], seconds: float
 ) -> None:
-    """A monitor that is to test every second would test for ever; a journal with NaN would never
+    """With an infinite time, a periodic monitor would test for ever. A journal with NaN would not
     equal itself.
     """
     with pytest.raises(msgspec.ValidationError):
         msgspec.msgpack.decode(msgspec.msgpack.encode(at(seconds)), type=Input)
 
 
-def test_a_request_that_is_not_there_is_not_spared() -> None:
+def test_spared_index_beyond_last_request_is_ignored() -> None:
     arrived = Arrived(1.0, ConnectionId(b"user"), pack_item(Ask(1, "status")))
     assert [type(one) for one in events_of(arrived, spared=7)] == [RequestReceived]

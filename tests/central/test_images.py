@@ -1,4 +1,6 @@
-"""Images: central as bytes, and back. What was read goes on as what was written."""
+"""Images: the state of central as bytes. A central that is read from an image behaves like the one
+that was written.
+"""
 
 import os
 import random
@@ -12,7 +14,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from central import lived_apart
+from central import separate_life
 from central.player import IN_PYTHON, Player
 from central.transcript import Transcript
 from hypothesis import given, settings
@@ -40,11 +42,12 @@ TRANSCRIPTS = sorted(Path(__file__).parent.glob("transcripts/*.txt"))
 
 
 class TwinPlayer(Player):
-    """Each event happens to a second central, too, which comes from an image: a new one after so
-    many events.
+    """Gives each event to a second central, too, and compares the effects. The second central is
+    read from a new image after every few events.
     """
 
     every = 9
+    """The number of events between two images."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -65,7 +68,7 @@ class TwinPlayer(Player):
 
 
 class QuickTwinPlayer(TwinPlayer):
-    """Slots take messages ahead."""
+    """Here slots prefetch messages."""
 
     prefetch = 8
 
@@ -77,7 +80,7 @@ class QuickTwinPlayer(TwinPlayer):
 
 @given(st.lists(operation, max_size=60), st.sampled_from([TwinPlayer, QuickTwinPlayer]))
 @settings(max_examples=20)
-def test_a_central_from_an_image_goes_on_like_the_other(
+def test_central_from_image_behaves_like_the_original(
     operations: list[tuple[str, int, int, int, int]], player: type[TwinPlayer]
 ) -> None:
     life = Life(player())
@@ -86,14 +89,14 @@ def test_a_central_from_an_image_goes_on_like_the_other(
 
 
 @pytest.mark.parametrize("every", [40, pytest.param(7, marks=pytest.mark.soak)])
-def test_it_goes_on_so_for_hundreds_of_events(every: int) -> None:
+def test_central_from_image_behaves_alike_over_long_lives(every: int) -> None:
     player = TwinPlayer()
     player.every = every
     Life(player).go_on(seed=every, events=800)
     assert player.images > 2
 
 
-def test_it_goes_on_so_while_states_are_changed_and_observed() -> None:
+def test_central_from_image_behaves_alike_with_state_changes() -> None:
     player = TwinPlayer()
     player.every = 25
     LifeOfStates(player).go_on(seed=3, events=400)
@@ -101,7 +104,7 @@ def test_it_goes_on_so_while_states_are_changed_and_observed() -> None:
 
 
 @pytest.mark.parametrize("player", [TwinPlayer, QuickTwinPlayer])
-def test_an_old_image_is_as_good_as_a_new_one(player: type[TwinPlayer]) -> None:
+def test_old_image_behaves_like_a_recent_one(player: type[TwinPlayer]) -> None:
     life = Life(player())
     life.go_on(seed=5, events=100)
     life.player.every = 1 << 30  # type: ignore[attr-defined]
@@ -116,7 +119,7 @@ def test_an_old_image_is_as_good_as_a_new_one(player: type[TwinPlayer]) -> None:
     ],
     ids=lambda path: path.stem,
 )
-def test_each_story_goes_on_after_an_image(path: Path) -> None:
+def test_transcript_continues_identically_from_images(path: Path) -> None:
     transcript = Transcript()
     transcript.player = TwinPlayer()
     for block in path.read_text().strip().split("\n\n")[1:]:
@@ -125,24 +128,23 @@ def test_each_story_goes_on_after_an_image(path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_no_order_depends_on_hashes(tmp_path: Path) -> None:
-    """Two processes that hash otherwise write the same bytes, and what one has written the other
-    goes on with.
+def test_image_does_not_depend_on_hash_order(tmp_path: Path) -> None:
+    """Processes with different hash seeds write the same bytes, and continue alike from the image
+    of another process.
     """
     seed, image = 7, tmp_path / "image"
-    paths = os.pathsep.join(
-        path for path in sys.path if "pytest-of-" not in path
-    )  # there lie files of other tests
-    mine, told = lived_apart.live(seed, None)
-    image.write_bytes(mine)
+    # The temporary folders hold files of other tests.
+    paths = os.pathsep.join(path for path in sys.path if "pytest-of-" not in path)
+    own_image, effects = separate_life.live(seed, None)
+    image.write_bytes(own_image)
     for number in (1, 2):
-        command = [sys.executable, lived_apart.__file__, str(seed), str(image)]
+        command = [sys.executable, separate_life.__file__, str(seed), str(image)]
         environment = {**os.environ, "PYTHONHASHSEED": str(number), "PYTHONPATH": paths}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        assert done.stdout.split() == [lived_apart.digest(mine), told], done.stderr
+        assert done.stdout.split() == [separate_life.digest(own_image), effects], done.stderr
 
 
-def test_an_image_of_an_image_is_the_same() -> None:
+def test_image_of_decoded_image_is_identical() -> None:
     life = Life()
     life.go_on(seed=3, events=200)
     image = encode(life.central)
@@ -150,7 +152,7 @@ def test_an_image_of_an_image_is_the_same() -> None:
 
 
 def deep(number: int) -> Central:
-    """A chain of tasks."""
+    """A central with a chain of this many tasks."""
     player = Player.of("planner: goal walk", "user", check=False)
     parent = 0
     for _ in range(number):
@@ -158,7 +160,7 @@ def deep(number: int) -> Central:
     return player.central
 
 
-def test_a_deep_tree_needs_no_recursion_and_its_state_is_not_changed() -> None:
+def test_deep_tree_is_encoded_without_recursion() -> None:
     central = deep(3000)
     before = sum(task.has_parts for task in central.tree.tasks.values())
     again = decode(encode(central))
@@ -168,7 +170,7 @@ def test_a_deep_tree_needs_no_recursion_and_its_state_is_not_changed() -> None:
     assert all(below.parent is above for above, below in pairwise(tasks))
 
 
-def test_what_several_share_is_one_again() -> None:
+def test_shared_objects_stay_shared_after_decoding() -> None:
     life = Life()
     life.go_on(seed=1, events=150)
     central = decode(encode(life.central))
@@ -185,14 +187,14 @@ def test_what_several_share_is_one_again() -> None:
         assert connection.module.connections[connection.session] is connection
 
 
-def test_long_data_is_written_once() -> None:
+def test_repeated_data_is_stored_once() -> None:
     player = Player.of("user", "a: broadcast pose", "b: broadcast pose", "c: broadcast pose")
     size = len(encode(player.central))
     player.central.variables.values = dict.fromkeys(("x", "y", "z"), b"." * 100_000)  # type: ignore[arg-type]
     assert len(encode(player.central)) < size + 101_000
 
 
-def test_each_class_of_values_comes_back() -> None:
+def test_every_value_type_survives_encoding() -> None:
     central = Player.of("user").central
     values: list[Any] = [
         Verdict("gone", "user"),
@@ -223,18 +225,18 @@ def test_each_class_of_values_comes_back() -> None:
     assert [(type(one), repr(one)) for one in again] == [(type(one), repr(one)) for one in values]
 
 
-# --- what can't be written ------------------------------------------------------------------------
+# --- refused states -------------------------------------------------------------------------------
 
 
-def test_what_an_image_cannot_hold_is_named_with_the_way_to_it() -> None:
+def test_unencodable_value_is_named_with_its_path() -> None:
     player = Player.of("user")
     connection = player.central.registry.connections[ConnectionId(b"user")]
-    connection.outstanding[7] = Flags  # type: ignore[assignment]  # a class is no part of the state
+    connection.outstanding[7] = Flags  # type: ignore[assignment]  # a class cannot be part of the state
     with pytest.raises(ImageError, match=r"Connection\.outstanding value"):
         encode(player.central)
 
 
-def test_a_set_has_no_order() -> None:
+def test_set_is_refused_in_an_image() -> None:
     central = Player.of("user").central
     central.facts.append({"a"})  # type: ignore[arg-type]
     with pytest.raises(ImageError, match="item is a set"):
@@ -242,15 +244,15 @@ def test_a_set_has_no_order() -> None:
 
 
 @IN_PYTHON
-def test_each_class_of_the_state_lists_its_attributes() -> None:
-    """One that does not would lose them in silence."""
+def test_state_classes_have_no_instance_dict() -> None:
+    """Attributes outside of the slots would be lost without an error."""
     kinds: list[Any] = [Central, Stored]
-    for kind in kinds:  # grows while it is walked
+    for kind in kinds:  # the list grows during the loop
         kinds += kind.__subclasses__()
         assert not kind.__dictoffset__, kind
 
 
-def test_only_classes_of_the_state_are_found_by_name() -> None:
+def test_only_state_classes_are_found_by_name() -> None:
     state = Player.of("planner: goal walk", "user").central
     for thing in (
         state,
@@ -276,7 +278,7 @@ def test_only_classes_of_the_state_are_found_by_name() -> None:
         assert shape_named(name) is None, name
 
 
-def test_no_image_is_taken_while_a_look_for_deadlocks_goes_on() -> None:
+def test_image_is_refused_during_deadlock_search() -> None:
     central = Player.of("user").central
     central.scan = object()
     assert not can_encode(central)
@@ -284,7 +286,7 @@ def test_no_image_is_taken_while_a_look_for_deadlocks_goes_on() -> None:
         encode(central)
 
 
-# --- what can't be read ---------------------------------------------------------------------------
+# --- refused images -------------------------------------------------------------------------------
 
 
 def image() -> bytes:
@@ -293,7 +295,7 @@ def image() -> bytes:
     return encode(life.central)
 
 
-def test_damaged_bytes_are_told_as_such() -> None:
+def test_damaged_image_raises_image_error() -> None:
     good, dice = image(), random.Random(1)
     for length in (0, 1, 9, 10, 20, 30, 40, len(good) // 2, len(good) - 1):
         with pytest.raises(ImageError):
@@ -315,30 +317,30 @@ def test_damaged_bytes_are_told_as_such() -> None:
             decode(foreign)
 
 
-def test_another_format_is_named() -> None:
+def test_unknown_image_format_is_named_in_the_error() -> None:
     rest = image().partition(b"\n")[2]
     with pytest.raises(ImageError, match="99 of 2"):
         decode(b"tca image 99 of 2.0\n" + rest)
 
 
-def test_another_layout_is_named_with_class_and_attribute() -> None:
+def test_changed_layout_is_named_with_class_and_attribute() -> None:
     tables = container.unseal(image())
     table = next(table for table in tables if table.name.endswith(".Task"))
     fields = table.fields
-    for changed, told in (
+    for changed, message in (
         ([*fields[:-1], "novelty"], f"Task has no novelty any more, Task now has {fields[-1]}"),
         (fields[::-1], "another order"),
     ):
         table.fields = changed
-        with pytest.raises(ImageError, match=told):
+        with pytest.raises(ImageError, match=message):
             decode(container.seal(tables))
     table.name, table.fields = "Novelty", fields
     with pytest.raises(ImageError, match="Novelty"):
         decode(container.seal(tables))
 
 
-def test_whatever_stands_in_an_image_nothing_else_is_raised() -> None:
-    """A check sum is no proof: somebody may have written anything."""
+def test_forged_image_raises_only_image_error() -> None:
+    """A correct checksum does not prove that central has written the image."""
     dice = random.Random(3)
     good = image()
     for _ in range(300):
@@ -351,6 +353,7 @@ def test_whatever_stands_in_an_image_nothing_else_is_raised() -> None:
 
 
 def mutate(table: container.ClassTable, dice: random.Random) -> None:
+    """Change a random part of a table."""
     odd: list[Any] = [-1, 0, 1 << 40, None, "x", b"x", 1.5, [], [1], {}, 3]
     if not table.columns:
         table.name = "Novelty"
@@ -369,6 +372,6 @@ def mutate(table: container.ClassTable, dice: random.Random) -> None:
             column.values[dice.randrange(len(column.values))] = dice.choice(odd)
 
 
-def test_images_are_not_dear() -> None:
-    """Of a thousand tasks: bytes, not time, as time depends on the machine."""
+def test_image_of_thousand_tasks_is_small() -> None:
+    """The test bounds bytes, not time, because time depends on the machine."""
     assert len(encode(deep(1000))) < 150_000

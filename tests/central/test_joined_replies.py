@@ -1,6 +1,4 @@
-"""A slot says with one header that several handlers have returned: each counts as if it had been
-said alone.
-"""
+"""A slot reports several returned handlers with one header: each counts like a reply of its own."""
 
 import pytest
 from central.player import Player
@@ -14,14 +12,14 @@ NIL = b"\xc0"
 
 
 class Ears(Player):
-    """Slots take eight messages ahead."""
+    """Slots prefetch up to eight messages."""
 
     prefetch = 8
 
 
 @pytest.fixture
 def player(monkeypatch: pytest.MonkeyPatch) -> Ears:
-    """A slot that handles a note, and has three more and a question ahead."""
+    """A slot that handles a note, and has prefetched three more notes and a query."""
     monkeypatch.setattr(prefetching, "QUICK", 100.0)
     monkeypatch.setattr(prefetching, "QUICK_RUNS", 0)
     player = Ears.of("ear: inform note, query where", "user")
@@ -30,20 +28,22 @@ def player(monkeypatch: pytest.MonkeyPatch) -> Ears:
     return player
 
 
-def say(player: Player, *runs: tuple[int, float, float], begun: float = -1.0) -> list[object]:
-    """So many returned: each with its number, how long ago, and how long it took."""
+def report_returns(
+    player: Player, *runs: tuple[int, float, float], begun: float = -1.0
+) -> list[object]:
+    """Report returned handlers: the number, the age of the end and the run time of each."""
     return player.receive("ear/1", headers.Replies([EndedRun(*run) for run in runs], begun))
 
 
-def test_many_returns_are_one_entry_and_the_slot_is_given_what_follows(player: Ears) -> None:
-    say(player, (1, 0.3, 0.1), (2, 0.2, 0.1), (3, 0.1, 0.1))
+def test_joined_returns_make_one_entry_and_free_the_slot(player: Ears) -> None:
+    report_returns(player, (1, 0.3, 0.1), (2, 0.2, 0.1), (3, 0.1, 0.1))
     assert [fact.id for fact in player.entries[-1].facts if isinstance(fact, Returned)] == [1, 2, 3]
     assert [fact.id for fact in player.facts(Delivered)] == [1, 2, 3, 4]
     assert player.delivered("ear/1") == [4]
 
 
-def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
-    say(player, *((number, 0.1, 0.0) for number in (1, 2, 3)))
+def test_joined_replies_keep_their_own_bodies(player: Ears) -> None:
+    report_returns(player, *((number, 0.1, 0.0) for number in (1, 2, 3)))
     runs = [EndedRun(4, 0.0, 0.0), EndedRun(5, 0.0, 0.0, 2)]
     player.receive("ear/1", headers.Replies(runs), b"\xcc\xc8")
     assert [fact.body for fact in player.facts(Returned)] == [NIL] * 4 + [b"\xcc\xc8"]
@@ -51,18 +51,20 @@ def test_the_bodies_of_replies_are_their_own(player: Ears) -> None:
     assert player.inbox["user"][-1] == (headers.Answer(7), b"\xcc\xc8")
 
 
-def test_what_is_wrong_with_one_reply_does_not_lose_the_others(player: Ears) -> None:
-    said = say(player, (1, 0.1, 0.0), (99, 0.1, 0.0), (1, 0.1, 0.0), (2, 0.1, 0.0))
+def test_invalid_joined_reply_does_not_lose_the_others(player: Ears) -> None:
+    headers_sent = report_returns(
+        player, (1, 0.1, 0.0), (99, 0.1, 0.0), (1, 0.1, 0.0), (2, 0.1, 0.0)
+    )
     assert [fact.id for fact in player.facts(Returned)] == [1, 2]
     assert (
         len(player.facts(RequestRefused))
-        == len([one for one in said if isinstance(one, headers.Refused)])
+        == len([one for one in headers_sent if isinstance(one, headers.Refused)])
         == 2
     )
 
 
 @pytest.mark.parametrize("body", [b"", b"\xc0\xc0\xc0"])
-def test_a_body_of_another_size_than_the_replies_is_refused(player: Ears, body: bytes) -> None:
+def test_joined_replies_with_wrong_body_size_are_refused(player: Ears, body: bytes) -> None:
     player.receive(
         "ear/1", headers.Replies([EndedRun(1, 0.0, 0.0), EndedRun(2, 0.0, 0.0, 2)]), body
     )
@@ -71,7 +73,7 @@ def test_a_body_of_another_size_than_the_replies_is_refused(player: Ears, body: 
 
 
 def times(player: Player) -> list[tuple[float, float]]:
-    """When each run began and ended, as the journal has it."""
+    """The start and end of each run in the journal."""
     began, ended = ({}, {})  # type: tuple[dict[int, float], dict[int, float]]
     for entry in player.entries:
         for fact in entry.facts:
@@ -82,12 +84,15 @@ def times(player: Player) -> list[tuple[float, float]]:
     return [(began[one], ended.get(one, 0.0)) for one in began]
 
 
-def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
+def test_journal_records_when_each_joined_run_began_and_ended(player: Ears) -> None:
     start = player.time
     player.time += 9.0
-    say(player, (1, 4.0, 1.0), (2, 3.0, 0.5), (3, 1.0, 1.5), begun=0.5)
+    report_returns(player, (1, 4.0, 1.0), (2, 3.0, 0.5), (3, 1.0, 1.5), begun=0.5)
     (first, *others), now = times(player), start + 10.0
-    assert first == (player.entries[-5].time - 1.0, now - 4.0)  # central knows when it gave it
+    assert first == (
+        player.entries[-5].time - 1.0,
+        now - 4.0,
+    )  # central knows when it delivered this one
     assert others == [(now - 3.5, now - 3.0), (now - 2.5, now - 1.0), (now - 0.5, 0.0)]
     assert player.central.dispatcher.running[4].since == now - 0.5
     (slot,) = player.central.registry.modules["run of ear"].resources.values()
@@ -95,16 +100,14 @@ def test_the_journal_says_when_each_handler_ran(player: Ears) -> None:
 
 
 @pytest.mark.parametrize("wrong", [1e300, float("inf"), float("nan"), -5.0])
-def test_no_run_lies_before_what_came_before_it_or_in_the_future(
-    player: Ears, wrong: float
-) -> None:
+def test_reported_run_times_are_clamped_to_plausible_times(player: Ears, wrong: float) -> None:
     queued = {
         fact.id: entry.time
         for entry in player.entries
         for fact in entry.facts
         if isinstance(fact, Queued)
     }
-    say(player, (1, wrong, 0.0), (2, 0.0, wrong), (3, wrong, wrong), begun=abs(wrong))
+    report_returns(player, (1, wrong, 0.0), (2, 0.0, wrong), (3, wrong, wrong), begun=abs(wrong))
     over = 0.0
     for number, (began, ended) in enumerate(times(player), 1):
         assert max(over, queued.get(number, 0.0)) <= began <= player.time

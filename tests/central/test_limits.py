@@ -1,4 +1,4 @@
-"""Bounds that keep one module from stopping the others."""
+"""Limits that keep one module from blocking all others."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -27,7 +27,7 @@ from tca_wire.vocabulary import Condition, Dropping, Limit, MessageClass, Refusa
 from tca_wire.waits import WaitFor, WaitKind
 
 
-def test_a_request_holds_so_many_constraints_and_no_more() -> None:
+def test_constraints_per_request_are_limited() -> None:
     player = Player.of("legs: command move", "user")
     task, other = player.task("user", "move"), player.task("user", "move")
     constraint = before(point(task, Moment.END_ACHIEVING), point(other, Moment.END_ACHIEVING))
@@ -37,7 +37,7 @@ def test_a_request_holds_so_many_constraints_and_no_more() -> None:
     assert isinstance(answer, headers.Accepted)
 
 
-def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_queue_limit_applies_to_each_broadcast_handler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 3)
     player = Player.of("slow: broadcast pose, multi-query all", "user")
     for _ in range(3):
@@ -48,10 +48,10 @@ def test_queues_are_bounded_for_each_listener(monkeypatch: pytest.MonkeyPatch) -
         player.reply("quick/1")
     assert len(player.facts_of("dropped")) == 3
     answers = player.send("user", "all")
-    assert [type(answer) for answer in answers] == [headers.Answer]  # nobody could be asked
+    assert [type(answer) for answer in answers] == [headers.Answer]  # all handlers have full queues
 
 
-def test_queries_and_informs_that_nobody_handles_are_bounded(
+def test_unhandled_queries_and_informs_are_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
@@ -60,11 +60,11 @@ def test_queries_and_informs_that_nobody_handles_are_bounded(
     answers = [player.send("user", "where") for _ in range(3)]
     assert answers[2][0].refusal is Refusal.OVERLOAD
     for _ in range(3):
-        tell(player, "note")
+        send_unconfirmed(player, "note")
     assert len(player.facts_of("dropped")) == 1
 
 
-def test_who_wants_to_know_is_refused_what_would_be_dropped(
+def test_confirmed_send_is_refused_instead_of_dropped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
@@ -77,31 +77,29 @@ def test_who_wants_to_know_is_refused_what_would_be_dropped(
     (refused,) = player.send("user", "pose")
     assert refused.refusal is Refusal.OVERLOAD
     player.module("logger", "broadcast pose")
-    accepted = player.send("user", "pose")[-1]  # it has room
+    accepted = player.send("user", "pose")[-1]  # the queue of the logger has room
     assert isinstance(accepted, headers.Accepted)
     assert [fact.copy_of for fact in player.facts_of("dropped")] == [accepted.id]
 
 
-def test_what_is_dropped_is_counted_and_the_fact_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dropped_messages_are_counted_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
     player = Player.of("map: inform note", "user")
     for _ in range(5):
-        tell(player, "note")
+        send_unconfirmed(player, "note")
     assert [fact.dropping for fact in player.facts_of("dropped")] == [Dropping.OVERLOAD] * 3
     player.receive("user", Noted([], [Loss("note", 4)]))
     assert player.central.registry.messages["note"].dropped == 7
     assert overview(player.central)["dropped"] == 7
 
 
-def tell(player: Player, message: str) -> None:
-    """An inform that nobody wants to know about."""
+def send_unconfirmed(player: Player, message: str) -> None:
+    """Send an inform without a number: central does not confirm it."""
     player.receive("user", headers.Send(0, message))
 
 
-def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here messages of another kind, which are tasks: they are never turned away, and fill it
-    beyond the limit.
-    """
+def test_queue_overload_names_the_waiting_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The queue is full of tasks here: tasks are never refused, and may exceed the limit."""
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
     player = Player.of("map: command survey, query where, inform note, multi-query all", "user")
     first, second, *_ = [
@@ -113,13 +111,13 @@ def test_who_is_turned_away_is_told_what_fills_the_queue(monkeypatch: pytest.Mon
     full = f"3 messages wait {in_words(busy)}, survey {{{second}}} first in line; from 2 on only tasks are let in"
     (refused,) = player.send("user", "where")
     assert (refused.refusal, refused.text) == (Refusal.OVERLOAD, f"{full}: try later")
-    tell(player, "note")
+    send_unconfirmed(player, "note")
     assert [dropped.why for dropped in player.facts_of("dropped")] == [full]
     player.send("user", "all")
     assert [failed.text for failed in player.facts_of("failed")] == [full]
 
 
-def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(
+def test_queue_overload_names_pool_and_lock_holder(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 1)
@@ -137,7 +135,7 @@ def test_what_fills_the_queue_is_told_of_a_pool_and_of_a_locked_resource(
     assert "for camera 2 (or 1 more), busy with look {" in player.send("user", "look")[0].text
 
 
-def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
+def test_long_failure_text_keeps_beginning_and_end() -> None:
     player = Player.of("eyes: query look", "user")
     player.send("user", "look")
     text = f"ValueError: not an image: {'iVBORw0K' * 4000}\nTraceback, at last: line 7"
@@ -150,7 +148,7 @@ def test_of_a_failure_that_says_too_much_beginning_and_end_are_kept() -> None:
     assert Limit.TEXT - 2 <= len(failed.text) <= Limit.TEXT
 
 
-def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
+def test_next_exception_handler_receives_long_failure_text() -> None:
     player = Player.of("legs: command move", "expert: exception handler recover", "user")
     for of in ("", "move"):
         player.request("expert", headers.Attach, Attachment("slip", "recover"), TaskId(0), of)
@@ -159,12 +157,12 @@ def test_who_could_not_decide_is_told_of_the_longest_failure_too() -> None:
     player.receive("legs/1", headers.Fail(player.delivered("legs/1")[-1], "slip", text))
     sent = player.fail("expert/1", "timeout")
     (asked,) = [header for header in sent if isinstance(header, headers.Deliver)]
-    told = str(asked.context)
-    assert "ValueError: not an image: iVBOR" in told
-    assert "exception handler task 4 'recover' could not decide: timeout" in told
+    context = str(asked.context)
+    assert "ValueError: not an image: iVBOR" in context
+    assert "exception handler task 4 'recover' could not decide: timeout" in context
 
 
-def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_message_names_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "MESSAGES", 2)
     player = Player.of("user")
     player.declare("user", "query a", "query b")
@@ -172,7 +170,7 @@ def test_names_of_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert answer.text == "2 messages have been declared: 'c' is too many"
 
 
-def test_void_entries_of_a_queue_do_not_pile_up() -> None:
+def test_void_queue_entries_are_removed() -> None:
     player = Player.of("map: query where", "user", check=False)
     player.send("user", "where")
     player.send("user", "where")
@@ -184,7 +182,7 @@ def test_void_entries_of_a_queue_do_not_pile_up() -> None:
     assert len(resource._queue._heap) < 100
 
 
-def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(
+def test_forgotten_outcome_is_not_reported_as_done(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     player = Player()
@@ -200,7 +198,7 @@ def test_an_outcome_that_is_no_longer_known_is_not_said_to_be_done(
     assert answer.text == f"task {failed} ended too long ago to know how: see the journal"
 
 
-def test_a_pending_limit_is_no_negative_number() -> None:
+def test_negative_pending_limit_is_refused() -> None:
     player = Player.of("user")
     player.declare("user", "query where")
     handler = HandlerFormat("where", "user", "", -1)
@@ -209,7 +207,7 @@ def test_a_pending_limit_is_no_negative_number() -> None:
     assert player.facts_of("handler") == []
 
 
-def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(
+def test_point_monitor_fails_when_its_condition_cannot_be_sent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     player = Player.of("user")
@@ -227,7 +225,7 @@ def test_a_point_monitor_that_can_not_ask_fails_and_does_not_wait_for_ever(
     assert not player.central.tree.tasks
 
 
-def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
+def test_retained_tasks_are_limited_in_number_and_bytes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(keeping, "MOST_RETAINED", 3)
@@ -249,7 +247,7 @@ def test_so_many_tasks_may_be_kept_and_their_records_hold_so_much(
     assert list(player.central.memory.kept) == [3, 4]
 
 
-def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
+def test_deep_retained_tree_is_released_without_recursion() -> None:
     player = Player.of("planner: goal walk", "user", check=False)
     depth, parent = 1200, 0
     for _ in range(depth):
@@ -263,7 +261,7 @@ def test_a_deep_kept_tree_is_forgotten_without_recursion() -> None:
     check_invariants(player.central)
 
 
-def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
+def test_pending_kills_and_deadlines_of_a_task_are_limited() -> None:
     player = Player(check=False)
     player.module("legs", "command move", capacity=2)
     player.module("user")
@@ -286,8 +284,8 @@ def test_so_many_kills_and_deadlines_may_lie_ahead_of_a_task() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 5, 40])
-def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -> None:
-    """However many there are, and however deep in one another."""
+def test_failing_exception_handlers_come_to_an_end(number: int) -> None:
+    """This holds for any number of handlers, also for handlers of failures of handlers."""
     player = Player.of("legs: command move", check=False)
     player.module(
         "expert",
@@ -312,11 +310,11 @@ def test_exception_handlers_that_all_have_an_error_come_to_an_end(number: int) -
     check_invariants(player.central)
 
 
-def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_claims_on_a_resource_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
     player = Player.of("legs: command move")
     answers = []
-    for number in range(5):  # the first has it then
+    for number in range(5):  # the first claim is granted
         player.module(f"user{number}")
         answers += player.request(f"user{number}", headers.Lock, "legs")
     *others, last = answers
@@ -326,7 +324,7 @@ def test_so_many_wait_to_lock_a_resource_and_no_more(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("moment", [0, 3, 64])
-def test_a_point_is_one_moment(moment: int) -> None:
+def test_point_without_exactly_one_moment_is_refused(moment: int) -> None:
     player = Player.of("legs: command move", "user")
     where = point(player.task("user", "move"), Moment(moment))
     for header in (
@@ -337,7 +335,7 @@ def test_a_point_is_one_moment(moment: int) -> None:
         assert refused.text == f"{moment} is not a moment: give one bit of 1 to 32"
 
 
-def test_of_locks_that_were_taken_away_only_so_many_are_remembered(
+def test_remembered_lost_claims_are_limited(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(claims, "MOST_CLAIMS", 3)
@@ -351,7 +349,7 @@ def test_of_locks_that_were_taken_away_only_so_many_are_remembered(
     assert len(user.lost_claims) == 3
 
 
-def test_a_lock_of_no_handler_is_no_loss_of_the_one_that_runs_beside_it() -> None:
+def test_lost_lock_outside_handler_does_not_fail_the_handler() -> None:
     player = Player.of("legs: command move", "map: query where", "user")
     assert player.task("user", "move") == 1
     player.request("legs/1", headers.Lock, "map")
@@ -360,20 +358,36 @@ def test_a_lock_of_no_handler_is_no_loss_of_the_one_that_runs_beside_it() -> Non
     assert not player.facts_of("failed")
 
 
-FLOODS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
-    "wiretaps": (taps, "MOST_TAPS", lambda request, task: headers.Tap(
-        request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)), "has 1 wiretaps already"),
-    "exception handlers": (attaching, "MOST_ATTACHED", lambda request, task: headers.Attach(
-        request, Attachment(f"failure {request}", "recover"), TaskId(task)), "has 1 exception handlers already"),
-    "farewells": (steering, "MOST_TERMINATION_MESSAGES", lambda request, task: headers.Send(
-        request, "move", parent=TaskId(task), when_killed=True), "1 messages are stored for its termination"),
-}  # fmt: skip
+ATTACHMENTS: dict[str, tuple[ModuleType, str, Callable[[int, int], Any], str]] = {
+    "wiretaps": (
+        taps,
+        "MOST_TAPS",
+        lambda request, task: headers.Tap(
+            request, Condition.WHEN_ACHIEVED, "move" if request % 2 else "walk", "", TaskId(task)
+        ),
+        "has 1 wiretaps already",
+    ),
+    "exception handlers": (
+        attaching,
+        "MOST_ATTACHED",
+        lambda request, task: headers.Attach(
+            request, Attachment(f"failure {request}", "recover"), TaskId(task)
+        ),
+        "has 1 exception handlers already",
+    ),
+    "termination messages": (
+        steering,
+        "MOST_TERMINATION_MESSAGES",
+        lambda request, task: headers.Send(request, "move", parent=TaskId(task), when_killed=True),
+        "1 messages are stored for its termination",
+    ),
+}
 
 
-@pytest.mark.parametrize("what", FLOODS)
-def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    place, bound, make, why = FLOODS[what]
-    monkeypatch.setattr(place, bound, 1)
+@pytest.mark.parametrize("what", ATTACHMENTS)
+def test_attachments_of_a_task_are_limited(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, limit, make, text = ATTACHMENTS[what]
+    monkeypatch.setattr(module, limit, 1)
     player = Player.of("user")
     player.declare("user", "goal walk", "command move", "query where", "exception handler recover")
     task = player.task("user", "walk")
@@ -381,13 +395,13 @@ def test_so_much_and_no_more(what: str, monkeypatch: pytest.MonkeyPatch) -> None
         answers = player.request("user", make, task)
     (refused,) = answers
     assert refused.refusal is Refusal.OVERLOAD
-    assert why in refused.text
+    assert text in refused.text
 
 
-# --- While the disk of the journal is nearly full no new task is taken; all else goes on ----------
+# --- a nearly full disk ---------------------------------------------------------------------------
 
 
-def test_no_task_is_taken_before_there_is_room() -> None:
+def test_task_is_refused_while_disk_is_nearly_full() -> None:
     player = Player.of("legs: command move, query where", "user")
     running = player.task("user", "move")
     player.event(DiskSpace(player.time, is_low=True))

@@ -1,5 +1,6 @@
-"""Random lives in which clients and handlers change tasks' states: invariants hold, all ends, and
-what observers see is what the tables say.
+"""Random lives in which clients and handlers change the states of tasks.
+
+The invariants hold, everything ends, and observers see the states that the tables allow.
 """
 
 from collections import defaultdict
@@ -18,7 +19,7 @@ from tca_wire.vocabulary import Busy, Outcome, Party
 
 
 class JudgedLife(LifeOfStates):
-    """Held against the reference after each thing that happens."""
+    """Compares all states with the reference after each operation."""
 
     def __init__(self) -> None:
         self.reference = Reference()
@@ -27,7 +28,7 @@ class JudgedLife(LifeOfStates):
         self.judge()
 
     def do(self, name: str, a: int, b: int, c: int, d: int) -> None:
-        """Something happens, and all states are as they must be."""
+        """Do one operation, and compare all states."""
         self.asked = None
         super().do(name, a, b, c, d)
         self.judge()
@@ -50,16 +51,16 @@ class JudgedLife(LifeOfStates):
         )
         self.read = until
 
-    def judge_what_was_seen(self) -> None:
-        """An observer sees all changes of each task, in order, and one end."""
+    def judge_observed_changes(self) -> None:
+        """Check that the observer saw all changes of each task in order, and one end."""
         seen: dict[int, list[StateChange]] = defaultdict(list)
         for change in self.seen():
             assert not change.is_late
             seen[change.task].append(change)
         for number, task in self.reference.tasks.items():
-            told = seen[number]
+            changes = seen[number]
             if task.is_over:
-                *told, end = told
+                *changes, end = changes
                 assert end.is_over
                 assert end.serial == task.serial + 1
                 assert task.cycle.is_over(end.state)
@@ -75,17 +76,17 @@ class JudgedLife(LifeOfStates):
                 assert end.transition in (
                     ways or (["killed"] if is_kill else ["completed", "failed"])
                 )
-            assert [(one.transition, one.state, one.serial) for one in told] == task.changes
+            assert [(one.transition, one.state, one.serial) for one in changes] == task.changes
 
 
 class BusyLife(LifeOfStates):
-    """Here handlers that are busy reject, or are pre-empted."""
+    """Here busy handlers queue, reject or are pre-empted."""
 
     busy = (Busy.QUEUE, Busy.PREEMPT, Busy.REJECT)
 
 
-def end(life: LifeOfStates) -> None:
-    """All comes to an end, and nobody is left waiting."""
+def end_life_of_states(life: LifeOfStates) -> None:
+    """End all tasks, and check that no request is left open."""
     life.player.receive("user", headers.GiveUp(life.observing))
     end_everything(life)
     assert not life.central.dispatcher.running
@@ -94,24 +95,24 @@ def end(life: LifeOfStates) -> None:
     )
 
 
-def judged(seed: int, events: int) -> None:
+def judge_life(seed: int, events: int) -> None:
     life = JudgedLife()
     life.go_on(seed, events)
-    life.judge_what_was_seen()
-    end(life)
+    life.judge_observed_changes()
+    end_life_of_states(life)
 
 
 @given(st.integers(0, 1 << 32))
 @example(1406319357)  # a handler accepts with a goal of its own
 @example(1395)  # an exception handler resolves a failure
 @settings(max_examples=lives(3, soak=150))
-def test_states_are_what_the_tables_say(seed: int) -> None:
-    judged(seed, lives(200, soak=800))
+def test_task_states_match_the_life_cycle_tables(seed: int) -> None:
+    judge_life(seed, lives(200, soak=800))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(3, soak=150))
-def test_everything_ends_where_handlers_reject_or_are_pre_empted(seed: int) -> None:
+def test_everything_ends_when_handlers_reject_or_are_preempted(seed: int) -> None:
     life = BusyLife()
     life.go_on(seed, lives(150, soak=600))
-    end(life)
+    end_life_of_states(life)

@@ -1,6 +1,4 @@
-"""What central tells of its load: counters that only grow, and who waits longest, for what, how
-long.
-"""
+"""The load that central reports: its counters, and the longest waits with their reasons."""
 
 from typing import Any
 
@@ -18,34 +16,35 @@ from tca_wire.text.waits_in_words import several_in_words, waiter_in_words
 from tca_wire.vocabulary import Outcome, Refusal
 
 
-def resource(told: dict[str, Any], module: str) -> dict[str, Any]:
-    (found,) = [one for one in told["modules"] if one["module"] == module]
+def resource(report: dict[str, Any], module: str) -> dict[str, Any]:
+    """The first resource of a module."""
+    (found,) = [one for one in report["modules"] if one["module"] == module]
     first: dict[str, Any] = found["resources"][0]
     return first
 
 
-def message(told: dict[str, Any], name: str) -> dict[str, Any]:
-    (found,) = [one for one in told["messages"] if one["message"] == name]
+def message(report: dict[str, Any], name: str) -> dict[str, Any]:
+    (found,) = [one for one in report["messages"] if one["message"] == name]
     return dict(found)
 
 
-def waits(told: dict[str, Any]) -> list[tuple[str, str, float]]:
+def waits(report: dict[str, Any]) -> list[tuple[str, str, float]]:
     return [
-        (waiter_in_words(one), several_in_words(one.waits), one.seconds) for one in told["waits"]
+        (waiter_in_words(one), several_in_words(one.waits), one.seconds) for one in report["waits"]
     ]
 
 
-def test_the_longest_waits_come_first() -> None:
+def test_longest_waits_are_listed_first() -> None:
     robot = Player.of("legs: command step", "user: query where")
-    robot.send("user", "where")  # its handler does not answer
+    robot.send("user", "where")  # the handler never replies
     robot.module("other")
     robot.declare("other", "command dance")
     robot.task("other", "dance", flags=0)
     first, *_ = [robot.task("user", "step", flags=0) for _ in range(3)]
     robot.send("other", "where", origin=0, blocking=True)
     robot.tick(10.0)
-    told = load(robot.central)
-    assert waits(told) == [
+    report = load(robot.central)
+    assert waits(report) == [
         ("dance {2}", "for a module that handles dance", 14.0),
         (f"step {{{first + 1}}} and 1 more", f"for legs, busy with step {{{first}}}", 12.0),
         ("where {6}", "for user, busy with where {1}", 10.0),
@@ -55,20 +54,20 @@ def test_the_longest_waits_come_first() -> None:
             10.0,
         ),
     ]
-    assert resource(told, "legs")["oldest"] == 12.0
+    assert resource(report, "legs")["oldest"] == 12.0
 
 
-def test_direct_messages_count_like_others() -> None:
+def test_direct_messages_count_in_the_load() -> None:
     robot = Player()
     robot.module("map", "query where", direct=True)
     note = Note("where", "user", 0, 10, 0.0, 0.5, Outcome.DONE)
     robot.receive("map/1", Noted([note, note]))
-    told = load(robot.central)
-    assert message(told, "where")["delivered"] == 2
-    assert (resource(told, "map")["delivered"], resource(told, "map")["busy"]) == (2, 1.0)
+    report = load(robot.central)
+    assert message(report, "where")["delivered"] == 2
+    assert (resource(report, "map")["delivered"], resource(report, "map")["busy"]) == (2, 1.0)
 
 
-def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all_are_told() -> None:
+def test_load_totals_include_waits_that_are_not_listed() -> None:
     robot = Player.of("user: goal walk")
     robot.declare("user", "command step")
     for _ in range(SHOWN_WAITS + 20):
@@ -76,49 +75,49 @@ def test_all_that_wait_and_are_held_and_suspended_are_counted_also_where_not_all
     for _ in range(SHOWN_WAITS + 10):
         suspended = robot.task("user", "step", flags=0)
         robot.request("user", headers.Suspend, TaskId(suspended))
-    told = load(robot.central)
-    assert (len(told["held"]), len(told["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
-    assert told["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}
-    assert told["looked_at"] == told["tasks"]
+    report = load(robot.central)
+    assert (len(report["held"]), len(report["suspended"])) == (SHOWN_WAITS, SHOWN_WAITS)
+    assert report["totals"] == {"waits": 1, "held": SHOWN_WAITS + 19, "suspended": SHOWN_WAITS + 10}
+    assert report["looked_at"] == report["tasks"]
 
 
-# --- Brief waits are no deadlocks, but waits; who gives up is told why there was no answer yet ----
+# --- blocked handlers and deadlocks ---------------------------------------------------------------
 
 
 @pytest.fixture
 def robot() -> Player:
-    """A map and eyes, whose handlers are asked by a user."""
+    """A map and eyes, with a user that sends queries."""
     robot = Player.of("map: query where", "eyes: query look, command turn", "user")
     robot.declare("user", "query nobody", "goal plan")
     return robot
 
 
 @pytest.mark.parametrize("brief", [False, True])
-def test_a_brief_wait_is_no_deadlock(robot: Player, *, brief: bool) -> None:
+def test_brief_wait_is_not_a_deadlock(robot: Player, *, brief: bool) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, blocking=True)
     robot.send("eyes/1", "where", origin=2, blocking=True, brief=brief)
     robot.tick(10.0)
     assert bool(robot.facts(RequestRefused)) is not brief
-    told = load(robot.central)
+    report = load(robot.central)
     assert (
         (
             "look {2} in eyes",
             "for the reply to where {3} (it is queued for map, busy with where {1})",
             10.0,
         )
-        in waits(told)
+        in waits(report)
     ) is brief
-    assert resource(told, "eyes")["blocked"] == brief
-    assert resource(told, "map")["blocked"] == 1
+    assert resource(report, "eyes")["blocked"] == brief
+    assert resource(report, "map")["blocked"] == 1
 
 
-def test_who_went_on_and_now_waits(robot: Player) -> None:
+def test_handler_counts_as_blocked_only_while_it_awaits(robot: Player) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, number=7)
     assert resource(load(robot.central), "map")["blocked"] == 0
     assert not robot.receive("map/1", headers.Await(7))
-    robot.receive("map/1", headers.Await(99))  # answered meanwhile, or never asked: nothing
+    robot.receive("map/1", headers.Await(99))  # an unknown request changes nothing
     assert resource(load(robot.central), "map")["blocked"] == 1
     robot.reply("eyes/1")
     robot.receive("map/1", headers.Await(7))
@@ -126,7 +125,7 @@ def test_who_went_on_and_now_waits(robot: Player) -> None:
     assert robot.facts(Awaited) == [Awaited(2)]
 
 
-def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> None:
+def test_awaiting_coroutine_does_not_block_its_thread(robot: Player) -> None:
     robot.send("user", "where")
     robot.send("map/1", "look", origin=1, number=7)
     robot.receive("map/1", headers.Await(7, blocking=False))
@@ -134,7 +133,7 @@ def test_a_coroutine_that_awaits_does_not_block_its_thread(robot: Player) -> Non
     assert robot.facts(Awaited) == [Awaited(2)]
 
 
-def test_a_wait_without_news_is_found_when_a_handler_returns(robot: Player) -> None:
+def test_observer_deadlock_is_found_after_a_handler_returns(robot: Player) -> None:
     robot.module("legs", "goal walk")
     waiting = robot.task("user", "walk", flags=Flags.NONE)
     queued = robot.task("user", "walk", flags=Flags.NONE)

@@ -1,5 +1,5 @@
-"""What a kill, a power cut or a full disk leaves at the ends of central's logs: the next starts
-mend it (decision 102).
+"""A kill, a power cut or a full disk leaves torn ends in central's logs: the next start repairs
+them (decision 102).
 """
 
 import errno
@@ -27,7 +27,7 @@ from tca_wire.journal.frames import framed
 def live(
     folder: Path, number: int = 6, sync: Sync = Sync.ALWAYS, *, accept: bool = False
 ) -> Daemon:
-    """Start there, take some packets, be killed."""
+    """Start a daemon in this folder, give it some packets, and kill it."""
     daemon = Daemon(folder, sync, accept=accept)
     for line, packet in beginning()[:number]:
         daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
@@ -48,7 +48,7 @@ def shorten(path: Path, size: int) -> None:
 
 @pytest.fixture
 def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """The file that says how often the machine has started."""
+    """The file with the boot id of the machine."""
     path = tmp_path / "boot"
     path.write_text("1")
     monkeypatch.setattr(input_log, "BOOT", path)
@@ -58,7 +58,7 @@ def boots(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def fail(
     monkeypatch: pytest.MonkeyPatch, name: str, after: int = 0, number: int = errno.ENOSPC
 ) -> None:
-    """Let a function of ``os`` fail, on a full disk, after some calls."""
+    """Let a function of ``os`` fail after some calls, by default as on a full disk."""
     real, calls = getattr(os, name), count()
 
     def failing(*arguments: Any) -> Any:
@@ -75,7 +75,7 @@ TORN = framed(b"\x01" * 50)[:-1]
 @pytest.mark.parametrize("suffix", [".tcai", ".tcaj"])
 @pytest.mark.parametrize("left", [TORN, TORN[:5], bytes(9000), b"\xce\x00\xff" * 9, b""])
 @pytest.mark.parametrize("is_segment", [False, True])
-def test_what_a_kill_leaves_stops_no_later_start(
+def test_leftovers_of_a_kill_do_not_stop_later_starts(
     tmp_path: Path, suffix: str, left: bytes, *, is_segment: bool
 ) -> None:
     events = live(tmp_path).central.events
@@ -91,10 +91,10 @@ def test_what_a_kill_leaves_stops_no_later_start(
 
 
 @pytest.mark.parametrize("heads", [0, 1])
-def test_start_on_a_full_disk_leaves_nothing_behind(
+def test_start_on_full_disk_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, heads: int
 ) -> None:
-    """It has room for so many heads of the two logs."""
+    """The disk has room for the heads of none or one of the two logs."""
     live(tmp_path)
     fail(monkeypatch, "write", heads)
     with pytest.raises(DiskFull):
@@ -123,7 +123,7 @@ def test_damage_before_sound_inputs_is_refused_until_accepted(tmp_path: Path) ->
     live(tmp_path)
 
 
-def test_journal_ahead_of_the_inputs_is_accepted_after_a_boot(
+def test_journal_ahead_of_inputs_is_accepted_after_reboot(
     tmp_path: Path, boots: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     live(tmp_path, sync=Sync.BATCH)
@@ -145,8 +145,8 @@ def test_journal_ahead_of_the_inputs_is_accepted_after_a_boot(
     live(tmp_path)
 
 
-def test_numbers_are_skipped_after_a_start_that_failed(tmp_path: Path, boots: Path) -> None:
-    """It has written its head, with the new boot, and nothing else."""
+def test_task_ids_are_skipped_after_a_failed_start(tmp_path: Path, boots: Path) -> None:
+    """The failed start has written only the head of its segment, with the new boot id."""
     live(tmp_path, sync=Sync.BATCH)
     boots.write_text("2")
     (tmp_path / "00000002.tcai").write_bytes(
@@ -155,8 +155,8 @@ def test_numbers_are_skipped_after_a_start_that_failed(tmp_path: Path, boots: Pa
     assert live(tmp_path).central.tree.newest >= 1_000_000
 
 
-def test_power_cut_between_two_segments_is_mended(tmp_path: Path, boots: Path) -> None:
-    """The second one has reached the disk, and the end of the first has not."""
+def test_power_cut_between_two_segments_is_repaired(tmp_path: Path, boots: Path) -> None:
+    """The second segment has reached the disk, and the end of the first has not."""
     live(tmp_path, sync=Sync.BATCH)
     live(tmp_path, sync=Sync.BATCH)
     shorten(tmp_path / "00000001.tcai", 1)
@@ -183,7 +183,7 @@ def test_inputs_of_another_version_are_refused_with_advice(
 
 
 @pytest.mark.parametrize("is_empty", [True, False])
-def test_tasks_without_their_inputs_are_lost_with_a_warning(
+def test_tasks_without_inputs_are_lost_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, is_empty: bool
 ) -> None:
     live(tmp_path, len(beginning()))
@@ -196,7 +196,9 @@ def test_tasks_without_their_inputs_are_lost_with_a_warning(
     assert "a new run starts, and the tasks of the last run" in caplog.text
 
 
-def test_half_an_image_takes_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_image_write_leaves_no_draft(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     live(tmp_path)
     fail(monkeypatch, "fsync")
     with pytest.raises(OSError, match="No space"):
@@ -209,7 +211,7 @@ def test_half_an_image_takes_no_room(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
-def test_only_a_full_disk_is_waited_for(
+def test_only_full_disk_errors_raise_disk_full(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     fail(monkeypatch, "write", number=number)

@@ -1,4 +1,4 @@
-"""Central's log: a line an entry, whatever others have put into it."""
+"""Central's log: one line for each entry, also with hostile contents."""
 
 import logging
 
@@ -31,20 +31,18 @@ def lines() -> list[str]:
 
 @pytest.fixture
 def log(lines: list[str]) -> logging.Logger:
-    class Kept(logging.Handler):
+    class ListHandler(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             lines.append(self.format(record))
 
-    log, handler = logging.getLogger("tests.lines"), Kept()
+    log, handler = logging.getLogger("tests.lines"), ListHandler()
     handler.setFormatter(LineFormatter("central: %(message)s"))
     log.handlers, log.propagate = [handler], False
     log.setLevel(logging.INFO)
     return log
 
 
-def test_an_entry_is_one_short_line_that_steers_no_terminal(
-    log: logging.Logger, lines: list[str]
-) -> None:
+def test_log_entry_is_one_short_printable_line(log: logging.Logger, lines: list[str]) -> None:
     player = Player()
     facts: list[Fact] = [
         ModuleJoined(HOSTILE, HOSTILE),
@@ -62,7 +60,9 @@ def test_an_entry_is_one_short_line_that_steers_no_terminal(
         assert len(line) <= LONGEST_LINE
 
 
-def test_a_traceback_has_lines_of_its_own(log: logging.Logger, lines: list[str]) -> None:
+def test_traceback_is_logged_on_separate_printable_lines(
+    log: logging.Logger, lines: list[str]
+) -> None:
     try:
         int(HOSTILE)
     except ValueError:
@@ -73,7 +73,7 @@ def test_a_traceback_has_lines_of_its_own(log: logging.Logger, lines: list[str])
     assert all(line.isprintable() and len(line) <= LONGEST_LINE for line in rest)
 
 
-def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(
+def test_line_limit_counts_omitted_lines_and_passes_errors(
     log: logging.Logger, lines: list[str]
 ) -> None:
     now = [5.0]
@@ -89,10 +89,10 @@ def test_a_flood_of_lines_is_cut_and_told_and_errors_pass(
     assert lines[-1] == "central: 100%"
 
 
-# --- Losses that come in floods: a line a second for each thing, with how many --------------------
+# --- repeated losses: one line a second for each kind, with a count -------------------------------
 
 
-def test_a_flood_is_a_line_a_second(caplog: pytest.LogCaptureFixture) -> None:
+def test_repeated_losses_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
     for number in range(3000):
         log.count("dropped 'pose'", f"{number} wait", 1, number / 1000)
@@ -108,7 +108,7 @@ def test_a_flood_is_a_line_a_second(caplog: pytest.LogCaptureFixture) -> None:
     ]
 
 
-def test_nothing_is_told_twice_and_quiet_is_forgotten(caplog: pytest.LogCaptureFixture) -> None:
+def test_loss_is_not_logged_again_until_it_recurs(caplog: pytest.LogCaptureFixture) -> None:
     log = LossLog(logging.getLogger("t"))
     log.count("dropped 'pose'", "10 wait", 1, 0.0)
     for time in (1.0, 2.0, 3.0):
@@ -137,5 +137,5 @@ def test_nothing_is_told_twice_and_quiet_is_forgotten(caplog: pytest.LogCaptureF
         (facts.RequestRefused("user", Refusal.CYCLE, "it waits for itself"), None),
     ],
 )
-def test_what_is_warned_of(fact: facts.Fact, loss: object) -> None:
+def test_only_overload_facts_are_logged_as_losses(fact: facts.Fact, loss: object) -> None:
     assert loss_in(fact) == loss

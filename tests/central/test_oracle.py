@@ -1,5 +1,5 @@
-"""A deliberately simple reference scheduler agrees with central on what may start when, and what is
-next.
+"""The oracle, a deliberately simple reference scheduler, agrees with central on which deliveries
+may start, and in which order.
 """
 
 import random
@@ -31,19 +31,19 @@ JUDGED = {
     "expert": MODULES["expert"],
 }
 NO_SMALLER_SEED = (Phase.explicit, Phase.reuse, Phase.generate)
-"""A life from a smaller seed is no simpler."""
+"""Shrinking is useless: a smaller seed gives no simpler life."""
 
 
 class JudgedPlayer(Player):
-    """The oracle looks at every event."""
+    """Lets the oracle judge every event."""
 
     def __init__(self) -> None:
         super().__init__()
         self.oracle = Oracle()
 
     def event(self, event: Any) -> list[Effect]:
-        """While anybody may be in a deadlock each timer has an event of its own: what is due then
-        and a deadlock that is found then can't be told apart otherwise.
+        """Give each timer an event of its own while a deadlock is possible. Otherwise the oracle
+        cannot tell the effects of a timer from those of a deadlock.
         """
         clock = self.central.clock
         while (
@@ -61,8 +61,8 @@ class JudgedPlayer(Player):
 
 
 class JudgedLife(Life):
-    """A life without what the oracle does not know: pending limits, variables, two timers due at
-    the very same time.
+    """A life without features that the oracle lacks: pending limits, variables, and timers due at
+    the same time.
     """
 
     modules = JUDGED
@@ -83,7 +83,7 @@ class JudgedLife(Life):
             super().do(name, a, b, c, d)
 
 
-def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> None:
+def test_retried_exception_handler_is_no_longer_spared() -> None:
     player = JudgedPlayer()
     player.module("legs", "command move", capacity=2)
     player.module("expert", "exception handler recover", capacity=2)
@@ -101,7 +101,7 @@ def test_a_spared_exception_handler_that_is_retried_is_not_spared_any_more() -> 
     assert recovers not in player.central.tree.tasks
 
 
-def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
+def test_restarted_module_starts_its_own_sequence() -> None:
     player = JudgedPlayer.of("user")
     player.declare("user", "command nobody", "command move")
     player.task("user", "nobody")
@@ -114,7 +114,7 @@ def test_a_module_started_again_has_a_sequence_of_its_own() -> None:
     assert player.delivered("legs/1") == [player.central.tree.newest]
 
 
-def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
+def test_wiretaps_on_start_and_end_fire_in_oracle_order() -> None:
     player = JudgedLife().player
     for condition in (Condition.WHEN_ACHIEVED, Condition.WHILE_ACHIEVING):
         player.request(
@@ -135,7 +135,7 @@ def test_a_tap_before_the_end_is_first_where_the_start_comes_too() -> None:
 
 
 @pytest.mark.parametrize("is_ended", [False, True])
-def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
+def test_monitor_that_ends_at_its_start_sends_its_listeners(is_ended: bool) -> None:
     player = JudgedLife().player
     for condition, listener in (
         (Condition.WHEN_ACHIEVED, "lift"),
@@ -156,9 +156,7 @@ def test_a_monitor_over_as_it_begins_holds_what_listens(is_ended: bool) -> None:
 
 
 def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
-    """A task of which *module* has the handler, and whose failures *recover* hears first, then
-    *report*.
-    """
+    """A task that *module* handles. Its exception handlers are *recover*, then *report*."""
     player = JudgedPlayer()
     player.module(module, message)
     player.module("expert", "exception handler recover", "exception handler report")
@@ -170,7 +168,7 @@ def with_two_handlers(module: str, message: str) -> tuple[JudgedPlayer, TaskId]:
     return player, TaskId(player.task("user", name))
 
 
-def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
+def test_goal_stays_unplanned_while_exception_handlers_remain() -> None:
     player, task = with_two_handlers("planner", "goal walk")
     player.request("user", headers.Raise, task, "slipped")
     player.reply("planner/1", task)
@@ -179,7 +177,7 @@ def test_a_goal_is_planned_when_its_handlers_are_heard() -> None:
     assert not player.central.tree.tasks[task].reached & Moment.END_PLANNING
 
 
-def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
+def test_retry_waits_for_remaining_exception_handlers() -> None:
     player, task = with_two_handlers("legs", "command move")
     player.request("user", headers.Retry, task)
     player.request("user", headers.Raise, task, "slipped")
@@ -192,7 +190,7 @@ def test_a_retry_waits_until_exception_handlers_are_heard() -> None:
     assert player.delivered("legs/1")
 
 
-def test_a_monitor_yet_to_begin_can_be_ended_after_a_retry() -> None:
+def test_suspended_monitor_can_be_ended_after_a_retry() -> None:
     player = JudgedLife().player
     guard = TaskId(player.task("user", "guard", watch=WatchOptions(), suspended=True))
     player.request("user", headers.Retry, guard)
@@ -201,7 +199,7 @@ def test_a_monitor_yet_to_begin_can_be_ended_after_a_retry() -> None:
     assert guard not in player.central.tree.tasks
 
 
-def test_a_monitor_held_anew_dies_if_all_else_has_ended() -> None:
+def test_newly_held_monitor_dies_when_all_else_has_ended() -> None:
     player = JudgedLife().player
     move = player.task("user", "move")
     held = before(point(move, Moment.END_ACHIEVING), point(-1, Moment.START_ACHIEVING))
@@ -209,13 +207,15 @@ def test_a_monitor_held_anew_dies_if_all_else_has_ended() -> None:
     child = player.task("user", "guard", watch=WatchOptions(), under=parent)
     player.request("user", headers.EndMonitor, parent)
     assert child in player.central.tree.tasks
-    anew = before(point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING))
-    player.request("user", headers.Constrain, [anew])
+    second_constraint = before(
+        point(move, Moment.END_ACHIEVING), point(child, Moment.START_ACHIEVING)
+    )
+    player.request("user", headers.Constrain, [second_constraint])
     assert child not in player.central.tree.tasks
 
 
 @pytest.mark.parametrize("is_parent_first", [False, True])
-def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: bool) -> None:
+def test_retried_monitor_with_listener_dies_when_all_else_ends(is_parent_first: bool) -> None:
     player = JudgedLife().player
     walk = player.task("user", "walk")
     guard = TaskId(player.task("user", "guard", watch=WatchOptions(), under=walk))
@@ -238,7 +238,7 @@ def test_a_checked_retried_monitor_dies_if_all_else_has_ended(is_parent_first: b
     assert guard in [fact.task for fact in player.facts(Killed)]
 
 
-def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
+def test_timers_due_together_ring_in_the_order_they_were_set() -> None:
     player = JudgedLife().player
     busy, _, first, _ = [
         player.task("user", "move", flags=Flags.NONE, priority=urgent) for urgent in (0, 0, 0, 1)
@@ -251,18 +251,18 @@ def test_timers_due_at_once_ring_in_the_order_they_were_set() -> None:
     assert player.delivered("legs2/1") == [first]
 
 
-def test_a_task_suspended_for_no_time_keeps_its_place() -> None:
+def test_task_resumed_in_the_same_event_keeps_its_place() -> None:
     player = Player.of("legs: command move", "user")
     _, second, _ = (player.task("user", "move", flags=Flags.NONE) for _ in range(3))
     task = player.central.tree.tasks[TaskId(second)]
-    for resume in (False, True):  # in one event, as by a kill above what it is under
+    for resume in (False, True):  # in one event, like a kill of an ancestor
         suspend(player.central, task, resume=resume)
     player.event(ConfirmTasks(player.time))
     player.reply("legs/1")
     assert task.slot is not None
 
 
-def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
+def test_lost_lock_is_reported_after_wiretaps_of_the_return() -> None:
     player = JudgedPlayer()
     player.module("legs", "command move", "inform note", capacity=2)
     player.module("arm", "command lift")
@@ -280,17 +280,13 @@ def test_a_lost_lock_is_told_of_after_the_wiretaps_of_the_return() -> None:
 
 @given(operations)
 @settings(max_examples=45)
-def test_the_oracle_agrees_with_central_in_every_short_life(taken: Operations) -> None:
+def test_oracle_agrees_with_central_in_short_lives(taken: Operations) -> None:
     JudgedLife().live(taken)
 
 
 @given(st.integers(0, 1 << 32))
-@example(
-    3079024226
-)  # in the soak's length: a kill resumes at once what a suspension took out of a queue
-@example(
-    724652
-)  # in the soak's length: two monitors that began in one event are tested at the same time
+@example(3079024226)  # with the soak's length: a kill resumes a queued task that was suspended
+@example(724652)  # with the soak's length: two monitors that began in one event test at one time
 @settings(max_examples=lives(4, soak=30), phases=NO_SMALLER_SEED)
-def test_the_oracle_agrees_with_central_in_lives_of_hundreds_of_events(seed: int) -> None:
+def test_oracle_agrees_with_central_in_long_lives(seed: int) -> None:
     JudgedLife().go_on(seed, lives(400, soak=10_000))

@@ -1,5 +1,5 @@
-"""What waits to be sent: nobody gets more than he reads, and who reads nothing costs only
-himself.
+"""Outboxes hold unsent packets: a connection gets no more than it reads, and a slow reader delays
+no other.
 """
 
 from tca_central.events import ConnectionId
@@ -8,91 +8,91 @@ from tca_wire.packets import codec
 from tca_wire.packets.credit import REPORTED_AFTER, WINDOW, Receipts
 from tca_wire.packets.headers import Beat, Receipt
 
-READS, STANDS = ConnectionId(b"reads"), ConnectionId(b"stands")
+READS, STALLED = ConnectionId(b"reads"), ConnectionId(b"stalled")
 
 
-class Line:
-    """A socket with two lines."""
+class Socket:
+    """A socket with two connections: one reads, one does not."""
 
     def __init__(self) -> None:
-        self.sent: dict[ConnectionId, list[bytes]] = {READS: [], STANDS: []}
-        self.takes = True
+        self.sent: dict[ConnectionId, list[bytes]] = {READS: [], STALLED: []}
+        self.accepts = True
         self.boxes = Outboxes(self.send)
 
     def send(self, connection: ConnectionId, packet: bytes) -> bool:
         if connection not in self.sent:
             raise ConnectionError
-        if self.takes:
+        if self.accepts:
             self.sent[connection].append(packet)
-        return self.takes
+        return self.accepts
 
     def size(self, connection: ConnectionId) -> int:
         return sum(map(len, self.sent[connection]))
 
 
 def test_items_share_packets_and_keep_their_order() -> None:
-    line = Line()
+    socket = Socket()
     items = [bytes([number % 256]) * 1000 for number in range(200)]
     for item in items:
-        line.boxes.add(READS, [item])
-    assert line.boxes.send_all() == []
-    assert b"".join(line.sent[READS]) == b"".join(items)
-    assert max(map(len, line.sent[READS])) <= PACKET_BYTES
-    assert line.boxes.held == 0
+        socket.boxes.add(READS, [item])
+    assert socket.boxes.send_all() == []
+    assert b"".join(socket.sent[READS]) == b"".join(items)
+    assert max(map(len, socket.sent[READS])) <= PACKET_BYTES
+    assert socket.boxes.held == 0
 
 
-def test_who_does_not_say_that_he_has_read_gets_no_more_than_so_much() -> None:
-    line, receipts = Line(), Receipts()
+def test_reader_without_receipts_gets_no_more_than_the_window() -> None:
+    socket, receipts = Socket(), Receipts()
     for _ in range(80):
-        for one in (READS, STANDS):
-            line.boxes.add(one, [bytes(PACKET_BYTES)])
-        line.boxes.send_all()
-        if receipt := receipts.due(line.sent[READS][-1]):
+        for one in (READS, STALLED):
+            socket.boxes.add(one, [bytes(PACKET_BYTES)])
+        socket.boxes.send_all()
+        if receipt := receipts.due(socket.sent[READS][-1]):
             ((header, _),) = codec.unpack_to_central(receipt)
             assert isinstance(header, Receipt)
-            line.boxes.credit(READS, header.size)
+            socket.boxes.credit(READS, header.size)
             receipts.sent()
-    assert line.size(READS) == 80 * PACKET_BYTES
-    assert line.size(STANDS) == WINDOW
-    assert line.boxes.held == 80 * PACKET_BYTES - WINDOW
-    assert not line.boxes.has_waiting  # for the line: nobody tries in vain
-    line.boxes.credit(STANDS, WINDOW)
-    line.boxes.send_all()
-    assert line.size(STANDS) == 2 * WINDOW
+    assert socket.size(READS) == 80 * PACKET_BYTES
+    assert socket.size(STALLED) == WINDOW
+    assert socket.boxes.held == 80 * PACKET_BYTES - WINDOW
+    assert not socket.boxes.has_waiting  # no packet waits for the socket itself
+    socket.boxes.credit(STALLED, WINDOW)
+    socket.boxes.send_all()
+    assert socket.size(STALLED) == 2 * WINDOW
 
 
-def test_what_is_too_much_goes_with_whom_most_waits_for() -> None:
-    line = Line()
+def test_fullest_outbox_is_dropped_first() -> None:
+    socket = Socket()
     for _ in range(30):
-        line.boxes.add(STANDS, [bytes(PACKET_BYTES)])
-    line.boxes.send_all()
-    line.boxes.add(READS, [bytes(10)])
-    assert line.boxes.drop_beyond(1 << 20) == {}
-    given_up = line.boxes.drop_beyond(100_000)
-    assert given_up == {STANDS: 30 * PACKET_BYTES - WINDOW}
-    assert line.boxes.held == 10
-    line.boxes.add(STANDS, [bytes(10)])  # what it has not read is not forgotten with it
-    line.boxes.send_all()
-    assert line.size(STANDS) == WINDOW
+        socket.boxes.add(STALLED, [bytes(PACKET_BYTES)])
+    socket.boxes.send_all()
+    socket.boxes.add(READS, [bytes(10)])
+    assert socket.boxes.drop_beyond(1 << 20) == {}
+    given_up = socket.boxes.drop_beyond(100_000)
+    assert given_up == {STALLED: 30 * PACKET_BYTES - WINDOW}
+    assert socket.boxes.held == 10
+    socket.boxes.add(STALLED, [bytes(10)])  # its unread bytes still count
+    socket.boxes.send_all()
+    assert socket.size(STALLED) == WINDOW
 
 
-def test_a_line_that_takes_nothing_is_tried_again_and_one_that_is_gone_is_told() -> None:
-    line = Line()
-    line.takes = False
-    line.boxes.add(READS, [b"one"])
-    line.boxes.send_all()
-    assert line.boxes.has_waiting
-    line.takes = True
-    line.boxes.send_all()
-    assert line.sent[READS] == [b"one"]
-    nobody = ConnectionId(b"nobody")
-    line.boxes.add(nobody, [b"two"])
-    assert line.boxes.send_all() == [nobody]
-    assert nobody not in line.boxes.connections()
-    assert line.boxes.held == 0
+def test_busy_socket_is_retried_and_lost_connection_reported() -> None:
+    socket = Socket()
+    socket.accepts = False
+    socket.boxes.add(READS, [b"one"])
+    socket.boxes.send_all()
+    assert socket.boxes.has_waiting
+    socket.accepts = True
+    socket.boxes.send_all()
+    assert socket.sent[READS] == [b"one"]
+    lost = ConnectionId(b"lost")
+    socket.boxes.add(lost, [b"two"])
+    assert socket.boxes.send_all() == [lost]
+    assert lost not in socket.boxes.connections()
+    assert socket.boxes.held == 0
 
 
-def test_beats_are_not_counted() -> None:
+def test_heartbeats_are_not_counted_for_receipts() -> None:
     receipts, beat = Receipts(), codec.pack_item(Beat())
     assert not any(receipts.due(beat) for _ in range(REPORTED_AFTER // len(beat) + 1))
     assert receipts.due(bytes(REPORTED_AFTER))

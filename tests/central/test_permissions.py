@@ -1,4 +1,4 @@
-"""Permissions: each request against each combination of what is allowed, and nothing by mistake."""
+"""Permissions: each kind of request is tried with each combination of permissions."""
 
 from collections.abc import Callable, Iterable
 from itertools import combinations
@@ -26,11 +26,11 @@ ROGUE = 50  # the number of its request
 ATTACHED, TAPPED = 2, 3
 
 Needed = list[set[tuple[Permission, str]]]
-"""Sets of what is needed; one of them is enough."""
+"""Alternative sets of permissions, of which one is enough."""
 
 
 def one_of(*alternatives: str) -> Needed:
-    """ "send move + kill move": that is needed; each argument is enough."""
+    """Read alternatives such as "send move + kill move"."""
     return [{_needed(part) for part in alternative.split(" + ")} for alternative in alternatives]
 
 
@@ -41,22 +41,22 @@ def _needed(text: str) -> tuple[Permission, str]:
 
 STEER, SEE = one_of("kill move"), one_of("kill move", "tap move")
 Ask = Callable[[int], object]
-"""Makes a request about a task of somebody else's."""
+"""Makes a request about a task of another module."""
 
 REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "send": (lambda _: headers.Send(ROGUE, "move"), one_of("send move")),
     "send a query": (lambda _: headers.Send(ROGUE, "where"), one_of("send where")),
     "send under": (lambda task: headers.Send(ROGUE, "move", TaskId(task)), one_of("send move + kill move")),
-    "send at death": (lambda task: headers.Send(ROGUE, "move", TaskId(task), when_killed=True), one_of("send move + kill move")),
+    "send on termination": (lambda task: headers.Send(ROGUE, "move", TaskId(task), when_killed=True), one_of("send move + kill move")),
     "send after": (lambda task: headers.Send(ROGUE, "move", constraints=[before(point(-1, Moment.END_ACHIEVING), point(task, Moment.END_ACHIEVING))]), one_of("send move + kill move")),
-    "send with help": (lambda _: headers.Send(ROGUE, "move", attachments=[Attachment("", "rescue")]), one_of("send move + send rescue")),
+    "send with exception handler": (lambda _: headers.Send(ROGUE, "move", attachments=[Attachment("", "rescue")]), one_of("send move + send rescue")),
     "declare": (lambda _: headers.Register(ROGUE, [Player.format("command move")]), one_of("send move", "handle move", "tap move")),
     "declare a monitor": (lambda _: headers.Register(ROGUE, [msgspec.structs.replace(Player.format("polling monitor guard"), parts=["where", "note"])]), one_of("send guard + send where + send note", "handle guard + send where + send note", "tap guard + send where + send note")),
     "handle": (lambda _: headers.Register(ROGUE, [], [HandlerFormat("move", "rogue")]), one_of("handle move")),
     "constrain": (lambda task: headers.Constrain(ROGUE, [before(point(0, Moment.START_HANDLING), point(task, Moment.END_ACHIEVING), 1.0)]), STEER),
     "kill": (lambda task: headers.Kill(ROGUE, TaskId(task)), STEER),
-    "kill what is under": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.DESCENDANTS), STEER),
-    "kill its siblings": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.SIBLINGS), one_of("kill move + administer root")),
+    "kill descendants": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.DESCENDANTS), STEER),
+    "kill siblings": (lambda task: headers.Kill(ROGUE, TaskId(task), scope=Scope.SIBLINGS), one_of("kill move + administer root")),
     "kill all": (lambda _: headers.Kill(ROGUE, TaskId(0), scope=Scope.DESCENDANTS), one_of("administer root")),
     "raise": (lambda task: headers.Raise(ROGUE, TaskId(task), "fire"), STEER),
     "retry": (lambda task: headers.Retry(ROGUE, TaskId(task)), STEER),
@@ -65,7 +65,7 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
     "change a state": (lambda task: ChangeState(ROGUE, TaskId(task), "cancel"), STEER),
     "observe a task": (lambda task: Observe(ROGUE, TaskId(task)), SEE),
     "observe a message": (lambda _: Observe(ROGUE, message="move"), one_of("tap move")),
-    "observe what is under": (lambda task: Observe(ROGUE, below=TaskId(task)), one_of("administer tree")),
+    "observe descendants": (lambda task: Observe(ROGUE, below=TaskId(task)), one_of("administer tree")),
     "observe all": (lambda _: Observe(ROGUE), one_of("administer tree")),
     "await": (lambda task: headers.AwaitPoint(ROGUE, point(task, Moment.END_ACHIEVING)), SEE),
     "keep": (lambda task: headers.Keep(ROGUE, TaskId(task)), SEE),
@@ -90,21 +90,33 @@ REQUESTS: dict[str, tuple[Ask, Needed]] = {
 }  # fmt: skip
 
 FREE: tuple[object, ...] = (
-    headers.Unregister(ROGUE, []), headers.Reply(1), headers.Replies([]), headers.Fail(1, "x"), headers.Await(7),
-    headers.AwaitAny(1, []), headers.GiveUp(7), headers.Release(ROGUE, 7), headers.Recalled([]),
-    headers.WaitUntilHandled(ROGUE, ["move"]), headers.Ask(ROGUE, "messages"), headers.Ask(ROGUE, "modules"),
+    headers.Unregister(ROGUE, []),
+    headers.Reply(1),
+    headers.Replies([]),
+    headers.Fail(1, "x"),
+    headers.Await(7),
+    headers.AwaitAny(1, []),
+    headers.GiveUp(7),
+    headers.Release(ROGUE, 7),
+    headers.Recalled([]),
+    headers.WaitUntilHandled(ROGUE, ["move"]),
+    headers.Ask(ROGUE, "messages"),
+    headers.Ask(ROGUE, "modules"),
     headers.Hello(ROGUE, headers.PROTOCOL_VERSION, "rogue", "run of rogue"),
-)  # fmt: skip
+)
 
 NAMES = {
-    SEND: ("move", "where", "note", "rescue", "speed", "guard"), HANDLE: ("move", "speed", "note", "guard"),
-    TAP: ("move", "guard"), LOCK: ("boss.boss",), KILL: ("move",),
+    SEND: ("move", "where", "note", "rescue", "speed", "guard"),
+    HANDLE: ("move", "speed", "note", "guard"),
+    TAP: ("move", "guard"),
+    LOCK: ("boss.boss",),
+    KILL: ("move",),
     ADMINISTER: ("root", "tree", "status", "attach", "unlock", "detach", "resume"),
-}  # fmt: skip
+}
 
 
 def robot(rules: Iterable[AccessRule]) -> tuple[Player, int]:
-    """A boss with a running task, and a rogue under rules."""
+    """A player with a running task of the boss, and a rogue under rules. Also the task's id."""
     player = Player()
     player.check = False
     player.principals |= {"rogue": "rogue"}
@@ -138,7 +150,7 @@ def is_forbidden(player: Player, header: object) -> bool:
         return False
     changes = [fact for entry in player.entries[before:] for fact in entry.facts]
     assert [type(fact) for fact in changes] == [facts.RequestRefused], (
-        "what is forbidden changes nothing"
+        "a forbidden request changes nothing"
     )
     return True
 
@@ -162,13 +174,13 @@ WAYS: dict[str, Callable[[Permission], tuple[str, ...]]] = {
 }
 
 
-def test_each_message_has_a_row() -> None:
+def test_every_request_has_a_permission_rule() -> None:
     assert set(NEEDS) == set(HANDLERS)
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_what_is_not_allowed_is_forbidden_and_what_is_is_not(way: str) -> None:
-    """The full matrix: requests x permissions x names."""
+def test_request_is_forbidden_exactly_when_not_allowed(way: str) -> None:
+    """The full matrix: requests, permissions and names."""
     wrong, asked = [], 0
     for subset in SUBSETS:
         allowed = tuple((permission, WAYS[way](permission)) for permission in subset)
@@ -187,8 +199,8 @@ def test_what_is_not_allowed_is_forbidden_and_what_is_is_not(way: str) -> None:
 @pytest.mark.parametrize(
     "missing", [name for name, (_, needed) in REQUESTS.items() if len(needed) == 1]
 )
-def test_each_single_need_counts(missing: str) -> None:
-    """All is allowed but one name."""
+def test_each_missing_permission_forbids_the_request(missing: str) -> None:
+    """Everything is allowed except one name."""
     ask, [needed] = REQUESTS[missing]
     for permission, name in needed:
         names = {
@@ -199,14 +211,14 @@ def test_each_single_need_counts(missing: str) -> None:
         assert is_forbidden(player, ask(task)), (permission, name)
 
 
-def test_what_is_ones_own_needs_nothing_more() -> None:
+def test_own_task_needs_no_further_permission() -> None:
     for name, (ask, needed) in REQUESTS.items():
         if needed in (STEER, SEE):
             player, _ = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
             assert not is_forbidden(player, ask(player.task("rogue", "move"))), name
 
 
-def test_a_task_of_ones_own_that_goes_by_its_request_is_no_way_to_its_siblings() -> None:
+def test_own_task_gives_no_permission_over_its_siblings() -> None:
     player, task = robot([AccessRule(("rogue",), ("rogue",), ((SEND, ("move",)),))])
     player.send("rogue", "move", flags=Flags.NONE, number=ROGUE - 1)
     assert is_forbidden(player, headers.Kill(ROGUE, TaskId(1 - ROGUE), scope=Scope.SIBLINGS))
@@ -215,19 +227,19 @@ def test_a_task_of_ones_own_that_goes_by_its_request_is_no_way_to_its_siblings()
 
 
 @pytest.mark.parametrize("header", FREE, ids=lambda header: type(header).__name__)
-def test_what_needs_nothing(header: object) -> None:
+def test_free_request_needs_no_permission(header: object) -> None:
     player, _ = robot([AccessRule(("rogue",), ("rogue",))])
     assert not is_forbidden(player, header)
 
 
-def test_nobody_answers_for_somebody_else() -> None:
+def test_reply_to_foreign_delivery_changes_nothing() -> None:
     player, task = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     for answer in (headers.Reply(task), headers.Fail(task, "x")):
         player.receive("rogue", answer, b"\x07")
         assert player.delivered("boss/1") == [task]
 
 
-# --- who may be which module ----------------------------------------------------------------------
+# --- names of modules -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -247,7 +259,7 @@ def test_nobody_answers_for_somebody_else() -> None:
         (("Arm",), ("*",), "arm", "any", False),
     ],
 )
-def test_who_may_be_which_module(
+def test_module_name_is_accepted_only_with_a_listed_key(
     keys: tuple[str, ...], modules: tuple[str, ...], principal: str, module: str, is_let_in: bool
 ) -> None:
     player = Player()
@@ -261,8 +273,8 @@ def test_who_may_be_which_module(
     assert bool(player.facts(facts.ModuleJoined)) == is_let_in
 
 
-def test_a_second_connection_is_the_module_that_the_first_one_is() -> None:
-    """Another name in its Hello gives it no other rights."""
+def test_second_connection_keeps_the_module_of_the_first() -> None:
+    """Another module name in its Hello gives it no other permissions."""
     player = Player()
     player.principals |= {"arm": "k", "arm/1": "k"}
     rules = (AccessRule(("k",), ("arm",)), AccessRule(("k",), ("boss",), EVERYTHING))
@@ -277,7 +289,7 @@ def test_a_second_connection_is_the_module_that_the_first_one_is() -> None:
 # --- rules that change ----------------------------------------------------------------------------
 
 
-def test_new_rules_hold_for_those_who_are_there() -> None:
+def test_changed_rules_apply_to_connected_modules() -> None:
     player, task = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     player.receive("rogue", headers.Register(9, [], [HandlerFormat("move", "rogue")]))
     player.receive("rogue", headers.Tap(10, Condition.WHEN_SENT, "note", "move"))
@@ -294,7 +306,7 @@ def test_new_rules_hold_for_those_who_are_there() -> None:
     assert not is_forbidden(player, headers.Kill(ROGUE + 1, TaskId(task)))
 
 
-def test_who_is_in_no_rule_any_more_is_cut_off() -> None:
+def test_module_without_a_rule_is_disconnected() -> None:
     player, _ = robot([AccessRule(("rogue",), allowed=EVERYTHING)])
     player.event(
         PermissionsChanged(60.0, (AccessRule(("owner",), allowed=EVERYTHING),), "robot.toml")
@@ -306,9 +318,9 @@ def test_who_is_in_no_rule_any_more_is_cut_off() -> None:
     ]
 
 
-def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
-    """Who may handle an exception handler may do what exception handlers do: with what failed, and
-    above it.
+def test_exception_handler_needs_no_permission_for_its_retry() -> None:
+    """A running exception handler may retry the failed task and its ancestors, but kill no other
+    task.
     """
     player = Player()
     player.principals |= {"medic": "medic", "medic/1": "medic"}
@@ -329,7 +341,7 @@ def test_what_an_exception_handler_decides_about_needs_no_permission() -> None:
     assert not [one for one in answers if isinstance(one, Refused)]
 
 
-def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_name() -> None:
+def test_only_the_handler_changes_its_tasks_state() -> None:
     player = Player()
     player.principals |= {"arm": "arm", "arm/1": "arm", "leg": "leg", "leg/1": "leg"}
     arm, leg = (
@@ -344,8 +356,7 @@ def test_a_handler_changes_the_state_of_its_task_and_nobody_else_does_in_its_nam
     task, step = player.task("boss", "move"), player.task("boss", "step", flags=Flags.NONE)
     *_, refused = player.change("leg/1", task, "result available", 5, origin=step)
     assert isinstance(refused, Refused)
-    *_, refused = player.change(
-        "boss", task, "result available", 5, origin=task
-    )  # of a delivery that it has not
+    # The boss does not have this delivery.
+    *_, refused = player.change("boss", task, "result available", 5, origin=task)
     assert isinstance(refused, Refused)
     assert isinstance(player.change("arm/1", task, "result available", 5)[-1], headers.Accepted)

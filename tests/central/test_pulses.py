@@ -1,4 +1,4 @@
-"""Who stands still, as far as central can tell: by the beats that are not sent back."""
+"""Pulses: central finds stopped processes by heartbeats that are not echoed."""
 
 from itertools import count
 
@@ -21,7 +21,7 @@ def connection_of(pulse: bytes) -> Connection:
 
 
 def beat(pulses: Pulses, *connections: Connection) -> set[bytes]:
-    """A beat that every pulse takes; those that are silent for too long."""
+    """Send a heartbeat to every pulse. Return the pulses that are silent for too long."""
     beating = pulses.start_round(connections)
     silent = pulses.silent()
     for pulse in beating - silent:
@@ -29,7 +29,7 @@ def beat(pulses: Pulses, *connections: Connection) -> set[bytes]:
     return silent
 
 
-def test_a_process_that_sends_no_beat_back_is_silent() -> None:
+def test_process_that_echoes_no_heartbeat_is_silent() -> None:
     pulses, legs, eyes = Pulses(2), connection_of(b"legs"), connection_of(b"eyes")
     for _ in range(3):
         assert beat(pulses, legs, eyes) == set()
@@ -40,14 +40,14 @@ def test_a_process_that_sends_no_beat_back_is_silent() -> None:
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == {b"legs"}
     pulses.active.add(b"eyes")
-    assert beat(pulses, eyes) == set()  # the legs have been lost; now they come back
+    assert beat(pulses, eyes) == set()  # the legs have been lost, and come back next
     pulses.active.add(b"eyes")
     assert beat(pulses, legs, eyes) == set()
     pulses.active |= {b"legs", b"eyes"}
     assert beat(pulses, legs, eyes) == set()
 
 
-def test_what_is_read_at_the_last_moment_counts() -> None:
+def test_heartbeat_read_at_the_last_moment_counts() -> None:
     pulses, legs = Pulses(1), connection_of(b"legs")
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
@@ -56,7 +56,7 @@ def test_what_is_read_at_the_last_moment_counts() -> None:
     assert pulses.silent() == set()
 
 
-def test_any_word_of_a_process_is_a_sign_of_life() -> None:
+def test_any_packet_of_a_process_is_a_sign_of_life() -> None:
     pulses, legs, leg = Pulses(1), connection_of(b"legs"), connection_of(b"legs")
     for _ in range(5):
         assert beat(pulses, legs, leg) == set()
@@ -65,25 +65,25 @@ def test_any_word_of_a_process_is_a_sign_of_life() -> None:
     assert beat(pulses, legs, leg) == {b"legs"}
 
 
-def test_who_names_no_pulse_is_not_watched() -> None:
+def test_connection_without_pulse_is_not_watched() -> None:
     pulses, old = Pulses(1), connection_of(b"")
     assert [beat(pulses, old) for _ in range(3)] == [set()] * 3
 
 
-def test_a_line_that_is_not_there_blames_nobody() -> None:
+def test_closed_pulse_line_does_not_count_as_silence() -> None:
     pulses, legs = Pulses(1), connection_of(b"legs")
     beat(pulses, legs)
     pulses.active.add(b"legs")
     for _ in range(3 * LATE):
         assert pulses.start_round([legs]) == {b"legs"}
-        pulses.mark_closed(b"legs")  # says the socket
+        pulses.mark_closed(b"legs")  # as the socket reports
         assert pulses.silent() == set()
     beat(pulses, legs)
     assert beat(pulses, legs) == {b"legs"}
 
 
-def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
-    """After so many a process whose pulse has no line is silent."""
+def beats_until_silence_without_line(pulses: Pulses, *connections: Connection) -> int:
+    """The number of heartbeats after which a process without a pulse line is silent, or 0."""
     for beats in range(3 * LATE):
         if pulses.silent():
             return beats
@@ -92,12 +92,12 @@ def beats_without_a_line(pulses: Pulses, *connections: Connection) -> int:
     return 0
 
 
-def test_a_line_that_never_comes_is_one_of_a_process_that_was_stopped_before() -> None:
-    """A test stopped a module in its first milliseconds, and waited in vain for its loss."""
-    assert beats_without_a_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
+def test_pulse_line_that_never_opens_counts_as_silence() -> None:
+    """Otherwise a process that is stopped in its first milliseconds would never be lost."""
+    assert beats_until_silence_without_line(Pulses(2), connection_of(b"legs")) == 1 + LATE + 2
 
 
-def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
+def test_late_pulse_line_is_watched_from_then_on() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     for _ in range(LATE):
         pulses.start_round([legs])
@@ -107,24 +107,24 @@ def test_a_line_that_comes_late_is_watched_from_then_on() -> None:
     assert beat(pulses, legs) == {b"legs"}
 
 
-def test_a_word_of_a_process_whose_line_has_yet_to_come_gives_it_all_the_time_again() -> None:
+def test_packet_before_pulse_line_opens_restarts_the_grace() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     for _ in range(3):
         pulses.start_round([legs])
         pulses.mark_closed(b"legs")
     pulses.active.add(legs.id)
-    assert beats_without_a_line(pulses, legs) == 1 + LATE + 2
+    assert beats_until_silence_without_line(pulses, legs) == 1 + LATE + 2
 
 
-def test_who_has_been_there_is_known_when_he_comes_back() -> None:
+def test_returning_process_is_not_silent_without_a_line() -> None:
     pulses, legs = Pulses(2), connection_of(b"legs")
     beat(pulses, legs)
     beat(pulses)
-    assert beats_without_a_line(pulses, legs) == 0
+    assert beats_until_silence_without_line(pulses, legs) == 0
 
 
 @pytest.mark.parametrize("length", [Limit.NAME, Limit.NAME + 1])
-def test_a_pulse_is_named_by_so_many_bytes(length: int) -> None:
+def test_pulse_name_length_is_limited(length: int) -> None:
     hello = Hello(1, PROTOCOL_VERSION, "legs", "1", pulse=bytes(length))
     (answer, *_) = Player().receive("legs", hello)
     if length > Limit.NAME:

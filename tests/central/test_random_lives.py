@@ -1,6 +1,4 @@
-"""Random lives of central: the invariants hold after every event, and everything comes to an
-end.
-"""
+"""Random lives of central: the invariants hold after every event, and everything ends."""
 
 from central.player import Player, point
 from hypothesis import given, settings
@@ -19,13 +17,13 @@ from tca_wire.points import ROOT, Moment, TaskId
 
 @given(operations)
 @settings(max_examples=lives(30, soak=4_000))
-def test_invariants_hold_whatever_happens_and_everything_ends(taken: Operations) -> None:
+def test_invariants_hold_and_everything_ends_in_short_lives(taken: Operations) -> None:
     end_life(Life().live(taken))
 
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=lives(1, soak=8))
-def test_invariants_hold_in_a_life_of_hundreds_of_events_and_everything_ends(seed: int) -> None:
+def test_invariants_hold_and_everything_ends_in_long_lives(seed: int) -> None:
     life = Life()
     life.go_on(seed, lives(600, soak=10_000))
     end_life(life)
@@ -33,8 +31,8 @@ def test_invariants_hold_in_a_life_of_hundreds_of_events_and_everything_ends(see
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=1)
-def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> None:
-    """Circles are looked for from both ends: the way there must be the way back."""
+def test_predecessors_and_successors_of_points_agree(seed: int) -> None:
+    """Cycles are searched from both ends, so both directions must have the same edges."""
     life = Life()
     for number in range(60):
         life.go_on(seed + number, 15)
@@ -50,7 +48,7 @@ def test_what_waits_for_a_point_is_what_that_point_is_followed_by(seed: int) -> 
 
 
 def is_unified(place: Place) -> bool:
-    """Whether constraints are put on this point, and not on another that is reached with it."""
+    """Whether constraints are attached to this point, and not to one that is reached with it."""
     return unified(place.task.is_goal, place.moment) == place.moment
 
 
@@ -62,19 +60,18 @@ def end_life(life: Life) -> None:
     assert not any(
         connection.outstanding for connection in life.central.registry.connections.values()
     )
-    _check_ledger(life)
-    _check_watchers(life)
-    _check_kept(life)
+    _check_reached_moments(life)
+    _check_variable_handlers(life)
+    _check_retained_tasks(life)
 
 
 def end_everything(life: Life) -> None:
-    """Handlers for all there is, and every handler returns: nothing may be left waiting, for there
-    are no circles.
+    """Add handlers for all messages, and let every handler return. Everything must end, because
+    central accepts no cycles.
     """
     for connection in life.connections():
-        if (
-            connection != "user"
-        ):  # a module that has lost its slots, but not itself, would hold what it was given
+        # A module that has lost only its slots would keep its deliveries.
+        if connection != "user":
             life.player.lose(connection)
     for module in MODULES:
         life.join(module)
@@ -82,9 +79,8 @@ def end_everything(life: Life) -> None:
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
     for watcher in life.watchers():
-        if (
-            not watcher.is_watcher or watcher.parent is life.central.tree.root
-        ):  # others end with what they watch over
+        # Other monitors end with their parents.
+        if not watcher.is_watcher or watcher.parent is life.central.tree.root:
             life.request(headers.Kill, TaskId(watcher.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
@@ -101,8 +97,8 @@ def stuck(task: Task) -> str:
     return f"{task} {task.reached} held {task.held} {task.children and list(task.children)}"
 
 
-def _check_ledger(life: Life) -> None:
-    """Every task reaches each moment once, and none before the constraints that it was given."""
+def _check_reached_moments(life: Life) -> None:
+    """Check that each task reached each moment once, and met all its constraints."""
     reached: dict[tuple[int, int], int] = {}
     killed = {fact.task for fact in life.player.facts_of("killed")}
     constraints: list[Constraint] = []
@@ -134,8 +130,8 @@ def _check_ledger(life: Life) -> None:
             )
 
 
-def _check_kept(life: Life) -> None:
-    """What is kept is told as it ended; when nobody keeps anything all is forgotten."""
+def _check_retained_tasks(life: Life) -> None:
+    """Check that retained tasks report their outcomes, and are forgotten after the last release."""
     for record in life.central.memory.kept.values():
         life.request(headers.AwaitPoint, point(TaskId(record.id), Moment.END_ACHIEVING))
         answer, _ = life.player.inbox["user"][-1]
@@ -147,8 +143,8 @@ def _check_kept(life: Life) -> None:
     assert not life.central.memory.kept_bytes
 
 
-def _check_watchers(life: Life) -> None:
-    """Whoever watches a variable has been given its newest value last."""
+def _check_variable_handlers(life: Life) -> None:
+    """Check that the newest value of a variable was delivered last to each of its handlers."""
     value = life.central.variables.values.get("mode")
     newest = {
         fact.module: fact.message_id
@@ -159,7 +155,7 @@ def _check_watchers(life: Life) -> None:
         assert newest.get(handler.module.name) == (value.message_id if value else None)
 
 
-def test_a_deep_and_a_wide_tree_need_no_recursion_and_come_to_an_end() -> None:
+def test_deep_and_wide_trees_end_without_recursion() -> None:
     for depth, width in ((1200, 1), (1, 1200)):
         player = Player(check=False)
         player.module("planner", "goal walk", capacity=1)

@@ -1,4 +1,4 @@
-"""Who is told that a message may go directly, and when it must not any more."""
+"""Direct routes: central gives them to senders, and withdraws them."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ from tca_wire.vocabulary import Condition, Permission, Refusal
 
 @pytest.fixture
 def player() -> Player:
-    """A map that takes queries directly, and a user who has asked once and knows it."""
+    """A map with direct handlers, and a user that got its route with a first query."""
     player = Player()
     player.module("map", "query height", "inform pose", direct=True)
     player.module("user")
@@ -25,8 +25,8 @@ def player() -> Player:
     return player
 
 
-def told(player: Player, connection: str = "user") -> list[Any]:
-    """What a connection was told of routes, and forget it."""
+def drain_routes(player: Player, connection: str = "user") -> list[Any]:
+    """The routes that a connection was sent. This clears its inbox."""
     inbox = player.inbox[connection]
     found = [header for header, _ in inbox if isinstance(header, Route | EntranceGone)]
     inbox.clear()
@@ -48,9 +48,9 @@ def tap(player: Player) -> int:
     return answer.id
 
 
-def test_a_resource_asks_itself_through_central(player: Player) -> None:
-    """Its slot handles the question inside of its wait; and is told so, for it may be busy and
-    central not know.
+def test_resource_sends_to_itself_through_central(player: Player) -> None:
+    """The slot handles the query within its wait. The delivery is marked `own`, because the slot may
+    be busy without central's knowledge.
     """
     player.declare("map/1", "query height")
     (route, delivery) = player.send("map/1", "height")
@@ -71,7 +71,7 @@ def test_a_resource_asks_itself_through_central(player: Player) -> None:
         (headers.Register(1000, [], [HandlerFormat("walk", "map", direct=True)]), Refusal.PROTOCOL),
     ],
 )
-def test_nonsense_is_refused_and_leaves_nothing(
+def test_invalid_direct_request_is_refused_without_effect(
     player: Player, header: Any, refusal: Refusal
 ) -> None:
     player.declare("map/1", "command walk")
@@ -82,7 +82,7 @@ def test_nonsense_is_refused_and_leaves_nothing(
 
 
 @pytest.mark.parametrize("endpoint", ["inproc://x", "ipc:///a\nb", "tcp://" + "x" * 300])
-def test_an_entrance_has_an_address(endpoint: str) -> None:
+def test_entrance_with_invalid_address_is_refused(endpoint: str) -> None:
     player = Player()
     hello = headers.Hello(
         1, headers.PROTOCOL_VERSION, "map", "run", 1, "map", "here:1", Entrance(endpoint, "key")
@@ -91,8 +91,8 @@ def test_an_entrance_has_an_address(endpoint: str) -> None:
     assert answer.refusal is Refusal.PROTOCOL
 
 
-def test_nothing_is_left_of_those_who_go(player: Player) -> None:
-    told(player)
+def test_lost_sender_leaves_no_route_state(player: Player) -> None:
+    drain_routes(player)
     player.lose("user")
     message = player.central.registry.messages["height"]
     (slot,) = message.route
@@ -104,7 +104,7 @@ def test_nothing_is_left_of_those_who_go(player: Player) -> None:
 
 
 def robot() -> Player:
-    """Two senders that know the way to a map, with keys of their own."""
+    """Two senders with keys of their own, and with a route to the same map."""
     player = Player()
     player.principals |= {"a": "a", "b": "b"}
     player.module("map", "query height", direct=True)
@@ -115,7 +115,7 @@ def robot() -> Player:
 
 
 def licences(player: Player, name: str) -> list[list[str]]:
-    """By what a sender may send, of each route that it was told of."""
+    """The licences in each route that a sender was sent."""
     routes = [header for header, _ in player.inbox[name] if isinstance(header, Route)]
     return [
         [number_of(one.key, "key of map/1") or "forged" for one in route.entrances]
@@ -124,6 +124,7 @@ def licences(player: Player, name: str) -> list[list[str]]:
 
 
 def barred(player: Player) -> list[str]:
+    """The licences that the slot of the map was drain_routes to refuse."""
     return [
         one
         for header, _ in player.inbox["map/1"]
@@ -132,29 +133,29 @@ def barred(player: Player) -> list[str]:
     ]
 
 
-def test_each_sender_has_a_licence_of_its_own_and_nobody_the_key() -> None:
+def test_each_sender_gets_its_own_licence_and_no_key() -> None:
     player = robot()
     assert (licences(player, "a"), licences(player, "b")) == ([["test.1"]], [["test.2"]])
     assert "key of map/1" not in str(player.inbox["a"])
 
 
-def test_a_revoked_key_ends_its_licences_also_of_those_who_are_away() -> None:
+def test_revoked_key_ends_licences_of_lost_senders_too() -> None:
     player = robot()
     player.lose("a")
     player.event(KeysChanged(60.0, [], ["a"]))
     assert barred(player) == ["test.1"]
-    player.hello("map/1", "map", "map", direct=True)  # a slot that comes back may not have heard it
+    player.hello("map/1", "map", "map", direct=True)  # a slot may have missed it while it was lost
     assert licences(player, "b") == [["test.2"]]
     assert barred(player) == ["test.1"] * 2
 
 
-def test_a_revoked_key_gets_no_new_licence_while_its_line_is_there() -> None:
+def test_revoked_key_gets_no_new_licence_while_connected() -> None:
     player = robot()
     player.event(KeysChanged(60.0, [], ["a"]))
     assert licences(player, "a") == [["test.1"]]
 
 
-def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
+def test_licence_is_withdrawn_with_the_permission_to_send() -> None:
     rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
     everything = AccessRule(("owner", "b"), allowed=tuple((one, ("*",)) for one in Permission))
     player = robot()
@@ -166,12 +167,10 @@ def test_who_may_not_send_all_that_a_slot_takes_sends_through_central() -> None:
     player.event(PermissionsChanged(62.0, None))
     player.hello("a")
     player.send("a", "height")
-    assert licences(player, "a")[-1] == ["test.3"], (
-        "a licence that was withdrawn is never given again"
-    )
+    assert licences(player, "a")[-1] == ["test.3"], "a withdrawn licence is never given again"
 
 
-def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:
+def test_slot_with_forbidden_messages_gives_no_licence() -> None:
     player = Player()
     rule = AccessRule(("a",), allowed=((Permission.SEND, ("height",)),))
     owner = AccessRule(("owner",), allowed=tuple((one, ("*",)) for one in Permission))
@@ -184,6 +183,6 @@ def test_a_slot_that_takes_more_than_one_may_send_is_closed_to_him() -> None:
 
 
 @IN_PYTHON
-def test_licences_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oldest_licence_is_barred_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(direct_routes, "MOST_LICENCES", 1)
     assert barred(robot())[:1] == ["test.1"]

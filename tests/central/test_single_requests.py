@@ -1,5 +1,5 @@
-"""Single requests at the edges: kills of what is suspended or was never heard of, lines that break,
-notices, odd times.
+"""Single requests in rare situations: suspended and killed tasks, rounded times, notices, waits for
+handlers.
 """
 
 import pytest
@@ -14,9 +14,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Due, MessageClass
 
 
-def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_before_it_was_suspended() -> (
-    None
-):
+def test_termination_message_is_sent_after_kill_suspend_and_kill() -> None:
     robot = Player()
     robot.module("planner", "goal walk", capacity=2)
     robot.module("legs", "command stop")
@@ -29,14 +27,14 @@ def test_what_is_to_be_done_on_termination_is_done_also_under_what_was_killed_be
         robot.request("user", header, TaskId(task))
     robot.reply("legs/1", busy)
     assert not any(task.suspended for task in robot.central.tree.tasks.values())
-    assert robot.delivered("legs/1")  # it stops
+    assert robot.delivered("legs/1")  # the termination message arrives
 
 
 @pytest.mark.parametrize("began", [6.3, 8.7, 12345.6])
 @pytest.mark.parametrize("period", [0.1, 0.02, 1 / 3])
-def test_a_monitor_tests_once_a_period_and_never_twice_at_once(began: float, period: float) -> None:
-    """To a computer 0.6 - 0.3 is less than 3 * 0.1: the next test was due at once, again and again,
-    for ever.
+def test_polling_monitor_tests_once_a_period_despite_rounding(began: float, period: float) -> None:
+    """In floating point, 0.6 - 0.3 is less than 3 * 0.1. The next test was therefore due at once,
+    again and again.
     """
     player = Player.of("eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, "", parts=["seen", ""])
@@ -60,7 +58,7 @@ def player() -> Player:
     return Player.of("user")
 
 
-def test_a_notice_is_declared_as_central_has_it(player: Player) -> None:
+def test_notice_must_be_declared_in_centrals_format(player: Player) -> None:
     other_class = MessageFormat(MODULE_LEFT.name, MessageClass.INFORM, MODULE_LEFT.format.data)
     assert declare(player, other_class).text == (
         "two formats for message 'tca: module left': a inform here, a broadcast there "
@@ -70,7 +68,7 @@ def test_a_notice_is_declared_as_central_has_it(player: Player) -> None:
     assert "data $: integer here, " in declare(player, other_data).text
 
 
-def test_no_other_name_begins_like_a_notice(player: Player) -> None:
+def test_unknown_name_with_notice_prefix_is_refused(player: Player) -> None:
     refused = declare(player, MessageFormat("tca: module slept", MessageClass.INFORM, ANY))
     assert refused.text == (
         "'tca: module slept': names that begin with 'tca: ' are central's own, and it sends no such notice"
@@ -85,7 +83,7 @@ def test_only_central_sends_notices(player: Player, number: int) -> None:
         assert answer.text == f"'{name}' is a notice: only central sends it"
 
 
-def test_waits_for_handlers_are_bounded(player: Player) -> None:
+def test_awaited_messages_per_request_are_limited(player: Player) -> None:
     (answer,) = player.request("user", headers.WaitUntilHandled, ["a"] * 1001)
     assert answer.text == "1,001 messages in one wait: 1,000 are allowed, send several requests"
     (answer,) = player.request("user", headers.WaitUntilHandled, [])

@@ -1,5 +1,5 @@
-"""What central tells about itself, topic by topic, of a robot of which something is going on
-everywhere: topics.json.
+"""The status that central reports, topic by topic. topics.json has the approved output for a busy
+robot.
 """
 
 from pathlib import Path
@@ -56,9 +56,9 @@ def robot() -> Player:
     return player
 
 
-def test_each_topic(robot: Player, rewrite: bool) -> None:
-    told = {name: topic(robot.central) for name, topic in TOPICS.items()}
-    text = msgspec.json.format(msgspec.json.encode(told), indent=1).decode() + "\n"
+def test_status_topics_match_approved_output(robot: Player, rewrite: bool) -> None:
+    reports = {name: topic(robot.central) for name, topic in TOPICS.items()}
+    text = msgspec.json.format(msgspec.json.encode(reports), indent=1).decode() + "\n"
     if rewrite:
         APPROVED.write_text(text)
     assert text == APPROVED.read_text()
@@ -71,7 +71,7 @@ def numbers(central: Central, task: int, relation: str, message: str = "") -> li
     ]
 
 
-def test_the_relatives_of_a_task(robot: Player) -> None:
+def test_relatives_of_a_task_are_listed(robot: Player) -> None:
     central = robot.central
     (walk,) = [task.id for task in central.tree.tasks.values() if task.message.name == "walk"]
     moves = [task.id for task in central.tree.tasks.values() if task.message.name == "move"]
@@ -90,16 +90,16 @@ def test_the_relatives_of_a_task(robot: Player) -> None:
     assert numbers(central, moves[0], "ancestors") == numbers(central, moves[0], "parent") == [walk]
 
 
-# --- what is attached: monitors wherever in the tree they are, and how many there are -------------
+# --- the topic "attached": monitors anywhere in the tree ------------------------------------------
 
 
-def told(watcher: Transcript) -> list[int]:
+def listed_monitors(watcher: Transcript) -> list[int]:
     return [one["id"] for one in topics.attached(watcher.player.central)["monitors"]]
 
 
 @pytest.fixture
 def watcher() -> Transcript:
-    """A user who can send monitors of a sensor."""
+    """A user that can send monitors of a sensor."""
     watcher = Transcript()
     watcher.player.module("eye", "query hot?", "goal walk")
     watcher.player.module("user")
@@ -112,15 +112,15 @@ def monitor(watcher: Transcript, **options: Any) -> int:
     return watcher.player.task("user", "watch", watch=WatchOptions(period=1.0), **options)
 
 
-def test_monitors_are_told_however_many_tasks_are_older(
+def test_monitors_are_listed_regardless_of_older_tasks(
     watcher: Transcript, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(topics, "SHOWN_TASKS", 3)
     walks = [watcher.player.task("user", "walk") for _ in range(10)]
     first = monitor(watcher, under=walks[-1])
-    assert told(watcher) == [first]
+    assert listed_monitors(watcher) == [first]
     more = [monitor(watcher) for _ in range(4)]
-    assert told(watcher) == [first, *more[:2]]
+    assert listed_monitors(watcher) == [first, *more[:2]]
     assert topics.attached(watcher.player.central)["totals"] == {
         "exception_handlers": 0,
         "wiretaps": 0,
@@ -128,31 +128,31 @@ def test_monitors_are_told_however_many_tasks_are_older(
     }
 
 
-def test_what_watches_no_longer_is_not_told(watcher: Transcript) -> None:
+def test_ended_monitors_are_not_listed(watcher: Transcript) -> None:
     walk = watcher.player.task("user", "walk")
     ended, killed, below, retried = (monitor(watcher, under=under) for under in (0, 0, walk, 0))
     player = watcher.player
     player.request("user", headers.EndMonitor, TaskId(ended))
     player.request("user", headers.Kill, TaskId(killed))
     player.request("user", headers.Kill, TaskId(walk))
-    assert told(watcher) == [retried]
+    assert listed_monitors(watcher) == [retried]
     player.request("user", headers.Retry, TaskId(retried))
     player.reply("eye/1", value=[0])
-    assert below not in told(watcher)
-    assert told(watcher) in ([], [retried])
+    assert below not in listed_monitors(watcher)
+    assert listed_monitors(watcher) in ([], [retried])
 
 
-def test_what_is_refused_or_killed_at_once_is_not_told(watcher: Transcript) -> None:
-    walk = watcher.player.task("user", "walk")  # its handler has it, and so does not end at once
+def test_refused_and_killed_monitors_are_not_listed(watcher: Transcript) -> None:
+    walk = watcher.player.task("user", "walk")  # its handler runs, so it does not end at once
     watcher.player.request("user", headers.Kill, TaskId(walk))
     assert monitor(watcher, under=walk) > walk
-    assert told(watcher) == []
+    assert listed_monitors(watcher) == []
     watcher.player.send("user", "watch", under=walk, watch=WatchOptions(period=0.0))
-    assert told(watcher) == []
+    assert listed_monitors(watcher) == []
 
 
-def test_calls_of_exception_handlers_that_are_attached_anew_again_and_again_are_forgotten() -> None:
-    """A program that is restarted every hour attaches them to a task that lives for months."""
+def test_calls_of_removed_attachments_are_forgotten() -> None:
+    """A program that restarts every hour may attach to a task that lives for months."""
     robot = Transcript()
     for line in (
         "module legs handles command move",

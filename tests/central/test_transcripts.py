@@ -1,5 +1,5 @@
-"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` writes them anew: commit only
-what you can explain.
+"""Each file in transcripts/ pins down one rule. ``pytest --rewrite`` rewrites all files: commit
+only changes that you can explain.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ FOLDER = Path(__file__).parent / "transcripts"
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.txt")), ids=lambda path: path.stem)
-def test_transcript(path: Path, rewrite: bool) -> None:
+def test_transcript_matches_its_approved_output(path: Path, rewrite: bool) -> None:
     text = path.read_text()
     title, *blocks = text.strip().split("\n\n")
     transcript, played = Transcript(), [title]

@@ -1,4 +1,4 @@
-"""Bounds of shared variables, and what becomes of them when programs change."""
+"""Variables: the limit of their total size, and their fate after a new declaration."""
 
 import msgspec
 import pytest
@@ -29,7 +29,7 @@ def player() -> Player:
     return player
 
 
-def test_all_values_together_are_bounded(player: Player) -> None:
+def test_bytes_of_all_variables_are_limited(player: Player) -> None:
     player.central.budget.variables = 20
     player.set_variable("user", "pose", "x" * 9)
     player.set_variable("user", "map", "x" * 9)
@@ -49,7 +49,7 @@ def test_all_values_together_are_bounded(player: Player) -> None:
         ('{"type":"string"}', False),
     ],
 )
-def test_a_value_of_a_format_that_nobody_knows_any_more_is_forgotten(
+def test_value_is_forgotten_when_redeclared_with_another_format(
     player: Player, data: str, is_kept: bool
 ) -> None:
     player.set_variable("user", "pose", 1)

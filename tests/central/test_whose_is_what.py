@@ -1,6 +1,4 @@
-"""Nobody answers, completes, ends or gives up what is not his: others go on as if he had said
-nothing.
-"""
+"""Ownership: no module can answer, end or give up a delivery, task or request of another."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -18,10 +16,10 @@ from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Refusal
 
 NUMBERS = range(1, 40)
-"""Deliveries, tasks and requests of the others have such numbers."""
+"""These numbers cover all deliveries, tasks and requests of the other modules."""
 
 
-class Town(Player):
+class RobotWithThief(Player):
     """A robot at work, and a thief among its modules."""
 
     def __init__(self) -> None:
@@ -42,8 +40,8 @@ class Town(Player):
         self.request("user", headers.Lock, "legs", "legs")
         self.request("user", headers.Lock, "planner", "planner")
 
-    def end(self) -> None:
-        """The others end what they do, and have all their answers."""
+    def finish_work(self) -> None:
+        """Let the other modules end all their work."""
         for _ in range(20):
             for line in ("legs/1", "planner/1"):
                 if self.delivered(line):
@@ -53,12 +51,12 @@ class Town(Player):
             ]:
                 self.request("user", headers.Release, number)
 
-    def heard_by_others(self) -> dict[str, Any]:
-        return {line: said for line, said in self.inbox.items() if not line.startswith("thief")}
+    def inboxes_of_others(self) -> dict[str, Any]:
+        return {line: inbox for line, inbox in self.inbox.items() if not line.startswith("thief")}
 
 
-def thefts() -> Iterator[Any]:
-    """What a thief may say of things of others."""
+def forged_headers() -> Iterator[Any]:
+    """Headers with numbers of the other modules."""
     for number in NUMBERS:
         yield headers.Reply(number)
         yield headers.Fail(number, "slipped")
@@ -73,7 +71,7 @@ def thefts() -> Iterator[Any]:
     yield headers.AwaitAny(0, list(NUMBERS))
 
 
-def thefts_with_answers(player: Player, line: str) -> Iterator[Any]:
+def forged_requests_with_numbers(player: Player, line: str) -> Iterator[Any]:
     for number in NUMBERS:
         yield headers.GiveUp(number, player.number(line))
         yield headers.Release(player.number(line), number)
@@ -84,101 +82,101 @@ def thefts_with_answers(player: Player, line: str) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("line", ["thief", "thief/1"])
-def test_others_go_on_as_if_he_had_said_nothing(line: str) -> None:
-    honest, robbed = Town(), Town()
-    for header in (*thefts(), *thefts_with_answers(robbed, line)):
+def test_forged_requests_change_nothing_for_other_modules(line: str) -> None:
+    honest, robbed = RobotWithThief(), RobotWithThief()
+    for header in (*forged_headers(), *forged_requests_with_numbers(robbed, line)):
         robbed.time -= 1.0
         answers = robbed.receive(line, header)
         assert all(isinstance(one, Refused | Accepted | Answer) for one in answers), (
             header,
             answers,
         )
-    for town in (honest, robbed):
-        town.end()
-    assert robbed.heard_by_others() == honest.heard_by_others()
+    for robot in (honest, robbed):
+        robot.finish_work()
+    assert robbed.inboxes_of_others() == honest.inboxes_of_others()
     user = honest.central.registry.connections[ConnectionId(b"user")]
     assert not user.outstanding
     assert not honest.central.tree.tasks
 
 
-def test_an_answer_for_another_is_refused_with_the_name_of_him_who_gives_it() -> None:
-    town = Town()
-    (delivery,) = town.delivered("planner/1")
-    (answer,) = town.receive("thief/1", headers.Reply(delivery))
+def test_reply_to_foreign_delivery_is_refused_by_name() -> None:
+    robot = RobotWithThief()
+    (delivery,) = robot.delivered("planner/1")
+    (answer,) = robot.receive("thief/1", headers.Reply(delivery))
     assert (
         answer.text
         == f"module 'thief' answers delivery {delivery}, which it was not given or has answered"
     )
-    assert town.delivered("planner/1") == [delivery]
+    assert robot.delivered("planner/1") == [delivery]
 
 
-def test_nobody_asks_as_the_handler_of_another() -> None:
-    """Monitors, deadlocks and the readers of the journal would believe him."""
-    town = Town()
-    (delivery,) = town.delivered("planner/1")
+def test_request_cannot_claim_a_foreign_origin() -> None:
+    """Monitors, the deadlock search and the journal rely on the origin of a request."""
+    robot = RobotWithThief()
+    (delivery,) = robot.delivered("planner/1")
     for sender, origin in (("thief/1", 0), ("planner/1", delivery), ("planner", delivery)):
-        town.send(sender, "note", origin=delivery)
-        assert town.facts(Received)[-1].origin == origin
-    (answer,) = town.request("thief/1", headers.Lock, "legs", "legs", origin=delivery)
+        robot.send(sender, "note", origin=delivery)
+        assert robot.facts(Received)[-1].origin == origin
+    (answer,) = robot.request("thief/1", headers.Lock, "legs", "legs", origin=delivery)
     assert "is not handled there" in answer.text
 
 
-# --- Whose a connection is: nobody takes over what somebody else has, whatever he knows of it -----
+# --- principals of connections --------------------------------------------------------------------
 
 
-def player() -> Player:
-    made = Player()
-    made.principals |= {"arm": "arm", "arm/1": "arm", "thief": "thief"}
-    made.module("arm", "command grip")
-    return made
+def robot_with_principals() -> Player:
+    player = Player()
+    player.principals |= {"arm": "arm", "arm/1": "arm", "thief": "thief"}
+    player.module("arm", "command grip")
+    return player
 
 
 def refusals(sent: list[object]) -> list[Refusal]:
     return [header.refusal for header in sent if isinstance(header, Refused)]
 
 
-def test_a_module_joins_with_its_principal() -> None:
+def test_module_joins_with_its_principal() -> None:
     joined = [
         fact
-        for entry in player().entries
+        for entry in robot_with_principals().entries
         for fact in entry.facts
         if isinstance(fact, facts.ModuleJoined)
     ]
     assert [(fact.module, fact.principal) for fact in joined] == [("arm", "arm")]
 
 
-def test_nobody_takes_over_the_session_of_somebody_else() -> None:
-    central = player()
+def test_session_of_another_principal_cannot_be_taken_over() -> None:
+    player = robot_with_principals()
     for number in range(3):
         hello = headers.Hello(
             1, headers.PROTOCOL_VERSION, "arm", "run of arm", number, "arm" if number else ""
         )
-        assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
-    assert {one.principal for one in central.central.registry.connections.values()} == {"arm"}
-    assert not any(isinstance(header, Deliver) for header, _ in central.inbox["thief"])
+        assert refusals(player.receive("thief", hello)) == [Refusal.FORBIDDEN]
+    assert {one.principal for one in player.central.registry.connections.values()} == {"arm"}
+    assert not any(isinstance(header, Deliver) for header, _ in player.inbox["thief"])
 
 
-def test_nor_what_a_lost_connection_leaves_behind() -> None:
-    central = player()
-    for name in ("arm", *[name for name in central.inbox if name.startswith("arm/")]):
-        central.lose(name)
+def test_lost_session_cannot_be_resumed_by_another_principal() -> None:
+    player = robot_with_principals()
+    for name in ("arm", *[name for name in player.inbox if name.startswith("arm/")]):
+        player.lose(name)
     hello = headers.Hello(1, headers.PROTOCOL_VERSION, "arm", "run of arm")
-    assert refusals(central.receive("thief", hello)) == [Refusal.FORBIDDEN]
-    assert any(isinstance(header, Welcome) for header in central.receive("arm", hello)), (
-        "who had it gets it back"
+    assert refusals(player.receive("thief", hello)) == [Refusal.FORBIDDEN]
+    assert any(isinstance(header, Welcome) for header in player.receive("arm", hello)), (
+        "its own principal gets it back"
     )
 
 
 @pytest.mark.parametrize(
-    "said", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
+    "header", [headers.Unregister(9, []), headers.Bye(), headers.Reply(1), headers.Lock(9, "arm")]
 )
-def test_a_line_that_calls_itself_like_one_of_somebody_else_has_no_say(said: object) -> None:
-    """A line can have the name of one that is gone before central has noticed that it is."""
-    central = player()
-    central.principals["arm/1"] = "thief"
-    assert [type(one) for one in central.receive("arm/1", said)] == [Unknown]
-    central.principals["arm/1"] = "arm"
-    assert not any(isinstance(header, Deliver) for header, _ in central.inbox["arm/1"])
-    assert central.central.registry.messages["grip"].handlers
-    changed = [fact for fact in central.facts(facts.ResourceChanged) if fact.resource == "arm"]
+def test_reused_connection_id_of_another_principal_is_unknown(header: object) -> None:
+    """A new connection can reuse the id of a lost one before central has noticed the loss."""
+    player = robot_with_principals()
+    player.principals["arm/1"] = "thief"
+    assert [type(one) for one in player.receive("arm/1", header)] == [Unknown]
+    player.principals["arm/1"] = "arm"
+    assert not any(isinstance(sent, Deliver) for sent, _ in player.inbox["arm/1"])
+    assert player.central.registry.messages["grip"].handlers
+    changed = [fact for fact in player.facts(facts.ResourceChanged) if fact.resource == "arm"]
     assert [fact.capacity for fact in changed] == [1, 0], "the slot counts as lost"

@@ -1,42 +1,72 @@
-"""Transcripts: a story of commands, each followed by ``----`` and everything that central did about
-it.
+"""Transcripts: stories of commands. Each group of commands is followed by ``----`` and everything
+that central did.
 
-    module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
-                [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...] [when busy
-                BUSY] [life cycle LIFE CYCLE]
-    NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed]
-                        [again] [if handled] [kept] [here]
-                        [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
-                        [every N] [at first] [duration N] [fire every N] [until POINT] [waited for]
-                        (monitors)
-    NAME: reply [ID] [with VALUE] | fail FAILURE[<KIND...] [ID] | reissue [ID] | resolve [ID] | wait
-        POINT [here] | give up [and ask why] | bye
-    NAME: handle MESSAGE no more
-    NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE | remove ID | detach ID | raise
-        FAILURE[<KIND...] on TASK
-    NAME: retry TASK [with data] | suspend TASK | resume TASK | deadline N for POINT | constrain
-        POINT <= POINT, ...
-    NAME: keep TASK | release TASK | inspect RELATION of TASK
-    NAME: take TRANSITION of TASK [with VALUE] [having seen SERIAL] [because TEXT]
-    NAME: observe [TASK, MESSAGE] [below TASK] [states STATE or ...]
-    NAME: kill [descendants of, siblings of] TASK [in N] [after POINT] [because TEXT]
-    NAME: tap CONDITION of TASK or MESSAGE with LISTENER [monitor's options] | fire TASK or MESSAGE
-        [with ACTION] | end monitor TASK
-    NAME: lock RESOURCE [of MODULE] | reserve ... [here | for DELIVERY] [within SECONDS] [priority
-        N] | release | unlock RESOURCE
-    NAME: declare CLASS MESSAGE of PART, PART ... (monitors)
-    NAME: await the last N (what the coroutine that it handles asked last; 0: it goes on)
-    NAME: await MESSAGE, ... (to handle MESSAGE then) | set VARIABLE NUMBER | swap VARIABLE NUMBER |
-        get VARIABLE
-    line NAME of MODULE [in RESOURCE] [run INCARNATION] [direct] (a connection more)
-    NAME! HEADER FIELD=JSON ... [with JSON] (any other request) | event EVENT FIELD=JSON ...
-    heard (all that each connection was sent since then) | lose NAME | garbage NAME | pass SECONDS |
-    tree | load | waits TASK | limits LISTENERS DEPTH (in a row, and of tasks)
+A group of commands uses these forms. NAME is a module, or one of its slots: NAME/1, NAME/2, ...
 
-``here``: the handler that NAME runs does nothing else until the answer is there.
-A point is ``end achieving 3``, ``start planning this``, or a number of seconds from now; ``POINT +
-2`` is two seconds later. Failures of no name ("any") are written ``any``. A module's slots are
-NAME/1, NAME/2, ...
+```
+module NAME [handles CLASS MESSAGE, ...] [capacity N] [pool NAME] [pending N] [resource NAME]
+            [accepting] [taking TRANSITION and ...] [refusing TRANSITION and ...]
+            [when busy BUSY] [direct] [life cycle LIFE CYCLE]
+line NAME of MODULE [in RESOURCE] [run INCARNATION] [direct]     one more connection
+lose NAME                                                        its connection breaks
+garbage NAME                                                     it sends no valid packet
+NAME: bye
+NAME: handle MESSAGE no more
+NAME: declare CLASS MESSAGE of PART, PART, ...                   for monitors
+
+NAME: CLASS MESSAGE [under TASK] [flags A|B] [priority N] [maximum N] [deadline N] [when killed]
+            [again] [if handled] [kept] [suspended] [from outside] [here]
+            [where POINT <= POINT, ...] [handlers FAILURE->HANDLER[*MAXIMUM], ...]
+            and for monitors: [every N] [at first] [duration N] [fire every N] [until POINT]
+            [waited for]
+NAME: reply [ID] [with VALUE]
+NAME: fail FAILURE[<KIND...] [ID]
+NAME: reissue [ID]
+NAME: resolve [ID]
+NAME: wait POINT [here]
+NAME: await the last N                 a coroutine awaits its last N requests; 0: it continues
+NAME: await MESSAGE, ... [to handle MESSAGE]
+NAME: give up [and ask why]
+
+NAME: attach FAILURE->HANDLER[*MAXIMUM] to TASK or MESSAGE
+NAME: remove ID
+NAME: detach ID
+NAME: raise FAILURE[<KIND...] on TASK
+NAME: retry TASK [with data]
+NAME: suspend TASK
+NAME: resume TASK
+NAME: deadline N for POINT
+NAME: constrain POINT <= POINT, ...
+NAME: kill [descendants of, siblings of] TASK [in N] [after POINT] [because TEXT]
+NAME: keep TASK
+NAME: release TASK
+NAME: inspect RELATION of TASK
+NAME: take TRANSITION of TASK [with VALUE] [having seen SERIAL] [because TEXT]
+NAME: observe [TASK, MESSAGE] [below TASK] [states STATE or ...]
+NAME: tap CONDITION of TASK or MESSAGE with LISTENER [at once [of NAME]] [options of monitors]
+NAME: fire TASK or MESSAGE [with ACTION]
+NAME: end monitor TASK
+NAME: lock RESOURCE [of MODULE] [here | for DELIVERY] [within SECONDS] [priority N]
+NAME: reserve RESOURCE ...                                       options as for lock
+NAME: release
+NAME: unlock RESOURCE
+NAME: set VARIABLE NUMBER
+NAME: swap VARIABLE NUMBER
+NAME: get VARIABLE
+NAME! HEADER FIELD=JSON ... [with JSON]                          any other request
+
+event EVENT FIELD=JSON ...                                       any other event
+pass SECONDS
+limits LISTENERS DEPTH                 the greatest chain of listeners, and depth of tasks
+heard                                  all headers that each connection got since the last "heard"
+tree
+load
+waits TASK
+```
+
+`here`: the running handler of NAME blocks until it has the answer. A point is written
+``end achieving 3``, ``start planning this``, or as a number of seconds from now.
+``POINT + 2`` is two seconds later. The failure without a name is written ``any``.
 """
 
 import json
@@ -98,12 +128,14 @@ class Transcript:
         self.declared: set[tuple[str, str]] = set()
         self.locked: dict[str, int] = {}
         self.asked: dict[str, list[int]] = {}
-        self.observing: dict[str, set[int]] = {}  #: by connection: the numbers of these requests
+        self.observing: dict[
+            str, set[int]
+        ] = {}  #: by connection: the numbers of its requests to observe
         self.read: dict[str, int] = {}
-        self.told: dict[str, int] = {}
+        self.shown_headers: dict[str, int] = {}
 
     def play(self, command: str) -> str:
-        """Do one command; what happened, a line each."""
+        """Play one command. Return a line for each thing that happened."""
         self.shown = len(self.player.entries)
         for pattern, do in COMMANDS:
             if match := re.fullmatch(pattern, command):
@@ -118,29 +150,29 @@ class Transcript:
         lines += [
             f"  -> {describe_answer(answer)}" for answer in answers if not self.is_observed(answer)
         ]
-        lines += self.seen()
-        if told := re.fullmatch(r"(tree|load|waits|heard) ?(.*)", command):
-            return str(getattr(self, told[1])(*filter(None, [told[2]])))
+        lines += self.observations()
+        if report := re.fullmatch(r"(tree|load|waits|heard) ?(.*)", command):
+            return str(getattr(self, report[1])(*filter(None, [report[2]])))
         return "\n".join(line for line in lines if line)
 
     def is_observed(self, answer: Any) -> bool:
-        """Whether an answer is to an observer, of whom is told what he sees."""
+        """Whether an answer belongs to an observer: `observations` shows it."""
         return isinstance(answer, headers.Answer) and any(
-            answer.number in them for them in self.observing.values()
+            answer.number in numbers for numbers in self.observing.values()
         )
 
-    def seen(self) -> list[str]:
-        """What observers have seen since then."""
+    def observations(self) -> list[str]:
+        """The changes that observers were sent since the last command."""
         lines = []
         for name, numbers in self.observing.items():
             inbox = self.player.inbox[name]
             new, self.read[name] = inbox[self.read[name] :], len(inbox)
-            told = [
+            observed = [
                 item
                 for item in new
                 if isinstance(item[0], headers.Answer) and item[0].number in numbers
             ]
-            lines += [f"  -> {name} {describe_observed(header, body)}" for header, body in told]
+            lines += [f"  -> {name} {describe_observed(header, body)}" for header, body in observed]
         return lines
 
     def module(
@@ -156,7 +188,7 @@ class Transcript:
         chosen = {
             "pool": options["pool"] or "",
             "resource": options["resource"] or "",
-            **wishes(**options),
+            **life_cycle_options(**options),
         }
         chosen["direct"] = bool(options["direct"])
         self.player.module(
@@ -229,7 +261,7 @@ class Transcript:
     def end_monitor(self, name: str, task: str) -> list[Any]:
         return self.player.request(name, headers.EndMonitor, TaskId(int(task)))
 
-    def await_(self, name: str, messages: str, promised: str) -> list[Any]:
+    def await_messages(self, name: str, messages: str, promised: str) -> list[Any]:
         names = [message.strip() for message in messages.split(",")]
         promises = [promised] if promised else []
         return self.player.request(name, headers.WaitUntilHandled, names, promises)
@@ -331,7 +363,7 @@ class Transcript:
             name, headers.AwaitPoint, read_point(point), origin, blocking=bool(here)
         )
 
-    def awaits(self, name: str, number: str) -> list[Any]:
+    def await_requests(self, name: str, number: str) -> list[Any]:
         requests = self.asked[name][-int(number) :] if int(number) else []
         return self.player.receive(
             name, headers.AwaitAny(self.player.delivered(name)[-1], requests)
@@ -390,7 +422,7 @@ class Transcript:
         return self.player.hello(name, module, resource or "", run or "", direct=bool(direct))
 
     def request(self, name: str, kind: str, fields: str, body: str) -> list[Any]:
-        """A header with these fields, and the next number if it has one."""
+        """Send a header with these fields, and with the next number if it has one."""
         header = HEADERS[kind]
         known = read_fields(header, fields)
         if "number" in header.__struct_fields__ and "number" not in known:
@@ -407,21 +439,21 @@ class Transcript:
         return [effect.header for effect in effects if hasattr(effect, "header")]
 
     def heard(self) -> str:
-        """What each connection was sent, but what it handles; it is told once."""
+        """The new headers that each connection was sent, except deliveries."""
         lines = []
         for name, inbox in self.player.inbox.items():
-            for header, body in inbox[self.told.get(name, 0) :]:
+            for header, body in inbox[self.shown_headers.get(name, 0) :]:
                 if not isinstance(header, headers.Deliver | headers.Welcome):
-                    lines.append(f"{name} hears {describe_header(header)}{_told(header, body)}")
-            self.told[name] = len(inbox)
+                    lines.append(f"{name} hears {describe_header(header)}{_value(header, body)}")
+            self.shown_headers[name] = len(inbox)
         return "\n".join(lines)
 
     def load(self) -> str:
-        """What central tells of its load."""
+        """The load that central reports."""
         return "\n".join(load_lines(load(self.player.central)))
 
     def waits(self, task: str) -> str:
-        """What central says that a task waits for, now and in the end."""
+        """The waits of a task, and the last wait of its chain."""
         central = self.player.central
         node = next_of(central.tree.tasks[TaskId(int(task))])
         found = [f"{one.kind}: {in_words(one)}" for one in waits_of(central, node)]
@@ -447,8 +479,8 @@ class Transcript:
         return "\n".join(lines) or "(empty)"
 
 
-def _told(header: Any, body: bytes) -> str:
-    """The value of an answer."""
+def _value(header: Any, body: bytes) -> str:
+    """The value of an answer, in words."""
     return (
         f", value {msgspec.msgpack.decode(body)}"
         if body and isinstance(header, headers.Answer)
@@ -456,12 +488,14 @@ def _told(header: Any, body: bytes) -> str:
     )
 
 
-def wishes(*, accepting: str, taking: str, refusing: str, busy: str, **_: str) -> dict[str, Any]:
-    """What the handlers of a module say of the life cycles of tasks."""
-    said: dict[str, Any] = {"accepts": True} if accepting else {}
-    said |= {"takes": taking.split(" and ")} if taking else {}
-    said |= {"refuses": refusing.split(" and ")} if refusing else {}
-    return said | ({"busy": Busy(busy)} if busy else {})
+def life_cycle_options(
+    *, accepting: str, taking: str, refusing: str, busy: str, **_: str
+) -> dict[str, Any]:
+    """The options of a module's handlers for the life cycles of tasks."""
+    options: dict[str, Any] = {"accepts": True} if accepting else {}
+    options |= {"takes": taking.split(" and ")} if taking else {}
+    options |= {"refuses": refusing.split(" and ")} if refusing else {}
+    return options | ({"busy": Busy(busy)} if busy else {})
 
 
 NAME = r"(?P<name>[\w/#]+)"
@@ -475,8 +509,8 @@ KILLED = r"(?: in (?P<delay>[\d.]+))?(?: after (?P<after>[a-z ]+\d+))?(?: becaus
 OBSERVED = r"(?: (?P<task>\d+))?(?: (?!below|states)(?P<message>\w+))?(?: below (?P<below>\d+))?(?: states (?P<states>.*))?"
 COMMANDS: list[tuple[str, Any]] = [
     (rf"module {NAME}(?: handles (?P<handles>.*?))?{OPTIONS}", Transcript.module),
-    (rf"{NAME}: await the last (?P<number>\d+)", Transcript.awaits),
-    (rf"{NAME}: await (?P<messages>.*?)(?: to handle (?P<promised>.*))?", Transcript.await_),
+    (rf"{NAME}: await the last (?P<number>\d+)", Transcript.await_requests),
+    (rf"{NAME}: await (?P<messages>.*?)(?: to handle (?P<promised>.*))?", Transcript.await_messages),
     (rf"{NAME}: (?P<what>set|swap|get) (?P<variable>\w+)(?: (?P<value>\d+))?", Transcript.variable),
     (rf"{NAME}: reply(?: (?P<delivery>\d+))?(?: with (?P<value>\w+))?", Transcript.reply),
     (rf"{NAME}: declare (?P<message_class>[\w ]+) (?P<message>\w+) of (?P<parts>.*)", Transcript.declare),

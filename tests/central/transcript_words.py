@@ -1,5 +1,5 @@
-"""The words of transcripts: how points, options and exception handlers are read, and how facts and
-headers are told.
+"""The words of transcripts: readers of points, options and exception handlers, and descriptions of
+facts and headers.
 """
 
 import json
@@ -72,15 +72,15 @@ def constraint(text: str) -> Constraint:
 
 
 def describe(fact: facts.Fact) -> str:
-    """A fact in a line; formats, and constraints that everyone sees, are left out."""
+    """A fact in a line, or nothing for formats, resources and refusals, which answers show."""
     match fact:
         case facts.Received():
             under = f" under {fact.parent}" if fact.parent else ""
             held = "".join(f"\n  {constraint}" for constraint in fact.constraints)
             role = f" ({fact.role})" if fact.role else ""
-            told = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
+            data = f": {msgspec.msgpack.decode(fact.body)}" if fact.message in NOTICES else ""
             what = f"{fact.message_class} {fact.message} as {fact.id}"
-            return f"received {what} from {fact.sender}{under}{role}{told}{held}"
+            return f"received {what} from {fact.sender}{under}{role}{data}{held}"
         case facts.Constrained():
             return "\n".join(f"constrained {constraint}" for constraint in fact.constraints)
         case facts.Reached():
@@ -119,9 +119,7 @@ def described_copy(fact: facts.Failed | facts.Dropped) -> str:
 
 
 def describe_control(fact: facts.Fact) -> str:
-    """Facts of what some tasks do to others; all that have no words of their own, by their
-    fields.
-    """
+    """A fact about the control of tasks: recoveries, suspensions, wiretaps, monitors, attachments."""
     match fact:
         case facts.Caught():
             return f"{fact.handler} handles the failure of {fact.task}, attached to {fact.at}"
@@ -162,10 +160,10 @@ def describe_control(fact: facts.Fact) -> str:
 
 
 def describe_rest(fact: facts.Fact) -> str:
-    """Changes of states; and what has no words of its own."""
+    """A change of state, or the fields of any other fact."""
     if isinstance(fact, facts.StateChanged):
-        whose = f"{fact.by} {fact.module}".rstrip()
-        return f"{fact.task} {fact.transition} by {whose}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
+        by = f"{fact.by} {fact.module}".rstrip()
+        return f"{fact.task} {fact.transition} by {by}: {fact.state}, change {fact.serial}{_why(fact.text, fact.body)}"
     return f"{kind_of(fact)}: " + ", ".join(
         f"{key} {value}" for key, value in fields_of(fact).items()
     )
@@ -209,7 +207,7 @@ def describe_observed(header: Any, body: bytes) -> str:
     """An answer to an observer."""
     if not body:
         return "observes" if header.more else "observes no longer"
-    assert header.more, "there is an end of its own"
+    assert header.more, "the end of an observation has no body"
     change = msgspec.msgpack.decode(body, type=StateChange)
     whose = f" by {change.by} {change.module}".rstrip() if change.transition else ""
     what = f"{change.transition}{whose}, " if change.transition else ""
@@ -220,7 +218,7 @@ def describe_observed(header: Any, body: bytes) -> str:
 
 
 def describe_inspected(row: dict[str, Any]) -> str:
-    """A task as central tells of it."""
+    """A line for an inspected task."""
     data, result = (
         msgspec.msgpack.decode(row[key]) if row[key] else None for key in ("data", "result")
     )
@@ -230,7 +228,7 @@ def describe_inspected(row: dict[str, Any]) -> str:
 
 
 def describe_answer(answer: Any) -> str:
-    """A header in a line; or a value, of a variable."""
+    """A line for a header, or for the value of a variable."""
     return f"value {answer}" if isinstance(answer, str) else describe_header(answer)
 
 
@@ -246,10 +244,10 @@ def describe_header(header: Any) -> str:
     return f"{type(header).__name__.lower()} {words}".strip()
 
 
-def load_lines(told: dict[str, Any]) -> list[str]:
-    """What central tells of its load: of what is used, or waits."""
+def load_lines(load: dict[str, Any]) -> list[str]:
+    """A line for each resource and message with activity, and for each wait."""
     lines = []
-    for module in told["modules"]:
+    for module in load["modules"]:
         for one in module["resources"]:
             known = {
                 name: value
@@ -265,20 +263,20 @@ def load_lines(told: dict[str, Any]) -> list[str]:
                 if known
                 else []
             )
-    for one in told["messages"]:
+    for one in load["messages"]:
         known = {
             name: one[name] for name in ("delivered", "failed", "dropped", "waiting") if one[name]
         }
         lines += [f"message {one['message']}: {listed(known)}"] if known else []
     for kind in ("waits", "held", "suspended", "killed"):
-        for one in told[kind]:
+        for one in load[kind]:
             end = f"; in the end {in_words(one.end)}" if one.end else ""
             why = f" (killed: {one.killed})" if one.killed else ""
             lines.append(
                 f"{kind}: {waiter_in_words(one)}{why} {several_in_words(one.waits)}, {one.seconds:g} s{end}"
             )
-    lines += [f"{one.tasks} wait in the end {in_words(one.wait)}" for one in told["ends"]]
-    return [*lines, f"totals: {listed(told['totals'])}"]
+    lines += [f"{one.tasks} wait in the end {in_words(one.wait)}" for one in load["ends"]]
+    return [*lines, f"totals: {listed(load['totals'])}"]
 
 
 def listed(known: dict[str, Any]) -> str:

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 from central.player import ANY, Player
-from central.test_what_goes_ahead import Ears, got, trust_every_handler
+from central.test_prefetched_messages import Ears, trust_every_handler
+from central.test_prefetched_messages import deliveries as got
 from central.transcript import Transcript
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -280,14 +281,14 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
 @pytest.mark.parametrize(
     ("mistake", "transcript", "what"),
     [
-        (what_waits_is_left_alone, "taps_that_come_late_hold_what_waits_for_a_slot",
-         "move {3} continued, but wiretap {5} (check before handling) was not fired"),
-        (what_waits_is_left_alone, "taps_that_come_late_on_what_is_locked_out_or_suspended",
-         "move {2} continued, but wiretap {4} (check before handling) was not fired"),
+        (what_waits_is_left_alone, "taps_late_and_queued_messages",
+         "move {3} went on, and wiretap {5} (check before handling) was not fired"),
+        (what_waits_is_left_alone, "taps_late_and_locked_or_suspended_messages",
+         "move {2} went on, and wiretap {4} (check before handling) was not fired"),
         (what_was_passed_over_is_forgotten, "taps_whose_listener_is_handled_late",
-         "move {2} continued, but wiretap {3} (check before handling) was passed over, though its listener has a handler"),
-        (what_is_handled_once_more_is_not_held, "taps_that_come_late_on_what_is_handled_once_more",
-         "move {1} was given to a handler again before end handling of check {3}"),
+         "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it"),
+        (what_is_handled_once_more_is_not_held, "taps_late_and_messages_handled_again",
+         "move {1} was given to a handler once more before end handling of check {3}"),
     ],
 )  # fmt: skip
 def test_what_goes_on_unchecked_is_found(

@@ -18,9 +18,7 @@ from tca_wire.points import ROOT, TaskId
 def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     cases = {
         kind.failure: kind.cases[0]
-        for kind in failures(
-            History.until(played("failures_of_exception_handlers_in_one_another").entries)
-        )
+        for kind in failures(History.until(played("failures_of_nested_exception_handlers").entries))
     }
     assert {name: case.fate for name, case in cases.items()} == {
         "slip": Fate.DEALT_WITH,
@@ -38,7 +36,7 @@ def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from
 ):
     lines = list(
         story_lines(
-            History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200
+            History.until(played("failures_undecided_by_all_handlers").entries), TaskId(3), 200
         )
     )
     told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
@@ -56,7 +54,7 @@ def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(
     """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another
     exception handler.
     """
-    entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
+    entries = [OPENED, *played("failures_undecided_by_all_handlers").entries]
     assert checked(entries) == []
     first = next(
         one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from central.test_what_goes_ahead import Ears, trust_every_handler
+from central.test_prefetched_messages import Ears, trust_every_handler
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st

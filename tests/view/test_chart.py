@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 from tools.story import Story, made, stuck
-from wire.test_waits_in_words import test_durations as of_durations
+from wire.test_waits_in_words import test_duration_is_written_with_a_fitting_unit as of_durations
 
 from tca_tools.gantt.build import chart
 from tca_wire.journal import facts

@@ -1,6 +1,4 @@
-"""Packets: everything that goes in comes out, and no bytes whatever get past as something else than
-ProtocolError.
-"""
+"""Packets: decoding returns the encoded items, and other bytes raise only ProtocolError."""
 
 import re
 from contextlib import suppress
@@ -36,12 +34,12 @@ to_central = st.one_of(
 
 
 @given(st.lists(st.tuples(to_central, st.binary(max_size=50)), min_size=1, max_size=8))
-def test_a_packet_gives_back_what_was_put_in(items: list[tuple[headers.ToCentral, bytes]]) -> None:
+def test_packet_round_trip_keeps_items(items: list[tuple[headers.ToCentral, bytes]]) -> None:
     assert codec.unpack_to_central(codec.pack(items)) == items
 
 
 @given(st.lists(st.tuples(to_central, st.binary(max_size=20)), min_size=1, max_size=3), st.data())
-def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
+def test_truncated_packet_is_refused_or_ends_at_an_item(
     items: list[tuple[headers.ToCentral, bytes]], data: st.DataObject
 ) -> None:
     packet = codec.pack(items)
@@ -52,7 +50,7 @@ def test_a_packet_cut_anywhere_is_refused_or_ends_at_an_item(
 
 
 @given(st.binary(max_size=200))
-def test_no_bytes_do_worse_than_a_protocol_error(packet: bytes) -> None:
+def test_arbitrary_bytes_raise_only_protocol_error(packet: bytes) -> None:
     for unpack in (
         codec.unpack_to_central,
         codec.unpack_to_module,
@@ -81,19 +79,19 @@ def item(header: bytes, body: bytes = b"") -> bytes:
         (item(b"\x92\x05" + b"\x91" * 100_000), "not a message to central"),
         (item(b"\x92\x05\xa2\xff\xfe"), "not a message to central"),
     ],
-)  # fmt: skip
-def test_bad_packets_are_refused_in_words(packet: bytes, why: str) -> None:
+)
+def test_malformed_packet_is_refused_with_a_reason(packet: bytes, why: str) -> None:
     with pytest.raises(ProtocolError, match=why):
         codec.unpack_to_central(packet)
 
 
-def test_the_bytes_are_those_of_the_documentation() -> None:
+def test_reply_packet_matches_the_documented_bytes() -> None:
     reply = codec.pack([(headers.Reply(7), b"\xc0")])
     assert reply.hex(" ") == "00 00 00 05 00 00 00 01 94 05 07 00 00 c0"
 
 
-def test_a_hello_of_a_later_version_can_be_read() -> None:
-    """So that who speaks it is told which version central speaks."""
+def test_hello_of_a_later_version_is_read() -> None:
+    """Otherwise central could not answer a newer module with its own version."""
     hello = headers.Hello(1, headers.PROTOCOL_VERSION + 1, "legs", "run")
     later = msgspec.msgpack.encode(
         [*msgspec.msgpack.decode(msgspec.msgpack.encode(hello)), "more", 7]
@@ -103,8 +101,8 @@ def test_a_hello_of_a_later_version_can_be_read() -> None:
     assert codec.unpack_to_central(packet) == [(hello, b"")]
 
 
-def test_a_header_that_leaves_no_room_for_a_body_is_found_before_it_is_sent() -> None:
-    """A packet above the limit closes the connection without a word."""
+def test_oversized_header_is_reported_before_sending() -> None:
+    """A packet beyond the limit would close the connection without an error message."""
     formats = [MessageFormat("walk", MessageClass.GOAL, "x" * (8 << 20))]
     assert "8,388,6" in codec.misfit(headers.Register(1, formats))
     assert not codec.misfit(headers.Ask(1, "status"))
@@ -127,9 +125,9 @@ FLOODS: dict[str, tuple[list[tuple[headers.ToCentral, bytes]], int, str]] = {
 
 
 @pytest.mark.parametrize("what", FLOODS)
-def test_one_packet_is_not_much_work_for_central(what: str) -> None:
-    """What it may hold is taken; one more item, and all of it is refused before there is any
-    work.
+def test_packet_beyond_limits_is_refused_as_a_whole(what: str) -> None:
+    """A packet at the limit is accepted. With one more item, it is refused before any of its items
+    is processed.
     """
     items, most, why = FLOODS[what]
     if most:
@@ -139,7 +137,7 @@ def test_one_packet_is_not_much_work_for_central(what: str) -> None:
 
 
 @pytest.mark.parametrize("what", FLOODS)
-def test_what_is_sent_is_divided_into_packets_that_central_takes(what: str) -> None:
+def test_items_are_divided_into_acceptable_packets(what: str) -> None:
     items, most, _ = FLOODS[what]
     items = (
         items * (2 * most + 1)
@@ -152,6 +150,6 @@ def test_what_is_sent_is_divided_into_packets_that_central_takes(what: str) -> N
     assert [item for _, packet in packets for item in codec.unpack_to_central(packet)] == items
 
 
-def test_the_protocol_page_names_the_version_of_each_greeting() -> None:
+def test_protocol_page_names_the_current_version() -> None:
     page = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text(encoding="utf-8")
     assert set(re.findall(r"version = (\d+)", page)) == {str(headers.PROTOCOL_VERSION)}

@@ -1,5 +1,5 @@
-"""Declarations that refer to others: parts of monitors, kinds of failures. What can't get its data
-is refused at once.
+"""Declarations that refer to others: parts of monitors, and kinds of failures. A declaration is
+refused if its data do not fit.
 """
 
 from dataclasses import dataclass
@@ -41,10 +41,18 @@ STOP, SAY, SINK = Command("stop"), Inform("say", str), Command("sink", float)
 NONE: Any = None
 
 FIT = [
-    (str, IS_GONE, SAY), (str, IS_GONE, STOP), (str, IS_DARK, SAY), (Cup, IS_DARK, TAKE_CUP), (Cup, IS_DARK, TAKE_MUG),
-    (None, SEEN, TAKE_CUP), (None, SEEN, TAKE_ANY), (None, SEEN, STOP), (None, LEVEL, SINK), (int, ANYTHING, TAKE_CUP),
+    (str, IS_GONE, SAY),
+    (str, IS_GONE, STOP),
+    (str, IS_DARK, SAY),
+    (Cup, IS_DARK, TAKE_CUP),
+    (Cup, IS_DARK, TAKE_MUG),
+    (None, SEEN, TAKE_CUP),
+    (None, SEEN, TAKE_ANY),
+    (None, SEEN, STOP),
+    (None, LEVEL, SINK),
+    (int, ANYTHING, TAKE_CUP),
     (Any, IS_GONE, SAY),
-]  # fmt: skip
+]
 MISFIT = [
     (None, IS_GONE, None, "the condition 'is it gone' of KIND 'watch' wants data of type str, but gets the monitor's own, N"),
     (int, IS_GONE, None, "wants data of type str, but gets the monitor's own, int: declare both with the same type, or it w"),
@@ -57,7 +65,7 @@ MISFIT = [
 
 
 @pytest.mark.parametrize("kind", [PointMonitor, PollingMonitor])
-def test_the_condition_and_the_action_of_a_monitor_fit_its_data(kind: Any) -> None:
+def test_monitor_is_refused_when_condition_or_action_misfits(kind: Any) -> None:
     for data, condition, action in FIT:
         kind("watch", data, condition=condition, action=action)
     for data, condition, action, words in MISFIT:
@@ -66,7 +74,7 @@ def test_the_condition_and_the_action_of_a_monitor_fit_its_data(kind: Any) -> No
         assert words.replace("KIND", str(kind.message_class)) in str(error.value)
 
 
-def test_what_a_demon_monitor_sends_fits_its_data() -> None:
+def test_demon_monitor_is_refused_when_a_part_misfits() -> None:
     DemonMonitor("watch", Cup, set_up=TAKE_CUP, action=SAY, cancel=STOP)
     for what, part in (("set-up", "set_up"), ("cancel message", "cancel")):
         option: Any = {part: SAY}
@@ -77,7 +85,7 @@ def test_what_a_demon_monitor_sends_fits_its_data() -> None:
             DemonMonitor("watch", Cup, **option)
 
 
-def test_a_kind_of_a_failure_has_data_that_handlers_of_the_other_can_read() -> None:
+def test_failure_is_refused_when_data_misfits_its_general_kind() -> None:
     fit: list[tuple[Any, Any]] = [
         (int, int),
         (int, float),

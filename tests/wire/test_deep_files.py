@@ -1,4 +1,4 @@
-"""A file that is nested too deeply is said to be wrong, like any other."""
+"""A deeply nested file raises the same error as any other wrong file."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,7 @@ from tca_wire.keys import read_client_key
         (read_client_key, KeyRefused),
     ],
 )
-def test_a_file_that_is_nested_too_deeply(
+def test_deeply_nested_file_is_refused(
     tmp_path: Path, read: Callable[[Path], Any], error: type[Exception]
 ) -> None:
     path = tmp_path / "file.toml"

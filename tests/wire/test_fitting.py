@@ -1,4 +1,4 @@
-"""What the formats say of which data fit is what happens when the data come."""
+"""The comparison of two formats predicts whether data can be decoded."""
 
 import itertools
 import json
@@ -36,7 +36,7 @@ class Contact:
 
 @dataclass
 class Scraped(Contact):
-    """A subclass with a field more."""
+    """A subclass with one more field."""
 
     side: Side
 
@@ -119,7 +119,7 @@ class TextTree:
 
 CONTACT, SCRAPED = Contact(1, 0.5), Scraped(2, 0.25, Side.LEFT)
 
-# Of each type a value for each of its alternatives; so what fits all of these fits the type.
+# Each type has a value for each of its alternatives. A format that fits all values fits the type.
 TYPES: list[tuple[Any, list[Any]]] = [
     (None, [None]),
     (int, [1, -50, 50]),
@@ -172,11 +172,11 @@ TYPES: list[tuple[Any, list[Any]]] = [
     (list[Scraped], [[SCRAPED], []]),
     (list[Contact | None], [[CONTACT], [None]]),
     (np.ndarray, [np.zeros(3)]),
-]  # fmt: skip
+]
 
 
 def reads(values: list[Any], sent: Any, wanted: Any) -> bool:
-    """Whether all these can be read, as when a message is delivered."""
+    """Whether all these values can be decoded after their delivery."""
     try:
         for value in values:
             Format[Any](wanted).decode(Format[Any](sent).encode(value))
@@ -190,10 +190,10 @@ def kind(one: Any) -> Any:
 
 
 @pytest.mark.parametrize(("sent", "values"), TYPES, ids=str)
-def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values: list[Any]) -> None:
+def test_misfit_predicts_whether_data_can_be_decoded(sent: Any, values: list[Any]) -> None:
     for wanted, _ in TYPES:
         if wanted is Fall and sent is not Fall:
-            continue  # its tag is made up where none comes, and what has one is declared with it
+            continue  # a receiver supplies a missing tag, so such values decode nevertheless
         misfit = first_misfit(schema_text(kind(sent)), schema_text(kind(wanted)))
         assert (misfit is None) == reads(values, kind(sent), kind(wanted)), (
             f"{sent} to {wanted}: {misfit}"
@@ -201,21 +201,21 @@ def test_what_fits_by_its_format_can_be_read_and_nothing_else(sent: Any, values:
 
 
 @pytest.mark.parametrize(("one", "_values"), TYPES, ids=str)
-def test_of_anything_nobody_can_tell_and_anything_takes_all(one: Any, _values: list[Any]) -> None:
+def test_any_type_fits_every_format(one: Any, _values: list[Any]) -> None:
     for each in itertools.permutations((schema_text(kind(one)), schema_text(Any))):
         assert first_misfit(*each) is None
     assert first_misfit(schema_text(list[Any]), schema_text(list[int])) is None
     assert first_misfit(schema_text(dict[str, Any]), schema_text(dict[str, int])) is None
 
 
-def test_a_misfit_says_where_and_what_is_wanted(approve: Callable[..., None]) -> None:
+def test_misfit_names_the_path_and_the_wanted_type(approve: Callable[..., None]) -> None:
     approve(
         "misfits.txt", lambda case: first_misfit(*(schema_text(kind(one)) for one in eval(case)))
     )
 
 
-def test_what_may_be_left_out_does_not_fit_where_it_is_needed() -> None:
-    """Whether it is left out a format does not tell: of a dataclass with a default it never is."""
+def test_optional_field_does_not_fit_a_required_one() -> None:
+    """A format does not tell whether an optional field is really left out."""
     assert (
         first_misfit(schema_text(Sparse), schema_text(Leg))
         == "$.leg: required here, optional there"
@@ -230,9 +230,7 @@ def a_type(**fields: str) -> dict[str, Any]:
     return {"type": "object", "properties": of, "required": list(fields)}
 
 
-def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believed_in_the_next() -> (
-    None
-):
+def test_assumption_of_a_failed_alternative_is_discarded() -> None:
     """U fits V if T fits X, which it does not: so T does not fit W either."""
     sent = {"$ref": "#/$defs/T", "$defs": {"T": a_type(a="U", z="string"), "U": a_type(b="T")}}
     defs: dict[str, Any] = {
@@ -253,7 +251,7 @@ def test_what_was_only_supposed_within_an_alternative_that_failed_is_not_believe
     "nonsense",
     ["", "{", "5", "[]", '{"anyOf":5}', '{"$ref":"#/$defs/A"}', '{"type":"array","prefixItems":5}'],
 )
-def test_no_text_at_all_breaks_the_comparison(nonsense: str) -> None:
+def test_malformed_schema_does_not_break_the_comparison(nonsense: str) -> None:
     for other in (schema_text(tuple[int, int]), '{"items":' * 2000 + "1" + "}" * 2000):
         for one in itertools.permutations((nonsense, other)):
             first_misfit(*one)

@@ -1,5 +1,5 @@
-"""User data: what fits passes unchanged, what does not is named by its field; formats are compared
-by shape.
+"""User data: a fitting value arrives unchanged, and a misfit is named by its field. Formats are
+compared by shape.
 """
 
 from collections.abc import Callable
@@ -71,13 +71,13 @@ POSE = Pose(1.0, 2.0, Side.RIGHT)
         (set[int], {1, 2}),
         (type(None), None),
     ],
-)  # fmt: skip
-def test_values_travel_unchanged(kind: Any, value: Any) -> None:
+)
+def test_value_survives_encoding_and_decoding(kind: Any, value: Any) -> None:
     data = Format[Any](kind)
     assert data.decode(data.encode(value)) == value
 
 
-def test_numpy_arrays_travel_unchanged_and_can_be_written_to() -> None:
+def test_numpy_array_arrives_unchanged_and_writable() -> None:
     data = Format[Scan](Scan)
     sent = Scan(np.arange(6, dtype=np.float32).reshape(2, 3)[:, ::2], b"raw")
     received = data.decode(data.encode(sent))
@@ -116,7 +116,7 @@ OVERLAPPING = np.dtype({"names": ["a", "b"], "formats": ["<i4", "<i2"], "offsets
     ],
     ids=str,
 )
-def test_an_array_keeps_its_dtype(dtype: Any) -> None:
+def test_array_keeps_its_dtype(dtype: Any) -> None:
     sent = np.frombuffer(bytes(range(1, 1 + 2 * np.dtype(dtype).itemsize)), dtype).reshape(2, 1)
     got = Format[Any](np.ndarray).decode(Format[Any](np.ndarray).encode(sent))
     assert got.dtype == sent.dtype
@@ -127,7 +127,7 @@ def test_an_array_keeps_its_dtype(dtype: Any) -> None:
     "dtype",
     ["|O", "<f4", [["x", "|O"]], [["x"]], [["x", "<f4", [2, -1]]], "nonsense", [[["a"], "<f4"]]],
 )
-def test_a_damaged_description_of_an_array_is_refused(dtype: Any) -> None:
+def test_damaged_array_description_is_refused(dtype: Any) -> None:
     lie = msgspec.msgpack.encode(
         msgspec.msgpack.Ext(1, msgspec.msgpack.encode([dtype, [1], b"12345678"]))
     )
@@ -153,32 +153,37 @@ class Sparse(msgspec.Struct, omit_defaults=True, rename="camel", tag=True):
     poses: dict[int, Pose] = {}
 
 
-def test_data_is_refused_when_it_would_not_arrive_whole(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+def test_data_that_would_lose_information_is_refused(approve: Callable[..., None]) -> None:
+    def error_text(case: str) -> str:
         kind, value = eval(case)
         with pytest.raises(BadData) as error:
             Format[Any](kind).encode(value)
         return str(error.value)
 
-    approve("refused_data.txt", tell)
+    approve("refused_data.txt", error_text)
 
 
 @pytest.mark.parametrize(
     ("kind", "value"),
     [
-        (Pose, {"y": 2, "x": 1}), (Sparse, {"type": "Sparse", "legNumber": 0, "poses": {1: {"x": 1, "y": 1}}}),
-        (dict[int, Sparse], {1: Sparse(0), 2: Sparse(2)}), (Options, {}), (tuple[set[int], Pose], [[1, 1], POSE]), (Scan, {"heights": np.zeros(2, "f4"), "raw": b""}),
-        (tuple[Pose, ...], [POSE]), (Row, [1]),
+        (Pose, {"y": 2, "x": 1}),
+        (Sparse, {"type": "Sparse", "legNumber": 0, "poses": {1: {"x": 1, "y": 1}}}),
+        (dict[int, Sparse], {1: Sparse(0), 2: Sparse(2)}),
+        (Options, {}),
+        (tuple[set[int], Pose], [[1, 1], POSE]),
+        (Scan, {"heights": np.zeros(2, "f4"), "raw": b""}),
+        (tuple[Pose, ...], [POSE]),
+        (Row, [1]),
     ],
-)  # fmt: skip
-def test_data_is_sent_if_it_is_whole_in_another_form(kind: Any, value: Any) -> None:
+)
+def test_data_in_an_equivalent_form_is_encoded(kind: Any, value: Any) -> None:
     Format[Any](kind).encode(value)
 
 
 @pytest.mark.parametrize(
     "data", [b"", b"\xc1", b"\x91" * 2000, b"\xa2\xff\xff", b"\xc7\x01\x01\x90"]
 )
-def test_bytes_that_are_no_value_are_refused(data: bytes) -> None:
+def test_bytes_without_a_valid_value_are_refused(data: bytes) -> None:
     with pytest.raises(BadData):
         Format[Any](Scan).decode(data)
 
@@ -186,12 +191,12 @@ def test_bytes_that_are_no_value_are_refused(data: bytes) -> None:
 @pytest.mark.parametrize(
     "kind", [Exception, "nonsense", lambda: 1, dict[Pose, int] | list[int] | set[int]]
 )
-def test_types_that_are_no_format_are_refused(kind: Any) -> None:
+def test_type_without_a_schema_is_refused(kind: Any) -> None:
     with pytest.raises(BadFormat):
         Format[Any](kind)
 
 
-def test_unknown_data_can_be_shown_by_tools() -> None:
+def test_data_is_decoded_without_its_type() -> None:
     assert decode_untyped(Format[Any](Pose).encode(POSE)) == {"x": 1.0, "y": 2.0, "side": "right"}
     assert decode_untyped(b"") is None
 
@@ -237,7 +242,7 @@ def test_formats_are_compared_by_shape(approve: Callable[..., None]) -> None:
     approve("differences.txt", lambda case: first_difference(*map(schema_text, eval(case))))
 
 
-def test_messages_name_themselves_in_their_errors() -> None:
+def test_bad_data_errors_name_the_message() -> None:
     with pytest.raises(BadData, match="goal 'take steps' wants data of type Pose: "):
         Goal("take steps", Pose).encode_data(3)  # type: ignore[arg-type]
     with pytest.raises(BadData, match="the handler of command 'move leg' must return Pose: "):
@@ -249,7 +254,7 @@ def test_messages_name_themselves_in_their_errors() -> None:
 
 
 @pytest.mark.parametrize("name", ["", " ", "x" * 200, "bell\a", 7])
-def test_messages_need_a_sensible_name(name: Any) -> None:
+def test_invalid_message_name_is_refused(name: Any) -> None:
     with pytest.raises(BadFormat, match="is not a message name"):
         Goal(name)
 
@@ -267,5 +272,5 @@ def test_messages_need_a_sensible_name(name: Any) -> None:
         ("", "{}x"),
     ],
 )
-def test_no_text_at_all_breaks_the_comparison(one: str, other: str) -> None:
+def test_malformed_schema_does_not_break_the_comparison(one: str, other: str) -> None:
     assert first_difference(one, other)

@@ -1,6 +1,4 @@
-"""Journal records: cut anywhere, flipped anywhere, foreign or from the future; never a wrong
-fact.
-"""
+"""Journal records that are cut, damaged, foreign or of another version never yield a wrong fact."""
 
 import io
 import os
@@ -48,7 +46,7 @@ def read(data: bytes) -> tuple[list[Entry], JournalReader]:
     return list(reader), reader
 
 
-def test_a_torn_tail_keeps_every_whole_entry() -> None:
+def test_torn_tail_keeps_every_whole_entry() -> None:
     for cut in range(1, ENDS[1]):
         with pytest.raises(JournalDamaged, match="walk: not a journal"):
             read(BYTES[:cut])
@@ -63,7 +61,7 @@ def test_a_torn_tail_keeps_every_whole_entry() -> None:
 
 
 @pytest.mark.parametrize("bit", range(8))
-def test_no_flipped_bit_goes_unnoticed(bit: int) -> None:
+def test_flipped_bit_is_detected(bit: int) -> None:
     for at in range(len(BYTES)):
         damaged = bytearray(BYTES)
         damaged[at] ^= 1 << bit
@@ -77,23 +75,23 @@ def check_flipped(at: int, entries: list[Entry], reader: JournalReader) -> None:
     assert (reader.holes == [ENDS[lost]]) if lost < 2 else reader.torn
 
 
-def test_a_journal_of_an_earlier_version_is_refused_and_it_is_said_what_to_do() -> None:
+def test_outdated_journal_is_refused_with_advice() -> None:
     older = b"".join(
-        framed([number, 0.0, told])
-        for number, told in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
+        framed([number, 0.0, facts])
+        for number, facts in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
     )
-    said = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
-    with pytest.raises(JournalDamaged, match=said):
+    message = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
+    with pytest.raises(JournalDamaged, match=message):
         read(older)
 
 
-def test_a_journal_of_the_version_before_this_one_is_read() -> None:
-    told = [
+def test_journal_of_the_previous_version_is_read() -> None:
+    facts = [
         ["opened", 4, "e", 1, 1e9, "0"],
         ["delivered", 1, 1, "legs", "legs", 1, False, 0],
         ["returned", 1, "done", b""],
     ]
-    entries, reader = read(framed([0, 0.0, told]))
+    entries, reader = read(framed([0, 0.0, facts]))
     assert entries[0].facts[1:] == [
         Delivered(1, 1, "legs", "legs", 1),
         Returned(1, Outcome.DONE, b""),
@@ -109,7 +107,7 @@ def flipped(*places: int) -> bytes:
 
 
 @pytest.mark.parametrize("numbers", [[1], [2], [1, 2], [1, 3], [1, 2, 3]])
-def test_entries_that_are_damaged_inside_are_passed_over(numbers: list[int]) -> None:
+def test_entries_damaged_inside_are_skipped(numbers: list[int]) -> None:
     starts = [*ENDS[:-1], len(BYTES)]
     entries, reader = read(flipped(*(starts[number] + 14 for number in numbers)))
     assert [entry.number for entry in entries] == [
@@ -122,7 +120,7 @@ def test_entries_that_are_damaged_inside_are_passed_over(numbers: list[int]) -> 
 @pytest.mark.parametrize(
     "places", [(ENDS[1] + 14, ENDS[2] + 1), (ENDS[1], ENDS[2] + 14), (ENDS[1] + 2, ENDS[2] + 5)]
 )
-def test_damage_that_hides_where_the_next_entry_begins_is_passed_over_too(
+def test_entries_with_damaged_frames_are_skipped(
     places: tuple[int, ...],
 ) -> None:
     entries, reader = read(flipped(*places))
@@ -143,7 +141,7 @@ def long_journal(entries: int = 3000) -> list[Entry]:
 @pytest.mark.parametrize(
     "filler", [b"", bytes(50_000), b"\xce" * 50_000, b"\xce\x00\x00\x00\x20" * 20_000]
 )
-def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) -> None:
+def test_missing_or_overwritten_part_is_skipped(filler: bytes) -> None:
     whole = long_journal()
     data = b"".join(map(record, whole))
     at, behind = 100_123, 150_321
@@ -157,22 +155,22 @@ def test_where_a_part_is_missing_or_overwritten_the_rest_is_read(filler: bytes) 
     assert (len(reader.holes), reader.torn) == (1, 0)
 
 
-def test_of_a_journal_whose_first_entry_is_damaged_or_missing_the_rest_is_read() -> None:
+def test_journal_without_a_sound_first_entry_is_read() -> None:
     for data in (flipped(15), flipped(0), flipped()[ENDS[1] :], flipped()[ENDS[1] - 7 :]):
         entries, reader = read(data)
         assert [entry.number for entry in entries] == [1, 2, 3, 4]
         assert reader.holes == [0]
 
 
-def test_damage_with_nothing_sound_behind_it_is_named_by_its_byte() -> None:
-    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: no record starts here"):
+def test_damage_without_later_entries_is_named_by_its_byte() -> None:
+    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: there is no record here"):
         read(BYTES + b"\xce and then garbage")
     with pytest.raises(JournalDamaged, match=f"walk, byte {ENDS[2]}: its checksum is wrong"):
         read(BYTES[: ENDS[2] + 12] + b"x" * 100)
 
 
-def test_what_a_message_holds_is_no_entry_of_the_journal_it_stands_in() -> None:
-    """A module sends a part of the journal so far; the frame of the entry with it is damaged."""
+def test_journal_inside_a_message_is_not_read_as_entries() -> None:
+    """A module sent a part of the journal. The frame of the entry with this part is damaged."""
     held = Entry(
         4, 1.5, [Returned(4, Outcome.DONE, b"".join(map(record, [ENTRIES[2], Entry(2, 9.0, [])])))]
     )
@@ -188,8 +186,8 @@ def test_what_a_message_holds_is_no_entry_of_the_journal_it_stands_in() -> None:
     ]
 
 
-class Counting(io.BytesIO):
-    """Counts the bytes that are read of it."""
+class CountingStream(io.BytesIO):
+    """Counts the bytes that are read from it."""
 
     taken = 0
 
@@ -203,7 +201,7 @@ COUNT = 50_000
 
 
 def lies() -> bytes:
-    """Each of many frames promises a record as long as the rest of the file."""
+    """Many frames, each with the length of the rest of the file."""
     frames = (
         struct.pack(">BIBIB", 0xCE, 11 * (COUNT - number) - 10, 0xCE, 7, 0x93)
         for number in range(COUNT)
@@ -212,9 +210,7 @@ def lies() -> bytes:
 
 
 def leaps() -> bytes:
-    """Between good entries stand frames that all lead to the same frames behind them, which lead to
-    nothing.
-    """
+    """Good entries, with frames between them that all end at the same worthless frames."""
     good = [record(Entry(3 + number, 1.0, [])) for number in range(COUNT)]
     size = sum(10 + len(one) for one in good)
     parts = [BYTES]
@@ -230,53 +226,47 @@ def leaps() -> bytes:
 
 
 def every_other() -> bytes:
-    """Every other entry has no frame any more."""
+    """Entries of which every other one has lost its frame."""
     return BYTES + b"".join(
         bytes(30) + record(Entry(3 + number, 1.0, [])) for number in range(COUNT)
     )
 
 
 @pytest.mark.parametrize(
-    ("made", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
+    ("make", "entries"), [(lies, 4), (leaps, COUNT + 4), (every_other, COUNT + 3)]
 )
-def test_what_leads_nowhere_costs_no_more_than_a_few_times_the_file(
-    made: Callable[[], bytes], entries: int
-) -> None:
-    stream = Counting(made())
+def test_search_after_damage_reads_bounded_bytes(make: Callable[[], bytes], entries: int) -> None:
+    stream = CountingStream(make())
     size = len(stream.getbuffer())
     reader = JournalReader(stream)
-    assert (
-        entries * 0.99 < sum(1 for _ in reader) <= entries
-    )  # where it would cost too much, some are not found
-    assert reader._in_vain <= MAX_RECORD + 9 * size  # what checksums were made of
+    # Some entries are given up because their search would cost too much.
+    assert entries * 0.99 < sum(1 for _ in reader) <= entries
+    assert reader._in_vain <= MAX_RECORD + 9 * size  # bytes with a wrong checksum
     assert stream.taken <= 2 * reader._in_vain + 4 * size
 
 
-# --- what this version does not know --------------------------------------------------------------
+# --- unknown facts and other versions -------------------------------------------------------------
 
 
 def framed(*values: object) -> bytes:
-    """Entries that no central of this version writes."""
+    """Framed entries that no central of this version writes."""
     payloads = [msgpack.packb(value) for value in values]
     return b"".join(
         struct.pack(">BIBI", 0xCE, len(one), 0xCE, zlib.crc32(one)) + one for one in payloads
     )
 
 
-def test_facts_that_this_version_does_not_know_are_left_out() -> None:
+def test_unknown_facts_and_causes_are_skipped() -> None:
     entries, reader = read(
         BYTES + framed([3, 1.0, [["brand new", 1, {"a": 2}], ["reached", 3, 1]], "more"])
     )
     assert entries == [*ENTRIES, Entry(3, 1.0, [Reached(TaskId(3), 1)])]
-    assert (reader.unknown, reader.holes, reader.version) == (
-        2,
-        [],
-        JOURNAL_VERSION,
-    )  # a fact, and a cause
+    # One fact and one cause are unknown.
+    assert (reader.unknown, reader.holes, reader.version) == (2, [], JOURNAL_VERSION)
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300, "noon"])
-def test_entries_at_a_time_that_is_none_are_passed_over(time: object) -> None:
+def test_entry_with_invalid_time_is_skipped(time: object) -> None:
     entries, reader = read(BYTES + framed([3, time, []]) + record(Entry(4, 2.0, [])))
     assert [entry.number for entry in entries] == [0, 1, 2, 4]
     assert (reader.holes, reader.is_counted) == ([len(BYTES)], True)
@@ -285,14 +275,14 @@ def test_entries_at_a_time_that_is_none_are_passed_over(time: object) -> None:
 @pytest.mark.parametrize(
     "opened", [["opened", 99, "epoch", 1, 1e9, "9.0"], ["opened", 99, {"all": "new"}]]
 )
-def test_of_a_journal_of_a_later_version_what_is_known_is_read(opened: list[object]) -> None:
+def test_known_facts_of_a_later_version_are_read(opened: list[object]) -> None:
     entries, reader = read(framed([0, 0.0, [opened]], [1, 1.0, [["walked", 3], ["reached", 3, 1]]]))
     assert [len(entry.facts) for entry in entries] == [len(opened) == 6, 1]
     assert (reader.version, reader.unknown, reader.holes) == (99, 2 - (len(opened) == 6), [])
 
 
 @pytest.mark.parametrize("number", [-1, 1 << 63, (1 << 64) - 1])
-def test_an_entry_of_a_number_that_central_never_gives_is_damaged(number: int) -> None:
+def test_entry_with_invalid_number_is_skipped(number: int) -> None:
     entries, reader = read(
         BYTES + framed([number, 1.0, [["reached", 3, 1]]], [3, 1.0, [["reached", 3, 1]]])
     )
@@ -300,16 +290,16 @@ def test_an_entry_of_a_number_that_central_never_gives_is_damaged(number: int) -
     assert reader.holes == [len(BYTES)]
 
 
-def test_a_tail_of_zeros_is_a_torn_tail() -> None:
+def test_zeros_at_the_end_are_a_torn_tail() -> None:
     entries, reader = read(BYTES + bytes(4096))
     assert entries == ENTRIES
     assert reader.torn == 4096
-    entries, reader = read(BYTES[:-5] + bytes(4096))  # of the last entry a part was on the disk
+    entries, reader = read(BYTES[:-5] + bytes(4096))  # the last entry is only partly on the disk
     assert (entries, reader.torn) == (ENTRIES[:2], ENDS[3] - ENDS[2] - 5 + 4096)
 
 
-class Counted(io.FileIO):
-    """A file that counts what is read of it."""
+class CountingFile(io.FileIO):
+    """A file that counts the bytes that are read from it."""
 
     taken = 0
 
@@ -320,13 +310,13 @@ class Counted(io.FileIO):
 
 
 @pytest.mark.parametrize("cut", [0, 5])
-def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int) -> None:
+def test_sparse_end_of_file_is_not_read(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(BYTES[: len(BYTES) - cut])
     os.truncate(path, 1 << 30)
     if path.stat().st_blocks * 512 > 1 << 20:
         pytest.skip("this file system has no holes")
-    with Counted(path) as stream:
+    with CountingFile(path) as stream:
         reader = JournalReader(stream, "walk")
         assert list(reader) == ENTRIES[: 3 - bool(cut)]
         assert reader.torn == (1 << 30) - reader.offset
@@ -342,12 +332,12 @@ def test_a_gigabyte_that_was_never_written_is_not_read(tmp_path: Path, cut: int)
         b"\x89PNG\r\n\x1a\n" * 4,
     ],
 )
-def test_foreign_files_are_refused(data: bytes) -> None:
+def test_foreign_file_is_not_a_journal(data: bytes) -> None:
     with pytest.raises(JournalDamaged, match="walk: not a journal of tca central"):
         read(data)
 
 
-def test_reading_goes_on_where_it_stopped_when_the_journal_grows() -> None:
+def test_reading_continues_after_the_journal_grows() -> None:
     stream = io.BytesIO(BYTES[: ENDS[1] + 7])
     reader = JournalReader(stream)
     assert list(reader) == ENTRIES[:1]
@@ -357,8 +347,8 @@ def test_reading_goes_on_where_it_stopped_when_the_journal_grows() -> None:
     assert list(reader) == []
 
 
-class Written(io.BytesIO):
-    """Somebody writes on, a few bytes whenever the reader looks."""
+class GrowingStream(io.BytesIO):
+    """Grows by a few bytes whenever it is read."""
 
     def __init__(self, data: bytes, begun: int, more: list[int]) -> None:
         super().__init__(data[:begun])
@@ -382,44 +372,42 @@ class Written(io.BytesIO):
 
 
 @given(st.integers(ENDS[1], len(BYTES)), st.lists(st.integers(0, 40), max_size=30))
-def test_who_reads_while_central_writes_sees_no_damage(begun: int, more: list[int]) -> None:
-    """A record that is not whole yet may be, and another behind it, when the reader looks once
-    more.
-    """
+def test_reading_during_writes_reports_no_damage(begun: int, more: list[int]) -> None:
+    """A torn record may be whole at the next read, with another record behind it."""
     data = BYTES + b"".join(
         record(Entry(number, float(number), ENTRIES[2].facts)) for number in range(3, 12)
     )
-    reader = JournalReader(Written(data, begun, list(more)), "walk")
+    reader = JournalReader(GrowingStream(data, begun, list(more)), "walk")
     found = [entry for _ in range(len(more) + 2) for entry in reader]
     assert [entry.number for entry in found] == list(range(12))
     assert (reader.torn, reader.holes) == (0, [])
 
 
-def test_any_messagepack_reader_can_walk_a_segment() -> None:
+def test_segment_is_readable_by_any_messagepack_reader() -> None:
     values = list(msgpack.Unpacker(io.BytesIO(BYTES)))
     assert [value[0] for value in values[2::3]] == [0, 1, 2]
 
 
-def test_facts_have_text_forms() -> None:
+def test_fact_has_a_kind_and_described_fields() -> None:
     fact: Fact = Reached(TaskId(3), int(Moment.START_HANDLING | Moment.END_ACHIEVING))
     assert kind_of(fact) == "reached"
     assert fields_of(fact) == {"task": 3, "moments": ["start handling", "end achieving"]}
     assert describe_moments(0) == []
 
 
-def test_an_entry_too_big_for_a_record_becomes_several_of_the_same_number() -> None:
-    told: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
-    entries, _ = read(BYTES + record(Entry(3, 1.0, told)))
+def test_oversized_entry_is_split_under_one_number() -> None:
+    facts: list[Fact] = [Dropped(number, "any", "x" * (8 << 20)) for number in range(9)]
+    entries, _ = read(BYTES + record(Entry(3, 1.0, facts)))
     parts = entries[len(ENTRIES) :]
     assert len(parts) == 2
-    assert [fact for part in parts for fact in part.facts] == told
+    assert [fact for part in parts for fact in part.facts] == facts
     assert {(part.number, part.time) for part in parts} == {(3, 1.0)}
 
 
-def test_a_record_among_a_thousand_that_look_like_one_is_not_looked_for_for_ever(
+def test_search_for_a_record_among_fakes_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A client may fill a packet with them: a recovery that reads its torn end would take hours."""
+    """A client may fill a packet with fake frames. Reading a torn end of them must not take hours."""
     fake = struct.pack(">BIBI", 0xCE, 4000, 0xCE, 7) * 1000
     looked_at = 0
 
@@ -430,7 +418,7 @@ def test_a_record_among_a_thousand_that_look_like_one_is_not_looked_for_for_ever
 
     monkeypatch.setattr(frames, "crc32", counted)
     monkeypatch.setattr(frames, "MAX_RECORD", 0)
-    assert frames.has_record(fake)  # perhaps: that is told, and people decide
+    assert frames.has_record(fake)  # not certain: the operator decides
     assert looked_at <= 9 * len(fake)
     assert not frames.has_record(fake[:2000])
     assert frames.has_record(fake[:2000] + frames.framed(b"an input"))

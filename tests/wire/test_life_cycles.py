@@ -1,5 +1,5 @@
-"""Life cycles as tables: the built-in ones are the figures of Lütkebohle et al., and a table by
-which no task could go is refused when it is made.
+"""Life cycles as tables. The built-in life cycles match the figures of Lütkebohle et al. An
+invalid table is refused when it is made.
 """
 
 from collections.abc import Callable
@@ -45,9 +45,8 @@ FIGURE_10: set[Row] = {
     ("running", "cancel", "cancel requested", CLIENT),
     ("cancel requested", "cancel failed", "running", SERVER),
     ("cancel requested", "aborted", "cancelled", SERVER),
-    *(
-        (state, "result available", state, SERVER) for state in ACTIVE
-    ),  # the figure draws these three at "Active"
+    # The figure draws the next three at "Active".
+    *((state, "result available", state, SERVER) for state in ACTIVE),
     *((state, "completed", "done", SERVER) for state in ACTIVE),
     *((state, "failed", "cancelled", SERVER) for state in ACTIVE),
 }
@@ -61,7 +60,7 @@ def rows(life_cycle: LifeCycle) -> list[Row]:
     return [(one.source, one.name, one.target, one.by) for one in life_cycle.transitions]
 
 
-def test_the_built_in_ones_are_the_figures() -> None:
+def test_built_in_life_cycles_match_the_published_figures() -> None:
     assert sorted(rows(BASIC)) == sorted(FIGURE_2)
     assert sorted(rows(GENERAL)) == sorted(FIGURE_10 | MORE_THAN_THE_FIGURE)
     assert BASIC.active == ("running",)
@@ -72,7 +71,7 @@ def test_the_built_in_ones_are_the_figures() -> None:
 
 
 @pytest.mark.parametrize("life_cycle", [BASIC, GENERAL], ids=str)
-def test_each_party_takes_its_own_transitions_only(life_cycle: LifeCycle) -> None:
+def test_each_party_takes_only_its_own_transitions(life_cycle: LifeCycle) -> None:
     table = {(source, name): (target, by) for source, name, target, by in rows(life_cycle)}
     names = {name for _, name, _, _ in rows(life_cycle)}
     for state, name, party in product(life_cycle.states, names, (CLIENT, SERVER)):
@@ -83,7 +82,7 @@ def test_each_party_takes_its_own_transitions_only(life_cycle: LifeCycle) -> Non
         assert step is None or name in life_cycle.names(party)
 
 
-def test_central_does_something_with_these_only() -> None:
+def test_effects_belong_to_the_expected_transitions() -> None:
     with_effect = {(one.source, one.name): one.effect for one in GENERAL.transitions if one.effect}
     assert with_effect == {
         ("running", "update"): Effect.NEW_GOAL,
@@ -96,7 +95,7 @@ def test_central_does_something_with_these_only() -> None:
     assert not any(one.effect for one in BASIC.transitions)
 
 
-def test_what_a_server_may_say_to_what_a_client_asks() -> None:
+def test_grant_and_refusal_of_a_client_request_are_found() -> None:
     grant, refusal = GENERAL.grant("update requested"), GENERAL.refusal("update requested")
     assert grant is not None
     assert refusal is not None
@@ -114,7 +113,7 @@ def test_what_a_server_may_say_to_what_a_client_asks() -> None:
     )
 
 
-def test_an_end_has_the_name_that_the_table_gives_it() -> None:
+def test_ending_transition_has_the_name_in_the_table() -> None:
     own = LifeCycle("own", [*BEGIN, Transition("over", "running", "done")])
     assert GENERAL.ending("running", "done", Outcome.DONE) == "completed"
     assert GENERAL.ending("running", "cancelled", Outcome.FAILED) == "failed"
@@ -133,16 +132,16 @@ PAUSE = [
 STRANGE: Any = "strange"
 
 
-def test_a_table_by_which_no_task_could_go_is_refused(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+def test_invalid_life_cycle_is_refused_with_a_reason(approve: Callable[..., None]) -> None:
+    def refusal(case: str) -> str:
         with pytest.raises(BadFormat) as error:
             LifeCycle("odd", eval(case))
         return str(error.value)
 
-    approve("bad_tables.txt", tell)
+    approve("bad_tables.txt", refusal)
 
 
-def test_its_first_state_and_its_ends_are_three() -> None:
+def test_initial_done_and_cancelled_states_must_differ() -> None:
     for same in (
         {"done": "over", "cancelled": "over"},
         {"done": "initiated"},
@@ -156,7 +155,7 @@ def test_its_first_state_and_its_ends_are_three() -> None:
         LifeCycle("", RUN)
 
 
-def test_states_have_the_names_of_the_table() -> None:
+def test_initial_and_final_states_can_be_renamed() -> None:
     own = LifeCycle(
         "polite",
         [
@@ -172,11 +171,11 @@ def test_states_have_the_names_of_the_table() -> None:
     assert [own.is_over(state) for state in own.states] == [False, False, True, True]
 
 
-def test_a_table_goes_into_the_declaration_and_comes_out_the_same() -> None:
+def test_life_cycle_survives_its_declaration() -> None:
     pausable = LifeCycle("pausable", [*GENERAL.transitions, *PAUSE, *ending("paused")])
     assert read_life_cycle(Command("grasp", life_cycle=pausable).format.life_cycle) == pausable
     assert read_life_cycle(Goal("tidy", life_cycle=BASIC).format.life_cycle) == BASIC
-    assert Command("grasp").format.life_cycle == ""  # as in the journals and packets of before
+    assert Command("grasp").format.life_cycle == ""  # as in older journals and packets
     assert read_life_cycle("") is GENERAL
     assert read_life_cycle(GENERAL.text) == GENERAL
     others = [
@@ -198,12 +197,12 @@ def test_a_table_goes_into_the_declaration_and_comes_out_the_same() -> None:
         "[" * 100_000,
     ],
 )
-def test_text_that_is_no_table_is_refused(text: str) -> None:
-    with pytest.raises(BadFormat, match="not the table of a life cycle"):
+def test_malformed_life_cycle_text_is_refused(text: str) -> None:
+    with pytest.raises(BadFormat, match="no table of a life cycle"):
         read_life_cycle(text)
 
 
-def test_a_message_takes_a_life_cycle_only() -> None:
+def test_message_accepts_only_a_life_cycle_object() -> None:
     for odd in ("general", None, GENERAL.transitions):
         with pytest.raises(
             BadFormat,
@@ -219,10 +218,8 @@ TRANSITIONS = st.builds(Transition, NAMES, st.sampled_from(ALIVE) | STATES, STAT
 
 
 @given(st.lists(TRANSITIONS, max_size=5))
-def test_in_what_is_not_refused_every_task_can_begin_and_end(more: list[Transition]) -> None:
-    """A table is refused just if one of these is not so; told again here, by going all ways of a
-    few steps.
-    """
+def test_life_cycle_is_refused_exactly_when_tasks_could_not_end(more: list[Transition]) -> None:
+    """The rules are checked again here, by following all transitions from each state."""
     table = [
         ACCEPTED,
         Transition("completed", "running", "done"),
@@ -249,9 +246,9 @@ def test_in_what_is_not_refused_every_task_can_begin_and_end(more: list[Transiti
         or any(not reached(state, by_client=False) & {"done", "cancelled"} for state in states)
     )
     try:
-        made = LifeCycle("random", table)
+        life_cycle = LifeCycle("random", table)
     except BadFormat:
         assert wrong
     else:
         assert not wrong
-        assert read_life_cycle(made.text) == made
+        assert read_life_cycle(life_cycle.text) == life_cycle

@@ -1,5 +1,5 @@
-"""Plain values as data of a format of which only the schema is known: what fits arrives, what does
-not is named.
+"""Plain values as data of a format that is known only by its schema: a value arrives whole, or its
+misfit is named.
 """
 
 import json
@@ -79,8 +79,8 @@ NAIVE = Annotated[datetime, msgspec.Meta(tz=False)]
 ARRAY = NDArray[np.float64]
 
 
-def fitting(kind: Any, value: Any) -> Any:
-    """What a receiver who declares *kind* gets of a plain value."""
+def received(kind: Any, value: Any) -> Any:
+    """The value that a receiver with the declared *kind* gets."""
     schema = schema_text(kind)
     return Format(kind).decode(PlainFormat(schema).encode(value))
 
@@ -92,23 +92,53 @@ def complaint(kind: Any, value: Any) -> str:
 
 
 VALUES: list[tuple[Any, Any]] = [
-    (int, -3), (float, 2.5), (bool, True), (str, "5"), (bytes, b"\x00\xff"), (None, None), (Side, Side.RIGHT),
-    (Pose, Pose(1.0, 2.0)), (Move, Move(3, Pose(1.0), Side.RIGHT, ["a"], 1.5)), (Circle | Line, Line((Pose(1), Pose(2)))),
-    (Pair, Pair(1, "b")), (Tree, Tree("a", [Tree("b", [Tree("c")])])), (Options, {"speed": 1.0}), (Options, {}),
-    (datetime, datetime(2024, 2, 3, tzinfo=UTC)), (date, date(2024, 2, 3)), (timedelta, timedelta(seconds=1.5)),
-    (UUID, UUID(int=7)), (dict[str, int], {"a": 1}), (dict[str, Pose], {"a": Pose(1.0)}), (list[int], [1, 2]),
-    (tuple[int, str], (1, "a")), (tuple[int, ...], (1, 2)), (set[int], {1}), (int | None, None), (str | int, "5"),
-    (Literal["a", 3], 3), (Any, {"x": [1, None]}), (dict, {"x": 1}), (list, [1, "a"]), (time, time(12, 30)),
-    (AWARE, datetime(2024, 2, 3, tzinfo=UTC)), (Decimal, Decimal("1.5")), (dict[int, int], {1: 2}), (dict[float, int], {1.5: 2}),
-    (dict[str, int], {"1": 2}), (dict[Any, int], {"1": 2}), (dict[date, Side], {date(2024, 2, 3): Side.LEFT}),
-    (dict[Side, int], {Side.LEFT: 1}), (dict[Literal["a", 3], int], {3: 1, "a": 2}),
-]  # fmt: skip
+    (int, -3),
+    (float, 2.5),
+    (bool, True),
+    (str, "5"),
+    (bytes, b"\x00\xff"),
+    (None, None),
+    (Side, Side.RIGHT),
+    (Pose, Pose(1.0, 2.0)),
+    (Move, Move(3, Pose(1.0), Side.RIGHT, ["a"], 1.5)),
+    (Circle | Line, Line((Pose(1), Pose(2)))),
+    (Pair, Pair(1, "b")),
+    (Tree, Tree("a", [Tree("b", [Tree("c")])])),
+    (Options, {"speed": 1.0}),
+    (Options, {}),
+    (datetime, datetime(2024, 2, 3, tzinfo=UTC)),
+    (date, date(2024, 2, 3)),
+    (timedelta, timedelta(seconds=1.5)),
+    (UUID, UUID(int=7)),
+    (dict[str, int], {"a": 1}),
+    (dict[str, Pose], {"a": Pose(1.0)}),
+    (list[int], [1, 2]),
+    (tuple[int, str], (1, "a")),
+    (tuple[int, ...], (1, 2)),
+    (set[int], {1}),
+    (int | None, None),
+    (str | int, "5"),
+    (Literal["a", 3], 3),
+    (Any, {"x": [1, None]}),
+    (dict, {"x": 1}),
+    (list, [1, "a"]),
+    (time, time(12, 30)),
+    (AWARE, datetime(2024, 2, 3, tzinfo=UTC)),
+    (Decimal, Decimal("1.5")),
+    (dict[int, int], {1: 2}),
+    (dict[float, int], {1.5: 2}),
+    (dict[str, int], {"1": 2}),
+    (dict[Any, int], {"1": 2}),
+    (dict[date, Side], {date(2024, 2, 3): Side.LEFT}),
+    (dict[Side, int], {Side.LEFT: 1}),
+    (dict[Literal["a", 3], int], {3: 1, "a": 2}),
+]
 
 
 @pytest.mark.parametrize(("kind", "value"), VALUES, ids=lambda part: repr(part)[:30])
-def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -> None:
+def test_json_value_arrives_as_the_declared_type(kind: Any, value: Any) -> None:
     text = msgspec.json.encode(value).decode()
-    assert fitting(kind, json.loads(text)) == fitting(kind, Bare(text)) == value
+    assert received(kind, json.loads(text)) == received(kind, Bare(text)) == value
 
 
 @given(
@@ -122,34 +152,34 @@ def test_what_json_can_say_arrives_as_what_was_declared(kind: Any, value: Any) -
     )
 )
 @settings(max_examples=lives(10, soak=100))
-def test_a_format_without_rules_takes_everything(value: object) -> None:
-    assert fitting(Any, value) == value
+def test_unrestricted_format_accepts_every_value(value: object) -> None:
+    assert received(Any, value) == value
 
 
-def test_what_was_typed_is_json_where_that_fits_and_else_text() -> None:
+def test_typed_text_is_json_where_it_fits_and_else_text() -> None:
     typed = {
         "leg": Bare("3"),
         "to": {"x": Bare("1")},
         "side": Bare("right"),
         "notes": Bare('["a", "5"]'),
     }
-    assert fitting(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
-    assert fitting(str, Bare("5")) == "5"
-    assert fitting(str, Bare('"five"')) == "five"
-    assert fitting(str | int, Bare("5")) == 5
-    assert fitting(datetime, Bare("2024-02-03T12:00:00Z")) == datetime(2024, 2, 3, 12, tzinfo=UTC)
-    assert fitting(str | None, Bare("null")) is None
-    assert fitting(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
-    assert fitting(Pose, Bare('{"x": 1}')) == Pose(1.0)
-    assert complaint(int, Bare("five")) == 'the data must be a whole number, not "five"'
-    assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, not [1]"
+    assert received(Move, typed) == Move(3, Pose(1.0), Side.RIGHT, ["a", "5"])
+    assert received(str, Bare("5")) == "5"
+    assert received(str, Bare('"five"')) == "five"
+    assert received(str | int, Bare("5")) == 5
+    assert received(datetime, Bare("2024-02-03T12:00:00Z")) == datetime(2024, 2, 3, 12, tzinfo=UTC)
+    assert received(str | None, Bare("null")) is None
+    assert received(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
+    assert received(Pose, Bare('{"x": 1}')) == Pose(1.0)
+    assert complaint(int, Bare("five")) == 'the data must be a whole number, and "five" is not'
+    assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, and [1] is not"
 
 
-def test_what_does_not_fit_is_named_by_its_field(approve: Callable[..., None]) -> None:
+def test_misfit_is_named_by_its_field(approve: Callable[..., None]) -> None:
     approve("complaints.txt", lambda case: complaint(*eval(case)))
 
 
-def test_whether_a_format_has_fields() -> None:
+def test_formats_with_fields_are_recognised() -> None:
     with_fields = [
         kind
         for kind in (Pose, Pose | None, Circle | Line, dict[str, int], Any)
@@ -165,7 +195,7 @@ def plain(kind: Any) -> PlainFormat:
     return PlainFormat(schema_text(kind))
 
 
-def test_schemas_come_from_anybody() -> None:
+def test_malformed_schema_or_deep_value_raises_only_bad_data() -> None:
     endless = '{"$ref":"#/$defs/A","$defs":{"A":{"$ref":"#/$defs/A"}}}'
     for schema in (
         "",
@@ -189,10 +219,10 @@ def test_schemas_come_from_anybody() -> None:
     for _ in range(100_000):
         nested = [nested]
     assert "nested too deeply" in complaint(list[Any], nested)
-    assert fitting(Any, Bare("[" * 100_000)) == "[" * 100_000
+    assert received(Any, Bare("[" * 100_000)) == "[" * 100_000
 
 
-def test_a_message_may_be_declared_by_its_schemas() -> None:
+def test_message_can_be_declared_by_its_schemas() -> None:
     typed = Command("move", Move, result=Pose)
     untyped: Command[Any, Any] = Command(
         "move", PlainFormat(typed.format.data), result=PlainFormat(typed.format.reply)
@@ -220,11 +250,11 @@ def test_a_message_may_be_declared_by_its_schemas() -> None:
         '{"items":' * 100_000,
     ],
 )
-def test_a_schema_that_is_none_lets_everything_pass_or_says_why_not(schema: str) -> None:
-    """Anybody may declare a message, and `tca send` reads what they did."""
-    made = PlainFormat(schema)
-    assert str(made)
-    assert made.takes_fields in (True, False)
+def test_malformed_schema_is_usable_as_a_format(schema: str) -> None:
+    """Any program may declare a message, and `tca send` reads its schema."""
+    plain_format = PlainFormat(schema)
+    assert str(plain_format)
+    assert plain_format.takes_fields in (True, False)
     for value in ({"x": Bare("1")}, [1], "x", None):
         with suppress(BadData):
-            assert made.encode(value)
+            assert plain_format.encode(value)

@@ -1,4 +1,4 @@
-"""Each kind of wait has words, and several of one kind are told together."""
+"""Descriptions of waits: each kind has words, and waits of one kind are joined."""
 
 from collections.abc import Callable
 
@@ -15,11 +15,11 @@ STEP = Wait(Kind.RUNNING, 5, "step")
 BUSY = (WALK, Wait(Kind.RUNNING, 4, "turn", more=2))
 
 
-def test_a_wait_in_words(approve: Callable[..., None]) -> None:
+def test_wait_is_described_in_words(approve: Callable[..., None]) -> None:
     approve("waits_in_words.txt", lambda wait: in_words(eval(wait)))
 
 
-def test_a_suspension_says_how_long_ago() -> None:
+def test_suspension_is_described_with_its_age() -> None:
     assert (
         in_words(Wait(Kind.RESUME, 2, "walk", seconds=3.0), 5.0)
         == "until walk {2} is resumed (suspended 2 s ago)"
@@ -28,12 +28,12 @@ def test_a_suspension_says_how_long_ago() -> None:
     assert in_words(wait, 5.0) == "until it is resumed (suspended by panel 2 s ago)"
 
 
-def test_every_kind_has_words() -> None:
+def test_every_wait_kind_has_words() -> None:
     for kind in Kind:
         assert in_words(Wait(kind, 1, "walk", module="arm"))
 
 
-def test_waits_of_one_kind_and_moment_are_one_clause() -> None:
+def test_waits_of_one_kind_are_joined_in_one_clause() -> None:
     end, planned = Moment.END_ACHIEVING, Moment.END_PLANNING
     waits = [
         *(Wait(Kind.CONSTRAINT, number, "bake", end) for number in range(1, 6)),
@@ -47,7 +47,7 @@ def test_waits_of_one_kind_and_moment_are_one_clause() -> None:
     )
 
 
-def test_a_delay_is_told_as_what_is_left_where_it_is_read_at_once() -> None:
+def test_delay_is_described_as_remaining_time() -> None:
     assert in_words(Wait(Kind.DELAY, seconds=12.5), now=10.0) == "for another 2.5 s"
 
 
@@ -66,11 +66,11 @@ def test_a_delay_is_told_as_what_is_left_where_it_is_read_at_once() -> None:
         (119346, "33:09:06 h"),
     ],
 )
-def test_durations(seconds: float, text: str) -> None:
+def test_duration_is_written_with_a_fitting_unit(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
-def test_counts_and_lists() -> None:
+def test_counts_and_lists_are_written_in_words() -> None:
     assert [counted(1, "task"), counted(105_061, "task")] == ["1 task", "105,061 tasks"]
     assert [times(1), times(2), times(1200)] == ["once", "twice", "1,200 times"]
     assert [listed(["a"]), listed(["a", "b"]), listed(["a", "b", "c"])] == [
