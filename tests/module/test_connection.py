@@ -401,7 +401,7 @@ def test_answering_central_is_not_silent() -> None:
     central.now += QUIET
     assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
     central.deliver(Beat())
-    connection.keep_alive_if_idle(central.now)
+    connection.keep_alive(central.now)
     assert not connection.silence
 
 

@@ -262,7 +262,9 @@ def check_charts(town: Town) -> None:
                 RunAt(history, time),
                 {wait.on for wait in waits if wait.start <= time < wait.end},
             )
-            assert {wait.on for wait in blocking_waits(at, next_node(at, message.id))} <= known_waits
+            assert {
+                wait.on for wait in blocking_waits(at, next_node(at, message.id))
+            } <= known_waits
 
 
 def live(seed: int, steps: int) -> Town:
