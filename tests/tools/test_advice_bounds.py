@@ -128,7 +128,7 @@ class Kitchen(Timed):
 
 @given(JOBS, st.integers(1, 2))
 @settings(max_examples=40)
-def test_one_more_slot_saves_no_more_than_the_report_said(jobs: list[Job], slots: int) -> None:
+def test_extra_slot_saves_at_most_the_advised_time(jobs: list[Job], slots: int) -> None:
     run = Kitchen(jobs, slots).run()
     saved = summary(run).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
     said = max(
@@ -188,7 +188,7 @@ class Robot(Timed):
 
 @given(DURATIONS)
 @settings(max_examples=30)
-def test_looking_one_step_ahead_saves_what_the_report_said(
+def test_planning_one_step_ahead_saves_the_advised_time(
     durations: list[tuple[int, int]],
 ) -> None:
     """And the critical path is as long as the run, whether it looks ahead or not."""
@@ -222,7 +222,7 @@ def burst(number: int, took: float) -> Run:
     return story.fold()
 
 
-def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
+def test_overlapping_queue_waits_are_not_summed_in_advice() -> None:
     """The run lasts 3 s; all waits added up are 449 s, and with two slots the commands would still
     take 1.5.
     """
@@ -243,9 +243,7 @@ def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
 @settings(max_examples=40)
-def test_no_advice_on_a_random_life_promises_more_than_there_is(
-    operations: list[Any], tick: int
-) -> None:
+def test_advice_saving_never_exceeds_a_random_run(operations: list[Any], tick: int) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
         life.do(name, *numbers)
@@ -254,7 +252,7 @@ def test_no_advice_on_a_random_life_promises_more_than_there_is(
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
 @settings(max_examples=2)
-def test_nor_on_a_longer_one(seed: int, tick: int) -> None:
+def test_advice_saving_never_exceeds_a_long_random_run(seed: int, tick: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 1_000)
     check(life, tick)
@@ -329,7 +327,7 @@ def advised(run: Run, at_least: float = 1e-6, task: Task | None = None) -> list[
     return advice(run, causes, path, overlaps(run, causes), use, failures(run), at_least)
 
 
-def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
+def test_overlaps_find_plans_that_could_overlap_the_step_before() -> None:
     """Two gaps of 1 s, in each 1 s of planning, before each 2 s of acting with the planner free: 2
     s. The robot that looks ahead needs just that much less: 7.3 s, not 9.3.
     """

@@ -38,7 +38,7 @@ def look(box: Bar) -> str:
     return f"{box.name} {box.preview if box.ahead else 'current'}"
 
 
-def test_the_three_schedules_of_figure_7(
+def test_schedule_matches_the_three_runs_of_figure_7(
     tca: Tca, logs: list[Path], expect: Callable[[str, str], None], tmp_path: Path
 ) -> None:
     result = tca("schedule", *logs, "-o", tmp_path / "figure.txt")
@@ -61,7 +61,9 @@ def test_the_three_schedules_of_figure_7(
     )  # C's pose while the base still goes to B
 
 
-def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+def test_schedule_picture_has_a_box_for_each_task(
+    tca: Tca, logs: list[Path], tmp_path: Path
+) -> None:
     assert tca("schedule", *logs, "-o", tmp_path / "figure.svg").exit_code == 0
     picture = (tmp_path / "figure.svg").read_text()
     in_legend = 1
@@ -77,7 +79,7 @@ def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_pat
     )
 
 
-def test_the_gain_of_each_run(logs: list[Path]) -> None:
+def test_gain_counts_right_wrong_kept_and_wasted_previews(logs: list[Path]) -> None:
     gains = [
         gain(run, *one) for run in map(folded, map(open_log, logs)) for one in coordinators(run)
     ]
@@ -100,9 +102,7 @@ def test_the_gain_of_each_run(logs: list[Path]) -> None:
     ]
 
 
-def test_critical_paths_lead_through_the_tasks_that_were_waited_for(
-    logs: list[Path], tmp_path: Path
-) -> None:
+def test_critical_path_leads_through_awaited_tasks_only(logs: list[Path], tmp_path: Path) -> None:
     """Not through those that were done ahead in time or in vain; what is undone before the next may
     begin counts.
     """
@@ -125,7 +125,7 @@ def test_critical_paths_lead_through_the_tasks_that_were_waited_for(
         assert [(resource, seconds) for resource, seconds in steps if seconds > 0] == way
 
 
-def test_marks_of_what_ran_ahead(
+def test_tree_and_gantt_mark_tasks_that_ran_ahead(
     tca: Tca, logs: list[Path], expect: Callable[[str, str], None]
 ) -> None:
     chart = tca("gantt", logs[1], "--to", 30, COLUMNS="110").stdout.splitlines()
@@ -136,7 +136,7 @@ def test_marks_of_what_ran_ahead(
     )  # slots of a module connect in any order
 
 
-def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+def test_pictures_mark_tasks_that_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
     pictures = {}
     for name, *asked in (
         ("gantt.svg", "gantt"),
@@ -153,7 +153,7 @@ def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path
     assert "arm to {11} (ahead, kept) handled by robot / arm" in pictures["gantt.svg"]
 
 
-def test_a_report_tells_what_the_preview_gained(
+def test_report_has_a_row_for_the_gain_of_the_preview(
     tca: Tca, logs: list[Path], run: Path, tmp_path: Path
 ) -> None:
     for log, row in (
@@ -168,7 +168,7 @@ def test_a_report_tells_what_the_preview_gained(
         assert ("Gain of the preview" in page.read_text()) == bool(row)
 
 
-def test_what_started_late_is_told_everywhere(
+def test_late_start_and_its_remedy_are_shown_by_every_tool(
     tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     journal = written(held_up(), tmp_path / "held up")
@@ -188,7 +188,7 @@ def test_what_started_late_is_told_everywhere(
         assert f"{why.told} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
 
 
-def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> None:
+def test_late_states_are_listed_when_no_task_ran_ahead(tmp_path: Path) -> None:
     never, early = (
         gains(folded(open_log(written(deliver(1.0, policy), tmp_path / name))))[0][3]
         for name, policy in (("never", Discrete(2.0)), ("early", AS_SOON_AS_LIKELY))
@@ -198,7 +198,7 @@ def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> N
     assert not early
 
 
-def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
+def test_undone_preview_is_shown_with_its_restoring_task(tca: Tca, tmp_path: Path) -> None:
     log = written(undone(), tmp_path / "undone")
     run = folded(open_log(log))
     ((task, record),) = coordinators(run)
@@ -219,7 +219,7 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
     assert "undoes what was wasted ahead of the state 'free'" in told
 
 
-def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> None:
+def test_preview_of_a_killed_run_counts_as_wasted(tca: Tca, tmp_path: Path) -> None:
     log = written(killed(), tmp_path / "killed")
     run = folded(open_log(log))
     ((task, record),) = coordinators(run)
@@ -229,7 +229,7 @@ def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> 
     assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
 
 
-def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
+def test_schedule_fails_without_a_coordinator_in_the_run(tca: Tca, run: Path) -> None:
     result = tca("schedule", run)
     assert result.exit_code == 1
     assert "run: no coordinator has started a task in this run" in result.stderr

@@ -32,7 +32,7 @@ ARROWS = [
 ]  # fmt: skip
 
 
-def test_arrows() -> None:
+def test_chart_dot_draws_each_transition_as_an_arrow() -> None:
     found = []
     for line in chart_dot(machine().chart).splitlines():
         if arrow := re.match(r" *(\w+ -> \w+) \[(.*)\];", line):
@@ -46,7 +46,7 @@ def test_arrows() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz speaks of this machine's fonts
-def test_a_picture_with_the_active_states(tmp_path: Path) -> None:
+def test_drawn_machine_marks_its_active_states(tmp_path: Path) -> None:
     sm = machine()
     sm.draw(tmp_path / "machine.svg", active=[0, 3, 4])
     groups = {
@@ -62,7 +62,7 @@ def test_a_picture_with_the_active_states(tmp_path: Path) -> None:
     }
 
 
-def test_what_can_not_be_drawn(tmp_path: Path) -> None:
+def test_draw_refuses_unknown_suffix_and_foreign_file(tmp_path: Path) -> None:
     sm = machine()
     with pytest.raises(
         MisuseError, match=r"a machine can be drawn as .dot, .svg, .png, .pdf, not as 'machine.txt'"

@@ -73,7 +73,7 @@ def journal(tmp_path: Path) -> Path:
 # --- the rules ------------------------------------------------------------------------------------
 
 
-def test_a_good_run(journal: Path) -> None:
+def test_check_summarises_a_good_run(journal: Path) -> None:
     first, second = (result := run(journal)).stdout.splitlines()
     count, begin, end = len(walk()) + 1, walk()[0].number, walk()[-1].number + 1
     told = (
@@ -83,7 +83,7 @@ def test_a_good_run(journal: Path) -> None:
     assert (second[:6], second[-6:], result.exit_code) == ("good: ", " rules", 0)
 
 
-def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: Path) -> None:
+def test_first_broken_rule_has_its_source_and_story(tmp_path: Path) -> None:
     entries = walk()
     place = next(
         at
@@ -106,7 +106,7 @@ def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: P
     assert sum(line.startswith("BROKEN") for line in everything.stdout.splitlines()) > 1
 
 
-def test_it_runs_as_a_program(journal: Path) -> None:
+def test_check_runs_as_a_module(journal: Path) -> None:
     command = [sys.executable, "-m", "tca_tools.check", str(journal), "--property", "never stuck"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
@@ -116,7 +116,7 @@ def test_it_runs_as_a_program(journal: Path) -> None:
 # --- properties -----------------------------------------------------------------------------------
 
 
-def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
+def test_planned_ahead_property_holds_for_one_step_not_two(tmp_path: Path) -> None:
     wanted = "at most 1 planned ahead of take steps"
     good = run(written(tmp_path / "good.tcaj", steps(ahead=1)), "--property", wanted)
     assert good.exit_code == 0, good.output
@@ -160,7 +160,7 @@ BROKEN = [
 ]
 
 
-def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path) -> None:
+def test_broken_eventually_shows_the_last_task_and_its_story(tmp_path: Path) -> None:
     story = Story().module("stove", "bake").at(1.0)
     bake, flambe = story.command("bake", "user"), story.command("flambé", "user")
     story.acted(bake, "stove", 1.0).queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
@@ -176,21 +176,21 @@ def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path)
 
 
 @pytest.mark.parametrize("text", HOLDS)
-def test_what_holds(journal: Path, text: str) -> None:
+def test_property_that_holds_is_good(journal: Path, text: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 0, result.output
     assert f"good: {text}" in result.stdout
 
 
 @pytest.mark.parametrize(("text", "why"), BROKEN)
-def test_what_does_not(journal: Path, text: str, why: str) -> None:
+def test_broken_property_names_its_first_breach(journal: Path, text: str, why: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 1
     assert f": {text}\n" in result.stdout
     assert any(line.startswith(why) for line in result.stdout.splitlines()), result.stdout
 
 
-def test_a_text_that_is_no_property(journal: Path, approve: Callable[..., None]) -> None:
+def test_malformed_property_text_is_refused(journal: Path, approve: Callable[..., None]) -> None:
     def tell(text: str) -> str:
         with pytest.raises(BadProperty) as error:
             property_from(text)
@@ -201,7 +201,7 @@ def test_a_text_that_is_no_property(journal: Path, approve: Callable[..., None])
     approve("transcripts/bad_properties.txt", tell)
 
 
-def test_a_name_that_the_journal_does_not_have(journal: Path) -> None:
+def test_unknown_name_in_a_property_suggests_the_nearest(journal: Path) -> None:
     result = run(journal, "--property", "never failed of mvoe")
     assert result.exit_code == 2
     assert "the journal has no message 'mvoe': did you mean 'move'?" in result.stderr
@@ -233,7 +233,7 @@ PROPERTIES = ["never stuck"]
 """
 
 
-def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: Path) -> None:
+def test_properties_of_a_scenario_apply_to_a_real_run(journal: Path, tmp_path: Path) -> None:
     """The properties of a scenario are asked of a real run as they are."""
     file = tmp_path / "properties.py"
     file.write_text(FILE)
@@ -257,7 +257,7 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
     assert "never ever recovering\n  move {8}\n  the story of move {8}" in result.stdout
 
 
-def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_path: Path) -> None:
+def test_property_file_imports_modules_beside_it(journal: Path, tmp_path: Path) -> None:
     (tmp_path / "walking_messages.py").write_text(
         "from tca_module import Goal\nSTEP = Goal('step', int)\n"
     )
@@ -279,7 +279,9 @@ def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_pat
         ("PROPERTIES = ['never']", "property 'never': it has no shape"),
     ],
 )
-def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: str) -> None:
+def test_invalid_property_file_is_refused(
+    journal: Path, tmp_path: Path, content: str, why: str
+) -> None:
     file = tmp_path / "properties.py"
     file.write_text(content)
     result = run(journal, file)
@@ -287,7 +289,7 @@ def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: 
     assert why in result.stderr
 
 
-def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
+def test_predicate_that_raises_is_refused(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         "from tca_tools.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'"
@@ -298,7 +300,7 @@ def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("found", ["3", "'move'", "['move']", "1.5"])
-def test_a_predicate_gives_messages_or_a_truth_value(
+def test_predicate_result_of_another_type_is_refused(
     journal: Path, tmp_path: Path, found: str
 ) -> None:
     file = tmp_path / "properties.py"
@@ -317,7 +319,9 @@ def test_a_predicate_gives_messages_or_a_truth_value(
     "found",
     ["{t for t in world.tasks if t.message == 'walk'}", "world.tasks[0]", "iter(world.tasks)"],
 )
-def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str) -> None:
+def test_predicate_may_return_a_set_message_or_iterator(
+    journal: Path, tmp_path: Path, found: str
+) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         f"from tca_tools.properties import never\ndef f(world): return {found} if world.tasks else None\nP = never(f)"
@@ -349,7 +353,7 @@ PROPERTIES = ["at most 1 begun of chop", "at most 1 handled of chop", "at most 0
 """
 
 
-def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path: Path) -> None:
+def test_at_most_counts_ends_before_starts_of_the_same_event(tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(BEGUN_FILE)
     lines = run(chopping(tmp_path), file).stdout.splitlines()
@@ -363,7 +367,7 @@ def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path:
     assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
 
 
-def test_the_story_is_that_of_a_message_that_is_named(
+def test_story_shown_is_that_of_a_named_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")  # nothing is cut
@@ -388,7 +392,7 @@ def test_the_story_is_that_of_a_message_that_is_named(
 # --- journals that are not whole ------------------------------------------------------------------
 
 
-def test_a_journal_that_is_cut(tmp_path: Path) -> None:
+def test_unclosed_journal_is_good_and_reported_as_unclosed(tmp_path: Path) -> None:
     entries = walk()
     result = run(written(tmp_path / "cut.tcaj", entries[: len(entries) // 2], closed=False))
     assert result.exit_code == 0
@@ -396,7 +400,7 @@ def test_a_journal_that_is_cut(tmp_path: Path) -> None:
     assert f"\ngood: {len(RULES)} rules\n" in result.stdout
 
 
-def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_path: Path) -> None:
+def test_torn_last_entry_is_not_damage(tmp_path: Path) -> None:
     torn = tmp_path / "torn.tcaj"
     torn.write_bytes(encoded(walk())[:-7])
     result = run(torn)
@@ -406,7 +410,7 @@ def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_p
     assert "are no whole entry" in result.stderr
 
 
-def test_a_journal_that_is_damaged(journal: Path) -> None:
+def test_damaged_journal_is_never_called_good(journal: Path) -> None:
     content = bytearray(journal.read_bytes())
     content[len(content) // 2] ^= 1
     journal.write_bytes(content)
@@ -417,7 +421,7 @@ def test_a_journal_that_is_damaged(journal: Path) -> None:
     assert f"{journal}, byte " in result.stderr
 
 
-def test_a_segment_of_the_middle(tmp_path: Path) -> None:
+def test_middle_segment_reports_the_missing_segment(tmp_path: Path) -> None:
     entries = walk()
     first: Any = entries[0].facts[0]
     middle = len(entries) // 2
@@ -432,7 +436,7 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     assert "no breach in what can be read: " in result.stdout
 
 
-def test_wrong_usage(journal: Path, tmp_path: Path) -> None:
+def test_check_refuses_wrong_arguments(journal: Path, tmp_path: Path) -> None:
     assert run(tmp_path / "x.tcaj").exit_code == 2
     assert run(journal, tmp_path / "x.py").exit_code == 2
     assert run(journal, journal).exit_code == 2

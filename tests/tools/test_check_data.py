@@ -72,18 +72,20 @@ BEGUN = [
 
 
 @pytest.mark.parametrize("text", BEGUN)
-def test_what_was_begun_with_these_data_is_found(journal: Path, text: str) -> None:
+def test_property_finds_messages_begun_with_given_data(journal: Path, text: str) -> None:
     result = run(journal, "--property", f"never begun of {text}")
     assert (result.exit_code, "BROKEN at " in result.stdout) == (1, True), result.output
     assert run(journal, "--property", f"eventually begun of {text}").exit_code == 0
 
 
-def test_data_are_asked_of_what_a_module_handles(journal: Path) -> None:
+def test_handled_by_property_compares_data(journal: Path) -> None:
     assert run(journal, "--property", "never handled by legs with leg=2").exit_code == 1
     assert run(journal, "--property", "never handled by legs with leg=3").exit_code == 0
 
 
-def test_what_no_data_can_be_is_refused(journal: Path, approve: Callable[..., None]) -> None:
+def test_data_that_no_message_can_have_is_refused(
+    journal: Path, approve: Callable[..., None]
+) -> None:
     def tell(text: str) -> str:
         said = set()
         for shape in (
@@ -110,9 +112,7 @@ SAYS_NOTHING = [
 
 
 @pytest.mark.parametrize(("text", "what"), SAYS_NOTHING)
-def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothing(
-    journal: Path, text: str, what: str
-) -> None:
+def test_vacuous_property_is_reported_as_vacuous(journal: Path, text: str, what: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 0
     assert (
@@ -122,7 +122,7 @@ def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothi
     assert result.stdout.count("says nothing") == 1
 
 
-def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Path) -> None:
+def test_tested_property_is_not_called_vacuous(journal: Path) -> None:
     for text in (
         "never failed of fry",
         "at most 1 begun of fry",
@@ -131,7 +131,7 @@ def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Pa
         assert run(journal, "--property", text).stdout.endswith(f"good: {text}\n")
 
 
-def test_quotes_keep_what_would_be_words_of_the_language() -> None:
+def test_quotes_protect_words_of_the_property_language() -> None:
     head, wanted = split_data(
         """begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """
     )
@@ -158,9 +158,7 @@ MINE = never(begun(Command("fry", str), "dish 0b"))
 """
 
 
-def test_properties_of_the_explorer_say_when_they_say_nothing_too(
-    journal: Path, tmp_path: Path
-) -> None:
+def test_vacuous_explorer_property_is_reported_as_vacuous(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(FILE)
     told = run(journal, file).stdout
@@ -199,9 +197,7 @@ def said(text: str, path: Path) -> str:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(
-    tmp_path: Path, seed: int
-) -> None:
+def test_holding_property_is_not_broken_by_lost_entries(tmp_path: Path, seed: int) -> None:
     entries, chance = walk(), Random(seed)
     whole, path, file = (
         written(tmp_path / "whole.tcaj", entries),
@@ -231,7 +227,7 @@ def with_unknown(place: int) -> bytes:
 
 
 @pytest.mark.parametrize("place", range(0, 70, 6))
-def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
+def test_unknown_fact_breaks_no_property_and_is_reported(tmp_path: Path, place: int) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_unknown(place))
     result = run(path, "--property", "step begun before move begun", "--property", "never stuck")
@@ -242,7 +238,7 @@ def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
     assert "a fact that this version does not know is left out" in result.stderr
 
 
-def test_what_is_still_certain_is_still_found(tmp_path: Path) -> None:
+def test_certain_breaches_are_found_despite_an_unknown_fact(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_unknown(2))
     result = run(
@@ -251,7 +247,7 @@ def test_what_is_still_certain_is_still_found(tmp_path: Path) -> None:
     assert result.stdout.count("BROKEN") == 2
 
 
-def test_many_places_that_cant_be_read_are_counted(tmp_path: Path) -> None:
+def test_unreadable_places_after_the_fifth_are_counted(tmp_path: Path) -> None:
     entries = walk()
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))

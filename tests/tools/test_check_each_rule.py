@@ -142,6 +142,6 @@ BROKEN: dict[str, tuple[Told, rules.Rule]] = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_a_rule_that_is_broken(case: str) -> None:
+def test_breach_of_each_rule_is_found(case: str) -> None:
     told, rule = BROKEN[case]
     assert rule.text in broken(*told)

@@ -44,7 +44,7 @@ it.
 # --- what central writes keeps the rules ----------------------------------------------------------
 
 
-def test_a_walk_with_everything_keeps_all_rules() -> None:
+def test_full_walk_keeps_all_rules() -> None:
     kinds = {kind_of(fact) for entry in WALK for fact in entry.facts}
     wanted = {
         "caught",
@@ -62,12 +62,12 @@ def test_a_walk_with_everything_keeps_all_rules() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(TRANSCRIPTS.glob("*.txt")), ids=lambda path: path.stem)
-def test_transcripts_keep_them_from_any_entry_on(path: Path) -> None:
+def test_transcripts_keep_the_rules_from_any_entry_on(path: Path) -> None:
     entries = [OPENED, *played(path.stem).entries]
     assert [start for start in range(len(entries)) if checked(entries[start:])] == []
 
 
-def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them(
+def test_prefetched_message_begun_before_unregister_keeps_rules(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     trust_every_handler(monkeypatch)
@@ -84,7 +84,7 @@ def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them
 
 @given(operations)
 @settings(max_examples=lives(40, soak=500))
-def test_random_lives_keep_them(taken: Operations) -> None:
+def test_random_lives_keep_the_rules(taken: Operations) -> None:
     life = Life(Player(check=False)).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
 
@@ -92,7 +92,7 @@ def test_random_lives_keep_them(taken: Operations) -> None:
 @given(st.integers(0, 1 << 32))
 @example(80069)  # in the soak's length: a watcher of which nothing is known has ended
 @settings(max_examples=lives(3, soak=100))
-def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
+def test_long_random_lives_keep_the_rules_from_any_entry_on(seed: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, lives(700, soak=2_000))
     entries = life.player.entries
@@ -105,7 +105,7 @@ def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> N
 
 
 @pytest.mark.parametrize("change", [lost, twice])
-def test_a_fact_that_is_lost_or_told_twice_is_found(change: Change) -> None:
+def test_lost_or_duplicated_fact_is_found(change: Change) -> None:
     missed = [what for what, entries in changed(WALK, change) if not checked(entries)]
     kinds = Counter(what.partition(" ")[0] for what in missed)
     for kind in WITHOUT_TRACE:
@@ -115,7 +115,7 @@ def test_a_fact_that_is_lost_or_told_twice_is_found(change: Change) -> None:
     assert kinds <= Counter({"returned": 1, "killed": 1})
 
 
-def test_a_fact_that_comes_an_event_later_is_found() -> None:
+def test_fact_one_event_late_is_found() -> None:
     for number in range(1, len(WALK) - 1):
         entry, following = WALK[number : number + 2]
         if kind_of(entry.facts[-1]) in ("reached", "answered", "caught"):
@@ -124,13 +124,13 @@ def test_a_fact_that_comes_an_event_later_is_found() -> None:
             assert checked([*WALK[:number], late, after, *WALK[number + 2 :]]), entry.facts[-1]
 
 
-def test_an_event_in_the_wrong_place_is_found() -> None:
+def test_swapped_entries_are_found() -> None:
     for number in range(1, len(WALK) - 1):
         assert checked([*WALK[:number], WALK[number + 1], WALK[number], *WALK[number + 2 :]])
 
 
 @pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
-def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
+def test_wait_without_its_begin_or_end_is_found(missing: type[facts.Fact]) -> None:
     player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("user", Observe(number := player.number("user"), TaskId(task)))
@@ -145,7 +145,7 @@ def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
     assert {violation.rule for violation in checked(left)} == {rules.WAITS.text}
 
 
-def test_a_monitor_that_keeps_what_it_watches_over() -> None:
+def test_monitor_that_outlasts_its_watched_task_is_found() -> None:
     player = Player.of("planner: goal walk", "eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
     player.request("user", headers.Register, [watch])
@@ -173,7 +173,7 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
     return checker.gaps, [violation.what for violation in checker.violations]
 
 
-def test_a_journal_that_begins_in_the_middle() -> None:
+def test_journal_from_mid_segment_reports_a_gap_and_no_breach() -> None:
     for start in range(2, len(WALK), 9):
         assert _gaps(WALK[start:]) == (
             ["it begins in the middle of a segment: what was sent before is not known"],
@@ -181,7 +181,7 @@ def test_a_journal_that_begins_in_the_middle() -> None:
         )
 
 
-def test_a_segment_that_is_missing() -> None:
+def test_missing_segment_reports_a_gap_and_no_breach() -> None:
     opened = facts.Opened(facts.JOURNAL_VERSION, "epoch", 3, 0.0, "0.1.0")
     middle = len(WALK) // 2
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
@@ -192,14 +192,14 @@ def test_a_segment_that_is_missing() -> None:
     assert found == []
 
 
-def test_two_runs_one_after_the_other() -> None:
+def test_second_run_in_a_journal_reports_a_gap_and_no_breach() -> None:
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "other", 1, 0.0, "0.1.0")])
     gaps, found = _gaps([*WALK, other, *WALK[1:]])
     assert gaps == ["at 0.00 s another run begins (other)"]
     assert found == []
 
 
-def test_an_event_of_several_records_is_one() -> None:
+def test_event_split_into_several_records_breaks_no_rule() -> None:
     halves = [
         half
         for entry in WALK
@@ -211,12 +211,12 @@ def test_an_event_of_several_records_is_one() -> None:
     assert checked(halves) == []
 
 
-def test_a_story_told_by_hand_is_seen_through() -> None:
+def test_handmade_journal_is_found_to_break_rules() -> None:
     """The builders of stories leave out what does not matter to them; here it would."""
     assert checked(stumbling().entries)
 
 
-def test_what_ended_is_forgotten() -> None:
+def test_checker_forgets_ended_messages() -> None:
     checker = CheckedRun()
     life = Life(Player(check=False))
     life.go_on(7, 1_500)
@@ -247,7 +247,7 @@ class PlayedLife(CheckedLife):
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=40)
-def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_journal_begins(
+def test_late_wiretaps_keep_the_rules_from_any_entry_on(
     seed: int,
 ) -> None:
     life = PlayedLife()
@@ -290,7 +290,7 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
          "move {1} was given to a handler once more before end handling of check {3}"),
     ],
 )  # fmt: skip
-def test_what_goes_on_unchecked_is_found(
+def test_skipped_wiretap_is_found(
     monkeypatch: Patch, mistake: Callable[[Patch], None], transcript: str, what: str
 ) -> None:
     mistake(monkeypatch)

@@ -99,7 +99,7 @@ def little_room() -> Iterator[None]:
 
 @pytest.mark.parametrize(("command", "option"), MOMENTS)
 @pytest.mark.parametrize("moment", ["nan", "-1e308", "soon"])
-def test_a_moment_that_is_none_is_refused(
+def test_invalid_moment_is_refused(
     tca: Tca, run: Path, command: str, option: str, moment: str
 ) -> None:
     result = tca(command, run, option, moment)
@@ -109,7 +109,7 @@ def test_a_moment_that_is_none_is_refused(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", SOME)
-def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
+def test_full_disk_is_reported_in_one_line(run: Path, command: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = process(*command.split(), run, stdout=full)
     assert (done.returncode, done.stderr) == (
@@ -120,7 +120,7 @@ def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", SOME)
-def test_a_reader_that_went_away_ends_a_tool_quietly(run: Path, command: str) -> None:
+def test_closed_pipe_ends_a_tool_quietly(run: Path, command: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     done = process(*command.split(), run, stdout=writer)
@@ -130,21 +130,21 @@ def test_a_reader_that_went_away_ends_a_tool_quietly(run: Path, command: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", SOME)
-def test_who_closed_the_output_wants_none(run: Path, command: str) -> None:
+def test_closed_stdout_is_no_error(run: Path, command: str) -> None:
     done = process(*command.split(), run, preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "code"), [("log show", 0), ("central --bind", 2)])
-def test_closed_stderr_harms_no_command(run: Path, command: str, code: int) -> None:
+def test_closed_stderr_keeps_the_exit_code(run: Path, command: str, code: int) -> None:
     done = process(*command.split(), run, stdout=subprocess.PIPE, preexec_fn=lambda: os.close(2))
     assert (done.returncode, done.stderr) == (code, "")
     assert "Traceback" not in done.stdout
 
 
 @pytest.mark.parametrize(("command", "name"), TO_FILES[2:])
-def test_a_file_that_finds_no_room_leaves_what_was_there(
+def test_old_output_is_kept_when_the_new_one_does_not_fit(
     tca: Tca, run: Path, tmp_path: Path, command: str, name: str
 ) -> None:
     output = tmp_path / name
@@ -189,7 +189,7 @@ def every_tool_reads(path: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.soak)])
-def test_every_tool_goes_on_behind_damaged_entries(tmp_path: Path, seed: int) -> None:
+def test_every_tool_reads_past_damaged_entries(tmp_path: Path, seed: int) -> None:
     entries, chance = (
         walk(),
         Random(seed),
@@ -200,9 +200,7 @@ def test_every_tool_goes_on_behind_damaged_entries(tmp_path: Path, seed: int) ->
     every_tool_reads(path, tmp_path)
 
 
-def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_report_accepts_a_task_whose_first_entry_is_lost(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("planner", "step").module("legs", "move").at(1.0)
     step = story.goal("step", "user")
     lost = len(story.entries) - 1
@@ -231,7 +229,7 @@ WIDTHS = [
 
 @pytest.mark.parametrize(("command", "columns"), WIDTHS)
 @pytest.mark.parametrize("name", ["move", "机器人" * 60, "a b " * 2500])
-def test_no_line_is_wider_than_the_terminal_whatever_the_names(
+def test_no_line_is_wider_than_the_terminal_for_any_name(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, columns: int, name: str
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -253,7 +251,7 @@ def test_no_line_is_wider_than_the_terminal_whatever_the_names(
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300])
-def test_an_entry_at_a_time_that_is_none_is_left_out(tca: Tca, tmp_path: Path, time: float) -> None:
+def test_entry_with_an_invalid_time_is_left_out(tca: Tca, tmp_path: Path, time: float) -> None:
     path = tmp_path / "run.tcaj"
     path.write_bytes(encoded(walk()) + encoded([facts.Entry(10**6, time, [])]))
     result = tca("stats", path)
@@ -286,9 +284,7 @@ def broken(entries: list[facts.Entry], how: str) -> bytes:
 
 
 @pytest.mark.parametrize("how", ["hole", "zeros", "first", "later version"])
-def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(
-    tmp_path: Path, how: str
-) -> None:
+def test_every_tool_reads_a_damaged_or_later_journal(tmp_path: Path, how: str) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(broken(walk(), how))
     every_tool_reads(path, tmp_path)
@@ -296,7 +292,9 @@ def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(
 
 @pytest.mark.parametrize("command", ["tree", "gantt"])
 @pytest.mark.parametrize("task", ["", "0", "-1", "nobody's"])
-def test_a_task_that_there_is_not_is_said(tca: Tca, run: Path, command: str, task: str) -> None:
+def test_unknown_task_is_refused_by_tree_and_gantt(
+    tca: Tca, run: Path, command: str, task: str
+) -> None:
     result = tca(command, run, "--task", task)
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr.startswith(f"Error: no task '{task}' in this journal")
@@ -304,7 +302,7 @@ def test_a_task_that_there_is_not_is_said(tca: Tca, run: Path, command: str, tas
 
 @pytest.mark.parametrize("command", ["tree", "gantt"])
 @pytest.mark.parametrize("length", [252, 300])
-def test_a_file_name_that_is_too_long_is_said_in_a_line(
+def test_too_long_picture_name_is_reported_in_one_line(
     tca: Tca, run: Path, tmp_path: Path, command: str, length: int
 ) -> None:
     output = tmp_path / ("a" * length + ".svg")

@@ -50,7 +50,7 @@ def shapes(picture: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def test_the_picture(expect: Callable[[str, str], None]) -> None:
+def test_gantt_picture_matches_its_transcript(expect: Callable[[str, str], None]) -> None:
     expect("gantt_picture", shapes(drawn(stumbling())) + shapes(drawn(locking())))
 
 
@@ -71,7 +71,7 @@ def shop(
 # --- what means what ------------------------------------------------------------------------------
 
 
-def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
+def test_narrow_failed_bars_have_flags_above_their_row() -> None:
     found = re.findall(
         r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>',
         drawn(shop(100, 500, 501, 502)),
@@ -82,26 +82,26 @@ def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
     assert second - first == pytest.approx((501.5 - 100.5) / 999.5 * 1700, abs=1)
 
 
-def test_flags_are_in_the_legend_in_their_colours() -> None:
+def test_legend_lists_flags_in_their_colours() -> None:
     looks = ('class="flag-failed"', 'class="flag-coped"')
     for story, seen in ((made("asking"), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
         assert tuple(map(drawn(story).count, looks)) == seen
 
 
 @pytest.mark.parametrize(("steps", "look"), [(3, 'class="end"'), (1000, 'class="ink-killed"')])
-def test_what_was_killed_has_a_dark_end(steps: int, look: str) -> None:
+def test_killed_bar_has_a_dark_end(steps: int, look: str) -> None:
     """A narrow one, or a block of many, has a foot."""
     plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
     assert killed.count(look) > plain.count(look)
     assert (">killed</text>" in killed, ">killed</text>" in plain) == (True, False)
 
 
-def test_what_failed_is_seen_in_a_block() -> None:
+def test_failed_bar_is_visible_in_a_block() -> None:
     whole, failed = (drawn(shop(*bad)) for bad in ((), (999,)))
     assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # its foot and flag
 
 
-def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca: Tca) -> None:
+def test_story_picture_shows_awaited_bars_paler(tmp_path: Path, tca: Tca) -> None:
     folder = locking().write(tmp_path / "locking")
     assert tca("gantt", folder, "--story", 4, "-o", tmp_path / "story.svg").exit_code == 0
     picture = ET.fromstring((tmp_path / "story.svg").read_text())
@@ -136,7 +136,7 @@ def oklab(colour: str) -> list[float]:
     ]
 
 
-def test_no_colour_of_a_message_is_that_of_something_else() -> None:
+def test_message_colours_differ_from_colours_with_a_meaning() -> None:
     """Not red or amber, which mean a failure; no grey; dark to write on, or light."""
     amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
@@ -150,7 +150,7 @@ def test_no_colour_of_a_message_is_that_of_something_else() -> None:
         assert all(int(light(number)[place : place + 2], 16) > 150 for place in (1, 3, 5))
 
 
-def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
+def test_long_label_has_the_full_name_as_tooltip() -> None:
     name = "controller of the left " * 3
     picture = drawn(Story().module(name, "move").module("legs", "step"))
     assert re.findall(r'class="label"[^>]*>(.*?)</text>', picture) == [
@@ -159,7 +159,7 @@ def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
     ]
 
 
-def test_hostile_names_are_escaped() -> None:
+def test_gantt_picture_escapes_hostile_names() -> None:
     story = Story().module("<&>\x1b\x00", 'a "b"')
     goal = story.goal("</svg>\x07", "x")
     story.queued(goal, "<&>\x1b\x00").at(1.0).delivered(goal, "<&>\x1b\x00").at(2.0)
@@ -177,7 +177,7 @@ def test_hostile_names_are_escaped() -> None:
         ("plan body move", 85),
     ],
 )
-def test_the_width_of_a_text(words: str, pixels: float) -> None:
+def test_width_of_is_close_to_the_browser_width(words: str, pixels: float) -> None:
     assert pixels <= width_of(words) <= 1.25 * pixels + 4
 
 
@@ -195,7 +195,7 @@ def queue(*bars: tuple[float, float], is_without_module: bool = False) -> Resour
     return ResourceRow("legs", queued=waiting, is_without_module=is_without_module)
 
 
-def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
+def test_queue_is_a_curve_when_its_bars_are_narrow_or_many() -> None:
     assert not is_curve(queue((0, 40), (10, 50), (20, 25)), SCALE)
     assert is_curve(queue((0, 4), (10, 15), (20, 25)), SCALE)
     assert is_curve(queue(*[(0, 40)] * 7), SCALE)
@@ -211,7 +211,7 @@ def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
         ([(0, 1000)] * 7, 0, 1001),  # over it, in the row
     ],
 )
-def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
+def test_curve_number_is_beside_its_highest_step(
     bars: list[tuple[float, float]], left: float, right: float
 ) -> None:
     *_, words = curve(queue(*bars), SCALE, 1.0, 0.0)
@@ -221,13 +221,13 @@ def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
     assert left <= begin <= right - width_of("up to 7 queued")
 
 
-def test_where_never_more_than_one_waits_no_number_is_needed() -> None:
+def test_curve_of_one_waiting_message_has_no_number() -> None:
     row = queue((0, 4), is_without_module=True)
     assert len(list(curve(row, SCALE, 1.0, 0.0))) == 1
     assert queue_height(row, is_curve=True) == queue_height(row, is_curve=False)
 
 
-def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
+def test_legend_lists_only_patterns_in_the_picture() -> None:
     story = Story().module("legs", "step").at(1.0)
     tasks = [TaskId(story.command("step", "user")) for _ in range(5)]
     picture = drawn(story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(9.0))
@@ -240,7 +240,7 @@ def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
 
 
 @pytest.mark.parametrize("steps", [4, 300])
-def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
+def test_held_tasks_beyond_the_limit_are_summarised(steps: int) -> None:
     picture = drawn(stepping(steps=steps), Pick(held=range(1, 2 + steps)))
     said = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
     assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # with the legend's
@@ -249,7 +249,7 @@ def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
 
 
 @pytest.mark.soak
-def test_a_long_run_is_a_picture_of_bounded_size() -> None:
+def test_picture_of_a_long_run_has_bounded_size() -> None:
     picture = drawn(shop(steps=7_000, rows=10))
     assert float(ET.fromstring(picture).get("width", 0)) <= 2_000
     assert picture.count("<rect") < 6_000
@@ -261,7 +261,7 @@ def test_a_long_run_is_a_picture_of_bounded_size() -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_gantt_writes_each_kind_of_file(tca: Tca, run: Path, tmp_path: Path) -> None:
     beginnings = {
         "svg": b"<svg",
         "txt": b"run: 0.42",
@@ -279,7 +279,7 @@ def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
     )
 
 
-def test_a_picture_that_needs_a_package_says_which(
+def test_png_without_its_package_names_the_extra(
     tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "vl_convert", None)
@@ -288,7 +288,7 @@ def test_a_picture_that_needs_a_package_says_which(
     assert not (tmp_path / "chart.png").exists()
 
 
-def test_a_page_fetches_nothing_and_stays_well_formed(tca: Tca, tmp_path: Path) -> None:
+def test_gantt_page_is_self_contained_and_well_formed(tca: Tca, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "</script>")
     tca("gantt", folder, "-o", tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()

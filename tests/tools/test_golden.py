@@ -70,12 +70,12 @@ def current(rewrite: bool) -> Path:
     return path
 
 
-def test_this_version_has_one(current: Path) -> None:
+def test_current_version_has_a_golden_journal(current: Path) -> None:
     assert current.exists(), "format of the journal changed: run this test with --rewrite"
 
 
 @pytest.mark.parametrize("version", range(OLDEST_READ, JOURNAL_VERSION + 1))
-def test_it_is_read_as_what_it_was(
+def test_golden_journal_is_read_as_when_written(
     tca: Callable[..., Result], expect: Callable[[str, str], None], current: Path, version: int
 ) -> None:
     path = current.with_name(f"{version}.tcaj")

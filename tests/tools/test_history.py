@@ -36,7 +36,7 @@ def reasons(history: History, task: int) -> list[str]:
     )
 
 
-def test_the_tree_and_its_handlers() -> None:
+def test_fold_builds_the_tree_and_handlings() -> None:
     history = walking().fold()
     assert history.top == [1]
     assert [*history.tasks[TaskId(1)].children] == [2, 3, 4]
@@ -44,7 +44,7 @@ def test_the_tree_and_its_handlers() -> None:
     assert history.tasks[6].handlings[0].module == "controller"
 
 
-def test_who_handles_what_in_which_format() -> None:
+def test_fold_keeps_offers_and_the_first_format() -> None:
     story = Story().module("one", "walk").module("two", "walk", resource="legs")
     first = facts.FormatDefined("walk", MessageClass.GOAL, '{"type":"number"}', "", "one")
     story.say(first, facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "two"))
@@ -54,7 +54,7 @@ def test_who_handles_what_in_which_format() -> None:
     assert history.formats == {"walk": first}
 
 
-def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
+def test_lost_module_ends_its_handlings() -> None:
     story = Story().module("legs", "walk")
     goal = story.goal("walk", "x", to="legs")
     story.at(2.0).say(
@@ -67,7 +67,7 @@ def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     assert history.modules["legs"].left == "killed"
 
 
-def test_a_journal_may_begin_in_the_middle() -> None:
+def test_fold_accepts_a_journal_from_any_entry_on() -> None:
     whole = walking().entries
     for first in range(len(whole)):
         history = History.until(whole[first:])
@@ -92,7 +92,7 @@ def everything_about(history: History) -> None:
 
 
 @pytest.mark.parametrize("story", [walking(), stumbling(), arcs()])
-def test_every_prefix_folds_and_shows(story: Story) -> None:
+def test_every_prefix_of_a_journal_can_be_shown(story: Story) -> None:
     for length in range(len(story.entries) + 1):
         everything_about(History.until(story.entries[:length]))
 
@@ -120,7 +120,7 @@ FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
 
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=lives(40, soak=500))
-def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
+def test_arbitrary_facts_can_be_folded_and_shown(told: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(
         facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
@@ -130,7 +130,7 @@ def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
     assert all(task.parent < task.id for task in history.tasks.values())
 
 
-def test_a_parent_that_cant_be_is_none() -> None:
+def test_impossible_parent_becomes_the_root() -> None:
     story = Story()
     for parent in (1, 7, -3):
         story.goal("walk", "x", parent)
@@ -139,7 +139,7 @@ def test_a_parent_that_cant_be_is_none() -> None:
     assert history.top == [1, 2, 3]
 
 
-def test_a_tree_may_be_as_deep_as_it_likes() -> None:
+def test_tree_of_depth_2000_is_drawn() -> None:
     story, parent = Story(), 0
     for _ in range(2_000):
         parent = story.goal("take steps", "planner", parent)
@@ -155,7 +155,7 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
 
 
 @given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
-def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> None:
+def test_handlings_of_a_slot_never_overlap_for_any_times(said: list[float]) -> None:
     story = made("told_late")
     told = story.entries[-1].facts
     told.clear()
@@ -168,7 +168,7 @@ def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> Non
     assert all(run.start <= run.until <= 2.0 for run in runs)
 
 
-def test_a_task_that_went_well_takes_little_room() -> None:
+def test_achieved_task_takes_less_than_1500_bytes() -> None:
     """A run may have millions of them."""
     many, story = 500, Story().module("legs", "move")
     for number in range(many):

@@ -71,7 +71,7 @@ def is_calm(text: str) -> bool:
 
 
 @pytest.mark.parametrize("command", TO_STDOUT)
-def test_nothing_steers_a_terminal(journal: Path, command: str) -> None:
+def test_hostile_text_never_controls_the_terminal(journal: Path, command: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), str(journal)], prog_name="tca")
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     assert r"\x1b" in result.stdout or "\\u001b" in result.stdout
@@ -98,7 +98,7 @@ class Tags(html.parser.HTMLParser):
 
 
 @pytest.mark.parametrize(("command", "name"), [one for one in TO_FILES if one[1] != "out.png"])
-def test_nothing_becomes_part_of_a_page_or_picture(
+def test_hostile_text_stays_text_in_pages_and_pictures(
     journal: Path, tmp_path: Path, command: str, name: str
 ) -> None:
     out = tmp_path / name
@@ -168,7 +168,9 @@ def assert_whole(text: str) -> None:
 
 
 @pytest.mark.parametrize("command", NAMED_IN_PRINT)
-def test_what_is_printed_names_it(tca: Tca, tmp_path: Path, command: str) -> None:
+def test_printed_output_keeps_a_failure_name_with_colons(
+    tca: Tca, tmp_path: Path, command: str
+) -> None:
     name, *options = command.split()
     words = [name, options.pop(0)] if name == "log" else [name]
     result = tca(*words, broken().write(tmp_path / "run"), *options)
@@ -177,7 +179,9 @@ def test_what_is_printed_names_it(tca: Tca, tmp_path: Path, command: str) -> Non
 
 
 @pytest.mark.parametrize("command", NAMED_IN_FILES)
-def test_what_is_written_names_it(tca: Tca, tmp_path: Path, command: str) -> None:
+def test_written_files_keep_a_failure_name_with_colons(
+    tca: Tca, tmp_path: Path, command: str
+) -> None:
     name, *options, out = command.split()
     result = tca(name, broken().write(tmp_path / "run"), *options, tmp_path / out)
     assert not result.exit_code, result.output
@@ -185,7 +189,7 @@ def test_what_is_written_names_it(tca: Tca, tmp_path: Path, command: str) -> Non
     assert_whole("\n".join(file.read_bytes().decode("utf-8", "replace") for file in files))
 
 
-def test_the_page_names_it(tmp_path: Path) -> None:
+def test_page_keeps_a_failure_name_with_colons(tmp_path: Path) -> None:
     log = open_log(broken().write(tmp_path / "run"))
     reading = Reading(log)
     for entry in log:
@@ -195,7 +199,7 @@ def test_the_page_names_it(tmp_path: Path) -> None:
     assert_whole(reading.feed.columns.frame({}, {}).decode("utf-8", "replace"))
 
 
-def test_data_have_the_name_alone() -> None:
+def test_failure_name_with_colons_is_separate_from_its_text() -> None:
     run = broken().fold()
     (kind,) = failures(run)
     assert (kind.failure, run.tasks[2].failure.name) == (NAME, NAME)
@@ -211,7 +215,7 @@ def test_data_have_the_name_alone() -> None:
 # --- Facts that contradict each other: a fold takes any -------------------------------------------
 
 
-def test_a_failure_may_be_caught_by_what_is_no_task() -> None:
+def test_fold_accepts_a_failure_caught_by_task_0() -> None:
     history = History()
     caught = facts.Caught(TaskId(1), TaskId(0), TaskId(0), 1)
     history.apply(facts.Entry(1, 1.0, [caught, facts.Recovered(TaskId(1))]))

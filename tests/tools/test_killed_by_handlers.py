@@ -15,7 +15,7 @@ from tca_wire.journal import facts
 from tca_wire.points import ROOT, TaskId
 
 
-def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
+def test_failure_handled_by_an_outer_handler_is_dealt_with() -> None:
     cases = {
         kind.failure: kind.cases[0]
         for kind in failures(
@@ -33,9 +33,7 @@ def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     ]
 
 
-def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> (
-    None
-):
+def test_undecided_failure_story_starts_from_the_first_failure() -> None:
     lines = list(
         story_lines(
             History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200
@@ -50,7 +48,7 @@ def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from
 
 
 @pytest.mark.parametrize("undecided", [ROOT, 4, 6])
-def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(
+def test_check_finds_a_wrong_undecided_exception_handler(
     undecided: int,
 ) -> None:
     """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another

@@ -64,7 +64,7 @@ def two_arms() -> Contents:
     return contents(History.until(player.entries))
 
 
-def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
+def test_lock_of_all_copies_is_not_a_capacity_bottleneck() -> None:
     found = two_arms()
     told = advised(found)
     assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == (
@@ -77,7 +77,7 @@ def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
 
 
-def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
+def test_reservation_does_not_keep_out_its_holder() -> None:
     story = Story().module("m").module("legs", "move")
     run = (
         story.at(1.0)
@@ -100,7 +100,7 @@ def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     )
 )
 @settings(max_examples=60)
-def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
+def test_kept_out_time_matches_the_claims_of_all_copies(life: list[tuple[str, int]]) -> None:
     """A stay in a queue was because of a lock for as long as there was one, by the facts."""
     run = lived(life)
     for queueing in run.queueings:
@@ -214,7 +214,7 @@ def every(period: float, until: float = 100.0) -> list[float]:
 
 
 @pytest.mark.parametrize("closes", [False, True])
-def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
+def test_growing_queue_is_reported_with_its_rates(closes: bool) -> None:
     run = served(every(0.5), took=0.8, closes=closes)
     (queue,) = growing(run, *span_of(run))
     assert (queue.key, queue.message, queue.needed) == (("eye", "eye"), "frame", 2)
@@ -228,7 +228,7 @@ def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
     assert contents(run).advice[0].title == told.title
 
 
-def test_a_queue_that_grows_for_two_slots() -> None:
+def test_growing_queue_of_two_slots_needs_four() -> None:
     run = served(every(0.25), took=1.0, capacity=2)
     (queue,) = growing(run, *span_of(run))
     assert (queue.capacity, queue.needed) == (2, 4)
@@ -252,11 +252,11 @@ def test_a_queue_that_grows_for_two_slots() -> None:
         ("a handler hangs, and all that comes waits", served(every(0.5), took=1e6)),
     ],
 )
-def test_queues_that_give_no_alarm(name: str, run: Run) -> None:
+def test_bounded_queue_gives_no_alarm(name: str, run: Run) -> None:
     assert growing(run, *span_of(run)) == [], name
 
 
-def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
+def test_random_arrivals_below_capacity_give_no_alarm() -> None:
     """Nine tenths busy, forty runs: long queues come and go."""
     alarms = 0
     for seed in range(40):
@@ -268,7 +268,7 @@ def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
     assert alarms == 0
 
 
-def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
+def test_queue_behind_a_lock_is_not_called_growing() -> None:
     story = (
         Story()
         .module("eye", "frame")

@@ -26,14 +26,14 @@ def numbers(log: Log) -> list[int]:
     return [entry.number for entry in log if entry.number]
 
 
-def test_a_directory_continues_from_segment_to_segment(tmp_path: Path) -> None:
+def test_directory_is_read_across_segments(tmp_path: Path) -> None:
     story = walking()
     assert numbers(open_log(story.write(tmp_path / "run", segments=3))) == [
         entry.number for entry in story.caused()
     ]
 
 
-def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
+def test_single_segment_can_be_opened(tmp_path: Path) -> None:
     story = walking()
     folder = story.write(tmp_path / "run", segments=2)
     second = numbers(open_log(folder / "00000002.tcaj"))
@@ -41,9 +41,7 @@ def test_a_segment_is_a_log_of_its_own(tmp_path: Path) -> None:
     assert open_log(folder).name == "run"
 
 
-def test_newest_run_is_that_of_the_last_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_newest_run_has_the_highest_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     first = new_journal()
     walking().write(first)
@@ -58,7 +56,7 @@ def test_newest_run_is_that_of_the_last_number(
     assert list(run_folders()) == [second, first]
 
 
-def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_home_names_xdg_state_home(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("HOME", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("os.getuid", lambda: 999_999)
@@ -78,11 +76,13 @@ def test_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch
         ("tcp://0.0.0.0:5", False),
     ],
 )
-def test_loopback_is_judged_by_the_whole_host(address: str, *, expected: bool) -> None:
+def test_is_loopback_compares_the_whole_host(address: str, *, expected: bool) -> None:
     assert is_loopback(address) is expected
 
 
-def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_open_log_fails_without_any_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     with pytest.raises(UnusableLog, match="no journal below"):
         open_log(None)
@@ -90,7 +90,7 @@ def test_no_journal_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert default_journals().parts[-4:] == (".local", "state", "tca", "journals")
 
 
-def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
+def test_open_log_refuses_paths_without_a_journal(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(UnusableLog, match="there is no such file"):
         open_log(tmp_path / "nothing")
@@ -114,20 +114,22 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         (walking().encoded()[:7], "not a journal"),
     ],
 )
-def test_what_is_no_journal_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
+def test_file_that_is_not_a_journal_is_refused(
+    tmp_path: Path, content: bytes, complaint: str
+) -> None:
     path = tmp_path / "00000001.tcaj"
     path.write_bytes(content)
     with pytest.raises(UnusableLog, match=complaint):
         list(open_log(path))
 
 
-def test_what_cant_be_read_is_refused(tmp_path: Path) -> None:
+def test_unreadable_segment_is_refused(tmp_path: Path) -> None:
     (tmp_path / "00000001.tcaj").mkdir()
     with pytest.raises(UnusableLog, match="can't be read: Is a directory"):
         list(open_log(tmp_path))
 
 
-def test_a_torn_tail_is_no_damage_but_it_is_said(
+def test_torn_tail_is_reported_but_is_not_damage(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     story = walking()
@@ -141,9 +143,7 @@ def test_a_torn_tail_is_no_damage_but_it_is_said(
     assert capsys.readouterr().err == f"tca: {log.cut}; what comes before it is shown\n"
 
 
-def test_of_a_whole_journal_nothing_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_whole_journal_gives_no_remark(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = open_log(walking().write(tmp_path / "run", segments=2))
     assert numbers(log)
     log.check()
@@ -151,7 +151,7 @@ def test_of_a_whole_journal_nothing_is_said(
 
 
 @pytest.mark.slow
-def test_an_entry_that_is_just_being_written_is_no_cut(
+def test_entry_being_written_is_not_a_cut(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with central(tmp_path) as daemon:
@@ -172,9 +172,7 @@ def test_an_entry_that_is_just_being_written_is_no_cut(
 
 
 @pytest.mark.parametrize("behind", [b"\xce and then garbage", b"\xce", bytes(100), None])
-def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(
-    tmp_path: Path, behind: bytes | None
-) -> None:
+def test_segments_after_a_damaged_one_are_read(tmp_path: Path, behind: bytes | None) -> None:
     folder = walking().write(tmp_path / "run", segments=3)
     second = folder / "00000002.tcaj"
     whole, cut = numbers(open_log(folder)), second.read_bytes()
@@ -197,7 +195,7 @@ def test_where_the_rest_of_a_segment_cant_be_read_the_next_ones_are(
             one.check()
 
 
-def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(
+def test_later_version_is_read_as_far_as_known_with_a_remark(
     tmp_path: Path,
 ) -> None:
     later = [0, 0.0, [["opened", JOURNAL_VERSION + 1, "e", 1, 0.0, "9.9"]]]
@@ -221,7 +219,7 @@ def test_of_a_journal_of_a_later_version_what_is_known_is_shown_and_it_is_said(
         log.check()
 
 
-def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> None:
+def test_journal_without_its_beginning_shows_the_rest(tmp_path: Path) -> None:
     story = walking()
     path = tmp_path / "00000001.tcaj"
     path.write_bytes(b"".join(map(record, story.caused()[2:])))
@@ -247,7 +245,7 @@ def test_where_the_beginning_is_missing_the_rest_is_shown(tmp_path: Path) -> Non
         ),
     ],
 )
-def test_entries_that_are_damaged_are_left_out_and_it_is_said(
+def test_damaged_entries_are_left_out_and_reported(
     tmp_path: Path, damaged: list[int], said: str
 ) -> None:
     story = walking()
@@ -290,7 +288,7 @@ def followed(log: Log, *happenings: Callable[[], object]) -> list[int]:
     return seen
 
 
-def test_following_sees_what_is_added_and_new_segments(tmp_path: Path) -> None:
+def test_follow_sees_added_entries_and_new_segments(tmp_path: Path) -> None:
     story = Story()
     folder = story.write(tmp_path / "run")
     first, second = folder / "00000001.tcaj", folder / "00000002.tcaj"
@@ -330,11 +328,11 @@ class Rolling(Log):
         return super().segments()
 
 
-def test_what_is_written_before_the_next_segment_begins_is_not_missed(tmp_path: Path) -> None:
+def test_follow_sees_entries_written_just_before_a_new_segment(tmp_path: Path) -> None:
     assert followed(Rolling(Story().write(tmp_path / "run"))) == [1, 2, 3]
 
 
-def test_following_ends_at_damage_with_nothing_behind_it(tmp_path: Path) -> None:
+def test_follow_ends_at_damage_with_nothing_behind_it(tmp_path: Path) -> None:
     path = tmp_path / "00000001.tcaj"
     path.write_bytes(walking().encoded() + b"\xce garbage, and much of it")
     log = open_log(path)
@@ -379,7 +377,7 @@ def said(log: Log, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(
+def test_every_tool_shows_the_newest_of_two_runs_with_a_remark(
     tca: Tca, two: Path, tool: str
 ) -> None:
     shown, alone = tca(*tool.split(), two), tca(*tool.split(), two / "00000002.tcaj")
@@ -394,7 +392,7 @@ def test_of_two_runs_every_tool_shows_the_one_that_began_last_and_says_so(
 
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("which", ["#1", "#yesterday", "/#1"])
-def test_each_of_two_runs_can_be_named_for_every_tool(
+def test_every_tool_accepts_the_name_of_one_of_two_runs(
     tca: Tca, two: Path, tool: str, which: str
 ) -> None:
     named, alone = tca(*tool.split(), f"{two}{which}"), tca(*tool.split(), two / "00000001.tcaj")
@@ -402,7 +400,7 @@ def test_each_of_two_runs_can_be_named_for_every_tool(
     assert named.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
 
 
-def test_a_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
+def test_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
     segment(two / "00000003.tcaj", [Entry(99, 9.0, [])], "today", 2, began=TODAY)
     segment(two / "00000004.tcaj", walk()[1:], "tonight", began=TODAY + 1)
     assert [path.name for path in open_log(Path(f"{two}#2")).segments()] == [
@@ -412,7 +410,7 @@ def test_a_run_of_several_segments_can_be_named(tca: Tca, two: Path) -> None:
     assert tca("tree", f"{two}#2").stdout.startswith("two#2: ")
 
 
-def test_a_run_that_is_not_there(tca: Tca, two: Path) -> None:
+def test_unknown_run_number_is_refused(tca: Tca, two: Path) -> None:
     told = tca("tree", f"{two}#3")
     assert (told.exit_code, told.stdout) == (2, "")
     assert (
@@ -420,7 +418,7 @@ def test_a_run_that_is_not_there(tca: Tca, two: Path) -> None:
     )
 
 
-def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:
+def test_log_runs_lists_runs_by_their_names(tca: Tca, two: Path) -> None:
     lines = tca("log", "runs", two).stdout.splitlines()
     assert [line.split()[0] for line in lines] == [f"{two}#1", f"{two}#2"]
     assert all(line.endswith(", 1 segment") for line in lines)
@@ -428,7 +426,7 @@ def test_runs_are_listed_as_they_are_named(tca: Tca, two: Path) -> None:
     assert (listed.exit_code, "no journal below" in listed.stderr) == (2, True)
 
 
-def test_the_numbers_of_central_say_which_run_began_last_though_the_clock_was_set_back(
+def test_newest_run_follows_segment_numbers_not_the_clock(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "robot"
@@ -440,7 +438,7 @@ def test_the_numbers_of_central_say_which_run_began_last_though_the_clock_was_se
     assert [path.name for path in open_log(folder).segments()] == ["00000003.tcaj"]
 
 
-def test_a_run_that_is_followed_stays_the_one_that_is_followed(tmp_path: Path) -> None:
+def test_follow_stays_with_its_run_when_another_begins(tmp_path: Path) -> None:
     folder = Story().write(tmp_path / "run")
     seen = followed(
         open_log(folder),
@@ -451,7 +449,7 @@ def test_a_run_that_is_followed_stays_the_one_that_is_followed(tmp_path: Path) -
     assert seen == [1, 0, 99]
 
 
-def test_segments_are_in_their_order_whatever_their_names(tmp_path: Path) -> None:
+def test_segments_are_ordered_by_content_not_by_name(tmp_path: Path) -> None:
     entries = walking().entries[1:]
     segment(tmp_path / "b.tcaj", entries[:5], "epoch", 1)
     segment(tmp_path / "a.tcaj", entries[5:], "epoch", 2)
@@ -460,9 +458,7 @@ def test_segments_are_in_their_order_whatever_their_names(tmp_path: Path) -> Non
     ]
 
 
-def test_segments_that_are_missing_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_segments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = walking().write(tmp_path / "run", segments=5)
     (folder / "00000001.tcaj").unlink()
     (folder / "00000003.tcaj").unlink()
@@ -473,9 +469,7 @@ def test_segments_that_are_missing_are_said(
     ]
 
 
-def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_check_reports_missing_segments_on_stdout_only(tca: Tca, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "run", segments=3)
     (folder / "00000002.tcaj").unlink()
     told = tca("check", folder)
@@ -483,7 +477,7 @@ def test_check_says_of_missing_segments_in_a_line_of_its_own_and_only_there(
     assert told.stderr == ""
 
 
-def test_a_copy_beside_the_segments_is_left_out_and_said(
+def test_copied_segment_is_left_out_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = walking().write(tmp_path / "run", segments=2)
@@ -495,7 +489,7 @@ def test_a_copy_beside_the_segments_is_left_out_and_said(
     ]
 
 
-def test_nothing_is_said_twice(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_remarks_are_printed_once(two: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with (two / "00000002.tcaj").open("ab") as stream:
         stream.write(record(Entry(99, 99.0, []))[:-2])
     log = open_log(two)
@@ -504,7 +498,7 @@ def test_nothing_is_said_twice(two: Path, capsys: pytest.CaptureFixture[str]) ->
     assert said(log, capsys) == []
 
 
-def test_a_report_of_a_cut_journal_says_so_once(tca: Tca, tmp_path: Path) -> None:
+def test_report_remarks_on_a_cut_journal_once(tca: Tca, tmp_path: Path) -> None:
     cut = tmp_path / "cut.tcaj"
     cut.write_bytes(b"".join(map(record, walk()))[:-5])
     told = tca("report", cut, "-o", tmp_path / "out.html")
@@ -521,7 +515,7 @@ def joined(two: Path, tmp_path: Path) -> tuple[Path, int]:
 
 
 @pytest.mark.parametrize("tool", [*TOOLS, "log show --classic", "log show --json"])
-def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
+def test_every_tool_shows_the_first_run_of_a_joined_file(
     tca: Tca, two: Path, joined: tuple[Path, int], tool: str
 ) -> None:
     path, place = joined
@@ -535,7 +529,7 @@ def test_of_two_runs_in_one_file_every_tool_shows_the_first_and_says_so(
     assert alone.stderr == ""
 
 
-def test_what_tells_how_to_see_the_second_run_of_a_file_does(
+def test_second_run_of_a_joined_file_is_read_from_its_byte(
     joined: tuple[Path, int], tmp_path: Path
 ) -> None:
     path, place = joined
@@ -544,7 +538,7 @@ def test_what_tells_how_to_see_the_second_run_of_a_file_does(
     assert [entry.number for entry in open_log(rest)][1:] == [entry.number for entry in walk()[1:]]
 
 
-def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_longer(
+def test_follow_of_a_joined_file_ends_at_the_second_run(
     joined: tuple[Path, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = open_log(joined[0])
@@ -554,7 +548,7 @@ def test_who_follows_a_file_in_which_another_run_begins_is_told_and_waits_no_lon
     assert "another run begins here" in said(log, capsys)[0]
 
 
-def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
+def test_stopped_reading_ends_its_thread(two: Path) -> None:
     """The thread looked for news as fast as it could, for as long as the process lived."""
     reading = Reading(open_log(two))
     reading.start()
@@ -566,7 +560,7 @@ def test_nobody_reads_on_after_the_page_was_closed(two: Path) -> None:
     assert gc.isenabled()
 
 
-def test_the_segments_of_one_run_may_stand_in_one_file(
+def test_segments_of_one_run_joined_in_a_file_are_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, path = walking().write(tmp_path / "run", segments=3), tmp_path / "whole.tcaj"
@@ -576,7 +570,7 @@ def test_the_segments_of_one_run_may_stand_in_one_file(
     assert said(log, capsys) == []
 
 
-def test_a_segment_twice_in_one_file_is_read_once(
+def test_repeated_segment_in_a_file_is_read_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, path = walking().encoded(), tmp_path / "twice.tcaj"
@@ -588,7 +582,7 @@ def test_a_segment_twice_in_one_file_is_read_once(
     )
 
 
-def test_the_segments_of_a_run_after_others_are_numbered_on(
+def test_run_after_a_crash_continues_the_segment_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A central that crashed is started anew with the same folder: what the crash left half written

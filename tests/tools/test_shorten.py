@@ -73,7 +73,9 @@ def known(history: History, until: float) -> dict[int, Any]:
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3))]
 )
-def test_a_shortened_journal_keeps_what_lives(tca: Tca, tmp_path: Path, seed: int) -> None:
+def test_shortened_journal_keeps_tasks_that_have_not_ended(
+    tca: Tca, tmp_path: Path, seed: int
+) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, seed)
     before = History.until(Log(folder))
@@ -91,7 +93,7 @@ def test_a_shortened_journal_keeps_what_lives(tca: Tca, tmp_path: Path, seed: in
         assert (told.exit_code, "was removed" in told.output) == (0, True), told.output
 
 
-def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
+def test_age_limit_uses_the_clock_of_the_run(tmp_path: Path) -> None:
     files = journal_of(tmp_path / "journal", 1)
     last = History.until(Log(tmp_path / "journal")).time
     ended = EndedTasks(files)
@@ -100,7 +102,7 @@ def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
     assert ended.remove(ended.until(2 * last, None)) == 0
 
 
-def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
+def test_segments_compared_by_a_recovery_are_kept(tmp_path: Path) -> None:
     """The inputs begin in the fourth segment: what is from then on is compared with what they lead
     to.
     """
@@ -134,7 +136,7 @@ def short_life(folder: Path) -> Daemon:
 
 
 @pytest.mark.parametrize("is_torn", [False, True])
-def test_a_run_is_shortened_though_each_life_is_short(
+def test_run_of_short_lives_is_shortened_and_recovers(
     tca: Tca, tmp_path: Path, is_torn: bool
 ) -> None:
     """Each life takes one image. Those stay that a recovery may use: the newest, and the one before
@@ -155,7 +157,7 @@ def test_a_run_is_shortened_though_each_life_is_short(
     assert tca("check", "--rerun", tmp_path).exit_code == 0
 
 
-def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> None:
+def test_shortened_fact_keeps_the_latest_moment(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 5)
     last = History.until(Log(folder)).time
@@ -165,7 +167,7 @@ def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> Non
     assert tca("check", folder).exit_code == 0
 
 
-def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None:
+def test_ended_waits_for_any_task_are_removed(tmp_path: Path) -> None:
     """A program that observes all tasks waits again after each change."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
@@ -177,7 +179,7 @@ def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None
     assert [entry.number for entry in entries(path)] == [0, 4, 5, 6]
 
 
-def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
+def test_damaged_segment_is_not_shortened(tmp_path: Path) -> None:
     files = journal_of(tmp_path / "journal", 3)
     data = bytearray(files[1].read_bytes())
     data[len(data) // 2] ^= 255
@@ -187,7 +189,7 @@ def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
     assert files[1].read_bytes() == data
 
 
-def test_prune_shortens_the_run_that_continues(tca: Tca, tmp_path: Path) -> None:
+def test_prune_shortens_a_continuing_run(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 4)
     files[0].chmod(0o640)
@@ -238,9 +240,7 @@ def left(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-def test_whole_runs_that_ended_longer_ago_go_with_what_lies_beside_them(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_prune_removes_old_runs_with_their_inputs_and_images(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     old = [*run(folder, "old", 1, ended=40), *beside(folder, 7, "old", 40)]
     new = [*run(folder, "new", 3, ended=2), *beside(folder, 9, "new", 2)]
@@ -257,7 +257,7 @@ def test_whole_runs_that_ended_longer_ago_go_with_what_lies_beside_them(
     assert "1 run left" in told.stdout
 
 
-def test_the_oldest_go_until_the_others_have_the_size(tca: Tca, tmp_path: Path) -> None:
+def test_prune_removes_oldest_runs_down_to_the_size(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     runs = [run(folder, f"run{number}", 2 * number + 1, ended=9.0 - number) for number in range(4)]
     size = sum(path.stat().st_size for path in runs[0])
@@ -266,7 +266,7 @@ def test_the_oldest_go_until_the_others_have_the_size(tca: Tca, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("options", [("--keep", "1h"), ("--keep-bytes", "0")])
-def test_the_newest_run_without_a_goodbye_stays(
+def test_prune_keeps_the_newest_unclosed_run(
     tca: Tca, tmp_path: Path, options: tuple[str, str]
 ) -> None:
     folder = tmp_path / "robot"
@@ -279,7 +279,7 @@ def test_the_newest_run_without_a_goodbye_stays(
     assert "it may go on" in told.stdout
 
 
-def test_a_robot_that_learns_the_time_late_keeps_what_came_last(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_the_last_run_despite_a_wrong_clock(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     run(folder, "first", 1, ended=1)
     run(folder, "second", 3, ended=20000)  # days: its clock stood at 1970
@@ -287,7 +287,7 @@ def test_a_robot_that_learns_the_time_late_keeps_what_came_last(tca: Tca, tmp_pa
     assert len(left(folder)) == 4
 
 
-def test_a_later_number_is_kept_whatever_its_clock_said(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_later_numbers_despite_their_clock(tca: Tca, tmp_path: Path) -> None:
     for name, ended in (("000001-2026", 40), ("000002-2026", 2), ("000003-1970", 20000)):
         run(tmp_path / name, name, 1, ended=ended)
     tca("log", "prune", tmp_path, "--keep", "7d")
@@ -297,7 +297,7 @@ def test_a_later_number_is_kept_whatever_its_clock_said(tca: Tca, tmp_path: Path
     ]
 
 
-def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
+def test_prune_removes_emptied_run_folders_only(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     journals, elsewhere = tmp_path / "tca" / "journals", tmp_path / "elsewhere"
@@ -313,7 +313,7 @@ def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
     assert len(left(elsewhere)) == 2
 
 
-def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_the_run_of_a_live_central(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     run(folder, "old", 1, ended=40)
     with central(tmp_path) as running:
@@ -335,12 +335,14 @@ def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
         (("--keep", "1d"), "no runs lie there"),
     ],
 )
-def test_wrong_usage(tca: Tca, tmp_path: Path, arguments: tuple[str, ...], complaint: str) -> None:
+def test_prune_explains_wrong_limits(
+    tca: Tca, tmp_path: Path, arguments: tuple[str, ...], complaint: str
+) -> None:
     told = tca("log", "prune", tmp_path, *arguments)
     assert (told.exit_code, complaint in told.stderr) == (2, True)
 
 
-def test_files_that_are_none_of_a_journal_are_ignored(tca: Tca, tmp_path: Path) -> None:
+def test_foreign_files_beside_segments_are_ignored(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     run(folder, "one", 1, ended=1)
     before = tca("tree", folder)

@@ -31,13 +31,15 @@ def of(measured: Stats, name: str) -> Any:
     return next(one for one in measured.messages if one.message == name)
 
 
-def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> None:
+def test_stats_tables_match_their_transcript(run: Path, expect: Callable[[str, str], None]) -> None:
     result = shown(run)
     assert result.exit_code == 0
     expect("stats_stumbling", result.stdout)
 
 
-def test_all_figures(run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_stats_json_matches_its_transcript(
+    run: Path, tmp_path: Path, expect: Callable[[str, str], None]
+) -> None:
     direct = (
         Story()
         .module("map", "where")
@@ -64,7 +66,7 @@ def _rounded(told: dict[str, Any]) -> str:
 
 
 @pytest.mark.parametrize("width", [12, 33, 60, 79, 160])
-def test_lines_fit_the_terminal(run: Path, width: int) -> None:
+def test_stats_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= width
     assert [
@@ -72,7 +74,7 @@ def test_lines_fit_the_terminal(run: Path, width: int) -> None:
     ]  # so often it was sent
 
 
-def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
+def test_narrow_terminal_leaves_out_whole_columns(run: Path) -> None:
     wide, *narrow = (
         [line.split() for line in shown(run, COLUMNS=str(width)).stdout.splitlines()]
         for width in (120, 34)
@@ -83,7 +85,7 @@ def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
     assert next(line for line in wide if line[:2] == ["take", "steps"])[:3] == figures[:3]
 
 
-def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
+def test_stats_of_a_quiet_live_run_last_until_now(tmp_path: Path) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
         live, until, plain = (
@@ -99,7 +101,7 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
-def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_prefetched_messages_of_a_lost_module_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     trust_every_handler(monkeypatch)
     player = Ears.of("ear: inform note, query where", "user")
     for message in ("note", "where", "note", "where"):
@@ -112,7 +114,7 @@ def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch
     }
 
 
-def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: Path) -> None:
+def test_open_and_dropped_messages_have_columns_and_marks(tmp_path: Path) -> None:
     story = Story().module("legs").at(1.0)
     dances = [story.received("dance", MessageClass.INFORM, "user") for _ in range(3)]
     for dance in dances:
@@ -140,13 +142,13 @@ def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: 
     assert (queued["count"], queued["open"], queued["max"]) == (3, 2, 60.0)
 
 
-def test_a_part_that_is_none(run: Path) -> None:
+def test_stats_refuse_a_start_after_the_end(run: Path) -> None:
     result = shown(run, "--from", 7)
     assert result.exit_code == 2
     assert "7 is not before the end, 5" in result.stderr
 
 
-def test_messages_are_sorted(run: Path) -> None:
+def test_sort_option_orders_the_messages(run: Path) -> None:
     keys: dict[str, Callable[[Any], Any]] = {
         "name": lambda one: one["message"],
         "failed": lambda one: -one["failed"],
@@ -159,13 +161,13 @@ def test_messages_are_sorted(run: Path) -> None:
         assert messages == sorted(messages, key=key)
 
 
-def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
+def test_stats_escape_control_characters_in_names(tmp_path: Path) -> None:
     story = Story().module("legs\x1b[31m", "walk").at(1.0)
     story.received("walk\x07\n", MessageClass.INFORM, "x")
     assert not {"\x1b", "\x07"} & set(shown(story.at(2.0).write(tmp_path / "run")).stdout)
 
 
-def test_a_percentile_that_waits_going_on_may_raise_is_a_least_one() -> None:
+def test_percentile_is_a_lower_bound_while_waits_are_open() -> None:
     queued = Times([1.0, 60.0, 60.0], [60.0, 60.0])
     assert [queued.is_at_least(second) for second in (1.0, 60.0)] == [False, True]
 

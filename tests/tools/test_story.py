@@ -38,11 +38,11 @@ def told(history: History, message: int) -> list[str]:
     ]
 
 
-def test_of_what_is_unknown_there_is_no_story() -> None:
+def test_unknown_message_has_an_empty_story() -> None:
     assert story(stumbling().fold(), 99) == []
 
 
-def test_of_many_causes_the_longest_are_told() -> None:
+def test_story_names_the_longest_of_many_causes() -> None:
     tale = Story().module("legs", "move")
     moves = [tale.command("move", "user") for _ in range(100)]
     for move in moves:
@@ -58,7 +58,7 @@ def test_of_many_causes_the_longest_are_told() -> None:
     ]
 
 
-def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> None:
+def test_story_of_1000_subtasks_names_a_few_and_counts_the_rest() -> None:
     tale = Story().module("boss", "walk").module("legs", "move").at(1.0)
     walk = tale.goal("walk", "user", to="boss", begins=True)
     moves = [tale.command("move", "boss", walk) for _ in range(1000)]
@@ -92,7 +92,7 @@ def told_causes(at: RunAt) -> tuple[int, int, list[tuple[str, int, int]]]:
     return waiting, things, [(str(last_of(at, one.ends[0])), one.tasks, one.first) for one in found]
 
 
-def test_the_end_of_a_chain_is_told_from_however_far() -> None:
+def test_end_of_a_long_chain_is_found() -> None:
     at = RunAt(stuck(6_000).fold())
     end = "for calibrate {3}, which no module handles"
     assert [end_of(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
@@ -101,7 +101,7 @@ def test_the_end_of_a_chain_is_told_from_however_far() -> None:
     assert end_of(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
 
 
-def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> None:
+def test_several_ends_name_the_stuck_one_and_count_the_others() -> None:
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     story.command("drill", "brain", mission, to="rig")
@@ -117,7 +117,7 @@ def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> No
     assert first == ("for paint {3}, which no module handles", MOST + 7, 1)
 
 
-def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
+def test_story_text_names_the_end_of_the_chain(tca: Tca, tmp_path: Path) -> None:
     told = tca("tree", stuck().write(tmp_path / "stuck"), "--story", 6).stdout
     assert told.splitlines()[2] == "waits in the end for calibrate {3}, which no module handles"
 
@@ -140,14 +140,14 @@ WAITS = words.TaskNote("waits until step {7} is achieved", Age(2.0, 1.0), STANDS
         (20, "waits until step {7…"),
     ],
 )
-def test_durations_of_waits_give_way_first(room: int | None, told: str) -> None:
+def test_narrow_note_drops_durations_first(room: int | None, told: str) -> None:
     assert WAITS.within(room, 4.0) == told
 
 
 CIRCLE = "each waits for the next, in a circle: a waits for b; b waits for a"
 
 
-def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
+def test_deadlock_outside_handlers_is_told_to_its_program() -> None:
     told = Story().module("user").module("k", "slow").at(1.0)
     slow = told.command("slow", "user", to="k")
     told.at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
@@ -161,7 +161,7 @@ def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
     assert contents(run).stories == {}
 
 
-def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
+def test_critical_path_of_2000_queries_is_complete() -> None:
     story = Story().module("a", "count").module("b", "add")
     count = story.at(1.0).goal("count", "x", to="a", begins=True)
     for number in range(2_000):
@@ -172,7 +172,7 @@ def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
     assert len([step for step in steps if step.seconds > 1e-9]) == 4_001
 
 
-def test_only_the_longest_are_told() -> None:
+def test_long_waits_keep_only_the_longest() -> None:
     story = Story().module("legs", "move")
     for number in range(30):
         story.at(10.0 * number).queued(move := story.command("move", "user"), "legs")
@@ -181,7 +181,7 @@ def test_only_the_longest_are_told() -> None:
     assert (kind.number, [round(wait.seconds, 3) for wait in kind.longest]) == (29, [2.9, 2.8, 2.7])
 
 
-def test_a_monitor_that_watches_in_a_live_run_is_counted() -> None:
+def test_summary_counts_monitors_of_a_live_run() -> None:
     tale = Story().at(1.0)
     tale.received("battery watch", MessageClass.POLLING_MONITOR, "user")
     tale.goal("walk", "user")

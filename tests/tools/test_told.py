@@ -18,7 +18,7 @@ RUNS = [(path, text.strip()) for path in FILES for text in path.read_text().spli
     RUNS,
     ids=lambda one: one.stem if isinstance(one, Path) else one.split("\n")[0],
 )
-def test_what_is_told(path: Path, text: str, rewrite: bool) -> None:
+def test_answers_match_the_approved_text(path: Path, text: str, rewrite: bool) -> None:
     found = told(text)
     if rewrite:
         path.write_text(path.read_text().replace(text, found))

@@ -74,7 +74,9 @@ DEEP = [(0 if place % 20 else 19, "take steps", 5 if place > 390 else 0) for pla
 @example(FLAT, 30, False)
 @example(DEEP, 80, False)
 @given(st.lists(TASKS, min_size=1, max_size=60), st.integers(20, 200), st.booleans())
-def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_data: bool) -> None:
+def test_text_tree_is_never_wider_than_the_terminal(
+    tasks: list[Leaf], width: int, with_data: bool
+) -> None:
     told = grown(tasks)
     at = RunAt(told.fold())
     for rows in (outline(at), outline(at, 5, 3), whole_outline(at)):
@@ -93,7 +95,7 @@ def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_
 @example(FLAT, 30)
 @example(DEEP, 80)
 @given(st.lists(TASKS, min_size=1, max_size=60), st.integers(2, 40))
-def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_most: int) -> None:
+def test_excerpt_counts_every_task_within_its_row_limit(tasks: list[Leaf], at_most: int) -> None:
     at = RunAt(grown(tasks).fold())
     rows = excerpt(at, outline(at), at_most)
     assert len(rows) <= at_most + 1
@@ -107,7 +109,7 @@ def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_mo
         assert row.is_rest or row.folded == sum(row.states.values())
 
 
-def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
+def test_headings_align_with_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("planner", "walk").at(12_000.0)
     walk = story.goal("walk", "user", to="planner", begins=True)
     story.at(13_000.0).returned(walk).reached(walk, Moment.END_PLANNING).at(13_500.0).reached(
@@ -124,7 +126,7 @@ def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path
 @pytest.mark.parametrize(
     ("columns", "headings"), [(80, []), (90, ["achieving"]), (100, ["planning", "achieving"])]
 )
-def test_times_give_way_to_reasons(
+def test_narrow_tree_drops_times_before_reasons(
     tca: Tca, tmp_path: Path, columns: int, headings: list[str]
 ) -> None:
     lines = tca(
@@ -180,7 +182,9 @@ def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
 
 
 @pytest.mark.parametrize(("shape", "tool"), TRACED)
-def test_work_grows_as_the_journal(journals: dict[str, list[Path]], shape: str, tool: str) -> None:
+def test_tool_work_is_linear_in_the_journal(
+    journals: dict[str, list[Path]], shape: str, tool: str
+) -> None:
     warm, *paths = journals[shape]
     TOOLS[tool](warm)  # imports, and what is kept
     few, twice, most = (lines_of(partial(TOOLS[tool], path)) for path in paths)
@@ -193,7 +197,7 @@ def causes_of(run: Run, task: Task) -> None:
 
 
 @pytest.mark.parametrize("answer", [life_at, causes_of])
-def test_work_for_one_task_grows_as_its_retries(
+def test_work_for_one_task_is_linear_in_its_retries(
     journals: dict[str, list[Path]], answer: Callable[[Run, Task], object]
 ) -> None:
     counts = []

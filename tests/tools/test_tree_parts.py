@@ -49,20 +49,20 @@ def wide(children: int = 12) -> Story:
     return story
 
 
-def test_only_a_subtree(tca: Tca, run: Path) -> None:
+def test_task_option_shows_only_the_subtree(tca: Tca, run: Path) -> None:
     shown = tca("tree", run, "--task", 2).stdout
     assert shown.splitlines()[0] == "run, task 2: 5.00 s, 3 tasks: 1 achieved, 1 failed, 1 killed"
     assert names(shown) == ["take steps {2}", "move leg {6}", "move body {7}"]
     assert names(tca("tree", run, "--task", "move leg").stdout) == ["move leg {6}", "move leg {9}"]
 
 
-def test_only_what_a_module_did_with_what_it_hangs_under(tca: Tca, run: Path) -> None:
+def test_module_option_shows_its_tasks_with_their_ancestors(tca: Tca, run: Path) -> None:
     shown = names(tca("tree", run, "--module", "controller").stdout)
     assert shown == ["traverse arc {1}", "take steps {2}", "move leg {6}", "move body {7}"]
     assert names(tca("tree", run, "--task", 2, "--module", "controller").stdout) == shown[1:]
 
 
-def test_only_what_lived_in_a_span_of_time(tca: Tca, run: Path) -> None:
+def test_from_and_to_options_show_tasks_of_that_span(tca: Tca, run: Path) -> None:
     assert len(names(tca("tree", run, "--to", 1.3).stdout)) == 4  # sent by then
     shown = names(tca("tree", run, "--from", 3.5).stdout)
     assert "move leg {6}" not in shown  # achieved before
@@ -70,12 +70,14 @@ def test_only_what_lived_in_a_span_of_time(tca: Tca, run: Path) -> None:
     assert tca("tree", run, "--from", 3, "--to", 2).exit_code == 2
 
 
-def test_the_stories_of_tasks(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+def test_stories_match_their_transcripts(
+    tca: Tca, run: Path, expect: Callable[[str, str], None]
+) -> None:
     for number in (3, 7, 9):
         expect(f"tree_story_{number}", tca("tree", run, "--story", number, COLUMNS="90").stdout)
 
 
-def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
+def test_story_option_accepts_the_number_of_a_query(tca: Tca, run: Path) -> None:
     told = tca("tree", run, "--story", 5)
     assert told.exit_code == 0, told.stderr
     first, _, sent, *_, handled = told.stdout.splitlines()
@@ -86,7 +88,7 @@ def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
     assert several == "Error: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
 
 
-def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_story_can_be_a_file_and_of_a_past_moment(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
     assert (
         (tmp_path / "story.txt")
@@ -99,7 +101,7 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
     assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
 
 
-def test_guides_go_on_deep_down(
+def test_deep_tree_keeps_its_guides(
     tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]
 ) -> None:
     story, parent = Story(), 0
@@ -112,7 +114,7 @@ def test_guides_go_on_deep_down(
     assert not [line for line in lines if line.startswith("[")]
 
 
-def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
+def test_small_tree_is_a_figure_and_wide_tree_an_outline() -> None:
     assert is_figure(whole_outline(RunAt(walking().fold())))
     assert not is_figure(outline(RunAt(wide().fold())))
     assert not is_figure(whole_outline(RunAt(wide(30).fold())))
@@ -120,7 +122,7 @@ def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf", "html"])
 @pytest.mark.parametrize("layout", ["figure", "outline"])
-def test_pictures_of_both_kinds(
+def test_tree_is_written_in_each_layout_and_format(
     tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str
 ) -> None:
     if layout == "figure":
@@ -131,7 +133,7 @@ def test_pictures_of_both_kinds(
     assert (tmp_path / f"tree.{kind}").read_bytes().startswith(beginnings[kind])
 
 
-def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
+def test_outline_has_a_row_per_task_and_sibling_arrows() -> None:
     at = RunAt(walking().fold())
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walking"))
     boxes = {
@@ -151,7 +153,7 @@ def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
     assert any(word.startswith("held, waits until") for word in words)
 
 
-def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
+def test_outline_of_a_deep_tree_stays_narrow() -> None:
     story, parent = Story(), 0
     for _ in range(1_000):
         parent = story.goal("take steps", "planner", parent)
@@ -160,7 +162,7 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
     assert float(picture.get("width", 0)) < 1_600
 
 
-def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outline_legend_stays_within_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "tca_tools.tasktree_viz.outline_svg._TIMES", 15.0
     )  # a narrow picture with much in it
@@ -176,12 +178,12 @@ def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("story", [locking(), wide(), Story(), stumbling()])
-def test_outlines_are_well_formed(story: Story) -> None:
+def test_outline_is_well_formed_xml(story: Story) -> None:
     at = RunAt(story.fold())
     ET.fromstring(outline_svg(at, outline(at), "<&>\x1b", with_data=True))
 
 
-def test_without_graphviz_an_outline_is_drawn(
+def test_tree_without_graphviz_is_drawn_as_an_outline(
     tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shutil.which", lambda _: None)
@@ -199,7 +201,7 @@ def test_without_graphviz_an_outline_is_drawn(
 @pytest.mark.parametrize(
     ("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
 )
-def test_the_program_dot_draws(
+def test_dot_program_draws_the_figure_or_its_error_is_shown(
     tca: Tca,
     run: Path,
     tmp_path: Path,
@@ -219,7 +221,7 @@ def test_the_program_dot_draws(
     assert code or (tmp_path / "tree.svg").read_bytes() == b"<svg/>\n<!-- made by tca -->\n"
 
 
-def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
+def test_picture_of_too_many_tasks_is_refused(tca: Tca, tmp_path: Path) -> None:
     story, parent = Story(), 0
     for _ in range(3_100):
         parent = story.goal("take steps", "planner", parent)
@@ -234,7 +236,7 @@ def hasty() -> list[Entry]:
 
 
 @pytest.mark.parametrize("entries", [walk(), hasty()])
-def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[Entry]) -> None:
+def test_past_moment_looks_the_same_with_and_without_the_future(entries: list[Entry]) -> None:
     whole = History.until(entries)
     for moment in sorted({entry.time for entry in entries}):
         known, remembered = History.until(entries, moment), RunAt.by_clock(whole, moment)
@@ -246,9 +248,7 @@ def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[E
         assert shown == expected
 
 
-def test_damage_after_the_moment_that_was_asked_for_is_not_reached(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_damage_after_the_requested_moment_is_not_reported(tca: Tca, tmp_path: Path) -> None:
     entries = walk()
     late = tmp_path / "late.tcaj"
     late.write_bytes(encoded(entries) + b"\xce and then garbage")
@@ -257,7 +257,7 @@ def test_damage_after_the_moment_that_was_asked_for_is_not_reached(
     assert (early.exit_code, early.stderr) == (0, "")
 
 
-def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run: Path) -> None:
+def test_later_task_or_module_is_unknown_at_an_earlier_moment(tca: Tca, run: Path) -> None:
     for command in ("tree", "gantt"):
         refused = tca(command, run, "--at", 1.0, "--task", "move leg").stderr
         assert refused == "Error: no task 'move leg' in this journal until 1 s\n"
@@ -311,7 +311,7 @@ def drawn(story: Story) -> Picture:
     return Picture(at, whole_outline(at))
 
 
-def test_each_wait_has_a_line_of_its_own() -> None:
+def test_each_wait_has_its_own_line() -> None:
     """Who waits for one paint, who for the other and who for both: it looked as if all waited for
     both.
     """
@@ -320,14 +320,14 @@ def test_each_wait_has_a_line_of_its_own() -> None:
     assert len(set(picture.strokes)) == 3
 
 
-def test_lines_of_all_that_are_waited_for_by_the_same_are_one() -> None:
+def test_predecessors_of_the_same_tasks_share_one_line() -> None:
     picture = drawn(brothers((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
     assert set(picture.pairs) == {*product([2, 3, 4, 5], [6, 7]), (7, 8)}
     assert len(picture.strokes) == 2
     assert any("one that begins at several tasks" in words for words in picture.words)
 
 
-def test_what_has_no_room_is_said_in_words() -> None:
+def test_waits_without_room_for_a_line_are_words() -> None:
     """Nine things, each after one of nine others: nobody could follow so many lines."""
     picture = drawn(brothers(*([()] * 9), *((task,) for task in range(2, 11))))
     said = {words for words in picture.words if words.startswith("after ")}
@@ -338,7 +338,7 @@ def test_what_has_no_room_is_said_in_words() -> None:
     } == said
 
 
-def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
+def test_folded_predecessors_are_named_in_words() -> None:
     """Tasks that are folded up have no box from which a line could lead."""
     at = RunAt(brothers(*([()] * 40), tuple(range(2, 42))).fold())
     rows = outline(at)
@@ -352,13 +352,13 @@ def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
     assert "after work {2}, work {3}, work" in dot_source(at, rows, "")
 
 
-def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
+def test_folded_sequence_continues_in_words() -> None:
     at = RunAt(brothers((), *((task,) for task in range(2, 41))).fold())
     said = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
     assert said == ["after work {39}"]
 
 
-def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
+def test_wait_implied_by_another_arrow_is_not_noted() -> None:
     """A check waits for a body move and, as after a kill, for the leg move before that, which is
     not shown.
     """
@@ -366,7 +366,7 @@ def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
     assert arrows(at, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
 
-def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:
+def test_plan_ahead_constraint_is_words_not_a_line() -> None:
     story = brothers(())
     story.goal("take steps", "user", 1, plan_ahead(TaskId(2), THIS))
     picture = drawn(story)
@@ -374,7 +374,7 @@ def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:
     assert "plan ahead: after work {2}" in picture.words
 
 
-def test_deep_down_lines_would_run_into_each_other() -> None:
+def test_deep_siblings_have_words_instead_of_lines() -> None:
     story, parent = Story(), 0
     for _ in range(60):
         parent = story.goal("take steps", "user", parent)
@@ -390,7 +390,7 @@ def test_deep_down_lines_would_run_into_each_other() -> None:
         st.tuples(st.integers(0, 12), st.integers(0, 12)).filter(lambda pair: pair[0] < pair[1])
     )
 )
-def test_lines_say_nothing_that_is_not_so(pairs: set[tuple[int, int]]) -> None:
+def test_lines_draw_only_given_pairs_without_overlap(pairs: set[tuple[int, int]]) -> None:
     found = lines(pairs)
     said = [pair for line in found for pair in product(line.sources, line.to)]
     assert len(said) == len(set(said))

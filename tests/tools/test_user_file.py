@@ -27,7 +27,7 @@ def write(folder: Path, **files: str) -> Path:
     return folder / "scenario.py"
 
 
-def test_what_lies_beside_it_can_be_imported(
+def test_user_file_imports_modules_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Wherever the command is called from, also by a link, also only when one of its functions is
@@ -42,7 +42,7 @@ def test_what_lies_beside_it_can_be_imported(
         assert (names["LEGS"], names["later"]()) == (6, 2)
 
 
-def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path) -> None:
+def test_modules_beside_an_earlier_user_file_are_not_reused(tmp_path: Path) -> None:
     """Properties of two robots are checked at once, and each robot has its messages.py."""
     for robot, legs in (("ambler", 6), ("dog", 4), ("ambler", 6)):
         path = write(
@@ -56,14 +56,14 @@ def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path
     assert str((tmp_path / "dog").resolve()) not in sys.path
 
 
-def test_what_everybody_imports_stays_one(tmp_path: Path) -> None:
+def test_shared_modules_are_imported_once(tmp_path: Path) -> None:
     names_of(write(tmp_path / "one", scenario="import tca_wire.vocabulary"))
     known = sys.modules["tca_wire.vocabulary"], os.path
     names_of(write(tmp_path / "two", scenario=""))
     assert (sys.modules["tca_wire.vocabulary"], os.path) == known
 
 
-def test_an_error_says_where(tmp_path: Path) -> None:
+def test_error_in_a_user_file_names_its_line(tmp_path: Path) -> None:
     path = write(tmp_path, scenario="\nimport messages", messages="1 / 0")
     with pytest.raises(
         BadUserFile, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"

@@ -47,7 +47,7 @@ def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
     return player
 
 
-def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
+def test_ancestors_wait_for_the_command_not_its_monitor() -> None:
     player = guarded()
     at = RunAt(player.history)
     assert [reasons(at, at.tasks[one]) for one in (WALK, MOVE)] == [
@@ -59,7 +59,7 @@ def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
     assert (waiting, things, [cause.tasks for cause in found]) == (12, 1, [12])  # each once
 
 
-def test_central_says_so_too() -> None:
+def test_central_status_omits_the_monitor_from_waits() -> None:
     player = guarded()
     walk = player.central.tree.tasks[WALK]
     assert waits_of(player.central, next_of(walk)) == [
@@ -72,7 +72,7 @@ def test_central_says_so_too() -> None:
     assert [one.number for one in told["held"]] == [*range(4, 15)]
 
 
-def test_what_the_monitor_has_sent_is_waited_for() -> None:
+def test_action_of_a_monitor_is_waited_for() -> None:
     player = guarded(fired=True)
     player.reply("legs/1")
     assert GUARD not in [one.number for one in load(player.central)["held"]]
@@ -89,7 +89,7 @@ def test_what_the_monitor_has_sent_is_waited_for() -> None:
     assert str(in_the_end(at, at.tasks[WALK])) == "for lift {4}, which no module handles"
 
 
-def test_a_monitor_that_is_waited_for_is_what_holds_everything() -> None:
+def test_awaited_monitor_holds_its_ancestors() -> None:
     player = guarded(waited_for=True)
     player.reply("legs/1")
     at = RunAt(player.history)
@@ -98,7 +98,7 @@ def test_a_monitor_that_is_waited_for_is_what_holds_everything() -> None:
     assert (told["held"][0].number, told["ends"][0].tasks) == (GUARD, 12)
 
 
-def test_a_critical_path_goes_by_the_command() -> None:
+def test_critical_path_ends_with_the_command_not_its_monitor() -> None:
     run = guarded().history
     task = last_task(run)
     assert task is not None
