@@ -1,6 +1,4 @@
-"""Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and
-marks in all tools.
-"""
+"""Tasks sent ahead of their states: figure 7 of the paper from real runs, and marks in all tools."""
 
 import html
 import re
@@ -34,7 +32,7 @@ def boxes(one: Chart, agent: str) -> list[Bar]:
     return [bar for bar in row.handled if bar.kind is not BarKind.IDLE]
 
 
-def look(box: Bar) -> str:
+def described(box: Bar) -> str:
     return f"{box.name} {box.preview if box.ahead else 'current'}"
 
 
@@ -46,11 +44,11 @@ def test_schedule_matches_the_three_runs_of_figure_7(
     expect("schedule", (tmp_path / "figure.txt").read_text())
     best, occupied, plain = [schedules(folded(open_log(log)), log.name)[0] for log in logs]
     assert best.end < occupied.end < plain.end
-    assert [look(box) for box in boxes(best, "arm")] == [
+    assert [described(box) for box in boxes(best, "arm")] == [
         "arm to(box B) ahead",
         "arm to(tuck) current",
     ]
-    assert [look(box) for box in boxes(occupied, "arm")] == [
+    assert [described(box) for box in boxes(occupied, "arm")] == [
         "arm to(box B) wasted",
         "arm to(box C) ahead",
         "arm to(tuck) current",
@@ -58,7 +56,7 @@ def test_schedule_matches_the_three_runs_of_figure_7(
     assert not any(box.ahead for row in plain.rows for box in row.handled)
     assert (
         boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end
-    )  # C's pose while the base still goes to B
+    )  # the arm takes C's pose while the base still drives to B
 
 
 def test_schedule_picture_has_a_box_for_each_task(
@@ -103,9 +101,7 @@ def test_gain_counts_right_wrong_kept_and_wasted_previews(logs: list[Path]) -> N
 
 
 def test_critical_path_leads_through_awaited_tasks_only(logs: list[Path], tmp_path: Path) -> None:
-    """Not through those that were done ahead in time or in vain; what is undone before the next may
-    begin counts.
-    """
+    """Early tasks that were ready in time or wasted are not on it; undoing them is."""
     drive, grip, reach = ("base", 8.0), ("gripper", 1.0), ("arm", 3.0)
     ways = {
         logs[0]: [drive, grip, reach, drive],
@@ -145,8 +141,8 @@ def test_pictures_mark_tasks_that_ran_ahead(tca: Tca, logs: list[Path], tmp_path
     ):
         assert tca(*asked[:1], logs[1], *asked[1:], "-o", tmp_path / name).exit_code == 0
         pictures[name] = (tmp_path / name).read_text()
-    for look in ("ahead", "wasted"):
-        assert pictures["gantt.svg"].count(f'class="{look}"') == 2  # in the legend, and on a bar
+    for mark in ("ahead", "wasted"):
+        assert pictures["gantt.svg"].count(f'class="{mark}"') == 2  # in the legend, and on a bar
     for name in ("tree.dot", "tree.svg"):
         for meaning in ("by a coordinator: ahead, kept", "by a coordinator: ahead, wasted"):
             assert meaning in pictures[name]
@@ -176,7 +172,7 @@ def test_late_start_and_its_remedy_are_shown_by_every_tool(
     ((why, times),) = late.items()
     assert (machine, runs, times) == ("fork", 2, 2)
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-    assert logged == [f"{why.told}: {why.remedy}"], "once, though it ran twice"
+    assert logged == [f"{why.told}: {why.remedy}"], "logged once for two runs"
     assert "undo=" in why.remedy
     for name, command in (
         ("report.html", "report"),
@@ -207,7 +203,7 @@ def test_undone_preview_is_shown_with_its_restoring_task(tca: Tca, tmp_path: Pat
         (0, 1, 3.0, 3.0)
     )
     (plan,) = schedules(run, log.name)
-    assert [look(box) for box in boxes(plan, "arm")] == [
+    assert [described(box) for box in boxes(plan, "arm")] == [
         "arm to(box B) wasted",
         "undo arm to(home) current",
     ]
@@ -215,8 +211,8 @@ def test_undone_preview_is_shown_with_its_restoring_task(tca: Tca, tmp_path: Pat
         one.id for one in record.tasks.values() if not one.is_early and one.agent == "arm"
     )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
-    told = tca("tree", log, "--story", restoring).stdout
-    assert "undoes what was wasted ahead of the state 'free'" in told
+    story = tca("tree", log, "--story", restoring).stdout
+    assert "undoes what was wasted ahead of the state 'free'" in story
 
 
 def test_preview_of_a_killed_run_counts_as_wasted(tca: Tca, tmp_path: Path) -> None:
@@ -226,7 +222,7 @@ def test_preview_of_a_killed_run_counts_as_wasted(tca: Tca, tmp_path: Path) -> N
     found = gain(run, task, record)
     assert (found.right, found.wrong, found.kept, found.wasted) == pytest.approx((0, 1, 0.0, 2.0))
     (plan,) = schedules(run, log.name)
-    assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
+    assert [described(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
 
 
 def test_schedule_fails_without_a_coordinator_in_the_run(tca: Tca, run: Path) -> None:

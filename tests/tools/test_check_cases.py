@@ -1,6 +1,4 @@
-"""Properties of the cases of a whole run: what ``tca check`` says of them, and what the explorer
-does.
-"""
+"""Properties that count the cases of a whole run, in ``tca check`` and in the explorer."""
 
 from pathlib import Path
 
@@ -52,7 +50,7 @@ def test_cases_are_counted_and_bad_cases_are_named(journal: Path, file: Path) ->
     lines = result.stdout.splitlines()
     assert (
         lines.count("good: step has moves, in all cases (2 of 2)") == 1
-    )  # though it stands there twice
+    )  # listed twice in the file
     assert "good: step is the first, in at least 50 % of cases (1 of 2)" in lines
     assert (
         "good: jump has moves, in all cases (which says nothing: in this run there was no case of it)"

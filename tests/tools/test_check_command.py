@@ -1,6 +1,4 @@
-"""``tca check`` as people use it: what it says, the properties they state, and journals that are
-not whole.
-"""
+"""``tca check`` on the command line: its output, stated properties, and incomplete journals."""
 
 import re
 import subprocess
@@ -39,7 +37,7 @@ def written(path: Path, entries: list[Entry], *, closed: bool = True) -> Path:
 
 
 def steps(*, ahead: int, slots: int = 3) -> list[Entry]:
-    """A walk of three steps that are planned while others are walked; *ahead* of them at most."""
+    """A walk of three steps with at most *ahead* of them planned ahead."""
     player = Player()
     player.module("planner", "goal walk", "goal take steps", capacity=slots)
     player.module("legs", "command move")
@@ -76,10 +74,10 @@ def journal(tmp_path: Path) -> Path:
 def test_check_summarises_a_good_run(journal: Path) -> None:
     first, second = (result := run(journal)).stdout.splitlines()
     count, begin, end = len(walk()) + 1, walk()[0].number, walk()[-1].number + 1
-    told = (
+    pattern = (
         rf"walk.tcaj: \d+ facts in {count} entries \(numbers {begin} to {end}\), 0.00 s to 79.00 s"
     )
-    assert re.fullmatch(told, first)
+    assert re.fullmatch(pattern, first)
     assert (second[:6], second[-6:], result.exit_code) == ("good: ", " rules", 0)
 
 
@@ -191,14 +189,14 @@ def test_broken_property_names_its_first_breach(journal: Path, text: str, why: s
 
 
 def test_malformed_property_text_is_refused(journal: Path, approve: Callable[..., None]) -> None:
-    def tell(text: str) -> str:
+    def refusal(text: str) -> str:
         with pytest.raises(BadProperty) as error:
             property_from(text)
         result = run(journal, "--property", text)
         assert (result.exit_code, str(error.value) in result.stderr) == (2, True)
         return str(error.value)
 
-    approve("transcripts/bad_properties.txt", tell)
+    approve("transcripts/bad_properties.txt", refusal)
 
 
 def test_unknown_name_in_a_property_suggests_the_nearest(journal: Path) -> None:
@@ -234,7 +232,7 @@ PROPERTIES = ["never stuck"]
 
 
 def test_properties_of_a_scenario_apply_to_a_real_run(journal: Path, tmp_path: Path) -> None:
-    """The properties of a scenario are asked of a real run as they are."""
+    """The explorer and ``tca check`` accept the same property objects."""
     file = tmp_path / "properties.py"
     file.write_text(FILE)
     result = run(journal, file)
@@ -329,13 +327,11 @@ def test_predicate_may_return_a_set_message_or_iterator(
     assert "never f\n  walk {3}\n  the story of walk {3}" in run(journal, file).stdout
 
 
-# --- what is counted, and whose story is told -----------------------------------------------------
+# --- counting and stories -------------------------------------------------------------------------
 
 
 def chopping(tmp_path: Path) -> Path:
-    """Three times chop for a cook with one hand: each is begun with the event that ends the one
-    before.
-    """
+    """Three chops for one slot. The event that ends a chop also begins the next one."""
     player = Player.of("cook: command chop", "user")
     for _ in range(3):
         player.task("user", "chop")
@@ -364,13 +360,13 @@ def test_at_most_counts_ends_before_starts_of_the_same_event(tmp_path: Path) -> 
     ]
     assert "  here 1: chop {1}" in lines
     ended = run(tmp_path / "chop.tcaj", "--property", "at most 0 achieved of chop").stdout
-    assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
+    assert "here 1: chop {1}" in ended  # ends themselves are counted, too
 
 
 def test_story_shown_is_that_of_a_named_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "200")  # nothing is cut
+    monkeypatch.setenv("COLUMNS", "200")  # wide enough for whole lines
     story = Story().module("user").at(1.0)
     for _ in range(10):
         story.queued(story.command("bake", "user"))
@@ -389,7 +385,7 @@ def test_story_shown_is_that_of_a_named_message(
     assert "  the story of bake {10} until then:" in newest
 
 
-# --- journals that are not whole ------------------------------------------------------------------
+# --- incomplete journals --------------------------------------------------------------------------
 
 
 def test_unclosed_journal_is_good_and_reported_as_unclosed(tmp_path: Path) -> None:

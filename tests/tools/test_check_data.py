@@ -1,6 +1,4 @@
-"""What properties say of data, held against the declarations in the journal; and properties that
-say nothing.
-"""
+"""Properties with data, checked against declared formats; vacuous properties; lost entries."""
 
 import struct
 import zlib
@@ -45,9 +43,7 @@ def journal(tmp_path: Path) -> Path:
         "move leg": {"leg": 2, "at": {"x": 1.5}, "mode": "slow", "why": None, "more": b"xyz"},
         "fry": "dish 0b",
         "count": [1, 2],
-        "give up": {
-            "reason": "tired"
-        },  # a failure's data, for an exception handler that wants none
+        "give up": {"reason": "tired"},  # a failure's data, for an exception handler without data
     }
     for name, data in sent.items():
         story.at(story.entries[-1].time + 1.0).acted(
@@ -86,8 +82,8 @@ def test_handled_by_property_compares_data(journal: Path) -> None:
 def test_data_that_no_message_can_have_is_refused(
     journal: Path, approve: Callable[..., None]
 ) -> None:
-    def tell(text: str) -> str:
-        said = set()
+    def refusal_of(text: str) -> str:
+        refusals = set()
         for shape in (
             "never begun of {}",
             "at most 1 begun of {}",
@@ -96,11 +92,11 @@ def test_data_that_no_message_can_have_is_refused(
             asked = shape.format(text)
             result = run(journal, "--property", asked)
             assert (result.exit_code, result.stdout) == (2, "")
-            said.add(result.stderr.splitlines()[-1].replace(asked, text))
-        (told,) = said
-        return told
+            refusals.add(result.stderr.splitlines()[-1].replace(asked, text))
+        (refusal,) = refusals
+        return refusal
 
-    approve("transcripts/bad_data.txt", tell)
+    approve("transcripts/bad_data.txt", refusal_of)
 
 
 SAYS_NOTHING = [
@@ -161,14 +157,15 @@ MINE = never(begun(Command("fry", str), "dish 0b"))
 def test_vacuous_explorer_property_is_reported_as_vacuous(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(FILE)
-    told = run(journal, file).stdout
+    output = run(journal, file).stdout
     assert (
-        "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')" in told
+        "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')"
+        in output
     )
-    assert "never fry begun with data='dish 0b'\n  fry {2}\n" in told
+    assert "never fry begun with data='dish 0b'\n  fry {2}\n" in output
 
 
-# --- journals of which something is lost, or not known: nothing is claimed that may not be so -----
+# --- journals with lost or unknown parts: no uncertain claim --------------------------------------
 
 
 PROPERTIES = [
@@ -192,7 +189,7 @@ NONE = properties.never(lambda world: not world.modules and world.now > 1)
 """
 
 
-def said(text: str, path: Path) -> str:
+def output_of(text: str, path: Path) -> str:
     return run(path, "--property", text).stdout
 
 
@@ -205,19 +202,19 @@ def test_holding_property_is_not_broken_by_lost_entries(tmp_path: Path, seed: in
         tmp_path / "mine.py",
     )
     file.write_text(LOST_FILE)
-    holding = [text for text in PROPERTIES if "BROKEN" not in said(text, whole)]
+    holding = [text for text in PROPERTIES if "BROKEN" not in output_of(text, whole)]
     assert "BROKEN" not in run(whole, file).stdout
     holes = sorted(chance.sample(range(len(entries)), chance.choice([1, 2, 8])))
     path.write_bytes(with_holes(entries, holes))
-    told = run(path, *(part for text in holding for part in ("--property", text)), file).stdout
-    assert "BROKEN" not in told
-    assert "good: never" not in told
+    output = run(path, *(part for text in holding for part in ("--property", text)), file).stdout
+    assert "BROKEN" not in output
+    assert "good: never" not in output
     for text in holding:
-        assert f"no breach in what can be read: {text}" in told
+        assert f"no breach in what can be read: {text}" in output
 
 
 def with_unknown(place: int) -> bytes:
-    """The walk, with a fact in the midst of one entry that nobody knows."""
+    """The walk, with an unknown fact inside one entry."""
     content = [record(entry) for entry in walk()]
     entry = msgpack.unpackb(content[place][10:], strict_map_key=False)
     entry[2].insert(0, ["brand new", 1])
@@ -251,7 +248,7 @@ def test_unreadable_places_after_the_fifth_are_counted(tmp_path: Path) -> None:
     entries = walk()
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))
-    told = run(path).stdout
-    assert told.count("can't be read: what was under way then is not known") == 5
-    assert "more places like these" in told
-    assert "BROKEN" not in told
+    output = run(path).stdout
+    assert output.count("can't be read: what was under way then is not known") == 5
+    assert "more places like these" in output
+    assert "BROKEN" not in output

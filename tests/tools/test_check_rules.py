@@ -1,6 +1,4 @@
-"""The rules that a journal is held against: what central writes keeps them, and a single fact that
-is wrong is found.
-"""
+"""The rules of a journal: central keeps them, and one wrong fact is found."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +15,7 @@ from msgspec.structs import replace
 from properties.life import Life, Operations, operations
 from properties.test_late_taps import CheckedLife
 from sampling import lives
-from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
+from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, duplicated, lost, played, walk
 from tools.story import stumbling
 
 from tca_central.order.holds import Holds
@@ -36,12 +34,10 @@ from tca_wire.vocabulary import MessageClass
 WALK = walk()
 
 WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
-"""Kinds of facts of which one more or less breaks no rule: nothing else in the journal depends on
-it.
-"""
+"""Kinds of facts on which no other fact depends. One more or less breaks no rule."""
 
 
-# --- what central writes keeps the rules ----------------------------------------------------------
+# --- central keeps the rules ----------------------------------------------------------------------
 
 
 def test_full_walk_keeps_all_rules() -> None:
@@ -90,7 +86,7 @@ def test_random_lives_keep_the_rules(taken: Operations) -> None:
 
 
 @given(st.integers(0, 1 << 32))
-@example(80069)  # in the soak's length: a watcher of which nothing is known has ended
+@example(80069)  # in the soak's length: an unknown watcher ends
 @settings(max_examples=lives(3, soak=100))
 def test_long_random_lives_keep_the_rules_from_any_entry_on(seed: int) -> None:
     life = Life(Player(check=False))
@@ -101,17 +97,16 @@ def test_long_random_lives_keep_the_rules_from_any_entry_on(seed: int) -> None:
         assert checked(entries[start:]) == []
 
 
-# --- what is wrong is found -----------------------------------------------------------------------
+# --- wrong facts are found ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("change", [lost, twice])
+@pytest.mark.parametrize("change", [lost, duplicated])
 def test_lost_or_duplicated_fact_is_found(change: Change) -> None:
     missed = [what for what, entries in changed(WALK, change) if not checked(entries)]
     kinds = Counter(what.partition(" ")[0] for what in missed)
     for kind in WITHOUT_TRACE:
         del kinds[kind]
-    # That a copy came back, and that it was by a kill that a task ended, is not always known from
-    # anything else.
+    # A returned copy and a kill as the cause of an end leave no other trace.
     assert kinds <= Counter({"returned": 1, "killed": 1})
 
 
@@ -134,7 +129,9 @@ def test_wait_without_its_begin_or_end_is_found(missing: type[facts.Fact]) -> No
     player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("user", Observe(number := player.number("user"), TaskId(task)))
-    player.receive("user", headers.Await(number, seen=2))  # how it stands, and that this is all
+    player.receive(
+        "user", headers.Await(number, seen=2)
+    )  # the current state, and the end of the list
     player.reply("legs/1")
     entries = [OPENED, *player.entries]
     assert checked(entries) == []
@@ -162,7 +159,7 @@ def test_monitor_that_outlasts_its_watched_task_is_found() -> None:
     assert (broken.rule, broken.what) == (rules.KEPT.text, text)
 
 
-# --- journals of which something is missing -------------------------------------------------------
+# --- journals with missing parts ------------------------------------------------------------------
 
 
 def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
@@ -212,7 +209,7 @@ def test_event_split_into_several_records_breaks_no_rule() -> None:
 
 
 def test_handmade_journal_is_found_to_break_rules() -> None:
-    """The builders of stories leave out what does not matter to them; here it would."""
+    """Builders of stories leave out facts that matter to the checker."""
     assert checked(stumbling().entries)
 
 
@@ -238,7 +235,7 @@ Patch = pytest.MonkeyPatch
 
 
 class PlayedLife(CheckedLife):
-    """Such lives without the reference scheduler."""
+    """Lives with late wiretaps, without the reference scheduler."""
 
     def __init__(self) -> None:
         self.timers = 0
@@ -257,15 +254,15 @@ def test_late_wiretaps_keep_the_rules_from_any_entry_on(
         assert checked(life.player.entries[start:]) == []
 
 
-def what_waits_is_left_alone(patch: Patch) -> None:
+def skip_waiting_messages(patch: Patch) -> None:
     patch.setattr(taps, "_apply_to_waiting", lambda *_: None)
 
 
-def what_was_passed_over_is_forgotten(patch: Patch) -> None:
+def forget_passed_over_messages(patch: Patch) -> None:
     patch.setattr(joining, "listeners_come", lambda *_: None)
 
 
-def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
+def leave_retried_tasks_unheld(patch: Patch) -> None:
     hold = Holds.hold
 
     def hold_less(
@@ -280,31 +277,43 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
 @pytest.mark.parametrize(
     ("mistake", "transcript", "what"),
     [
-        (what_waits_is_left_alone, "taps_that_come_late_hold_what_waits_for_a_slot",
-         "move {3} went on, and wiretap {5} (check before handling) was not fired"),
-        (what_waits_is_left_alone, "taps_that_come_late_on_what_is_locked_out_or_suspended",
-         "move {2} went on, and wiretap {4} (check before handling) was not fired"),
-        (what_was_passed_over_is_forgotten, "taps_whose_listener_is_handled_late",
-         "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it"),
-        (what_is_handled_once_more_is_not_held, "taps_that_come_late_on_what_is_handled_once_more",
-         "move {1} was given to a handler once more before end handling of check {3}"),
+        (
+            skip_waiting_messages,
+            "taps_that_come_late_hold_what_waits_for_a_slot",
+            "move {3} went on, and wiretap {5} (check before handling) was not fired",
+        ),
+        (
+            skip_waiting_messages,
+            "taps_that_come_late_on_what_is_locked_out_or_suspended",
+            "move {2} went on, and wiretap {4} (check before handling) was not fired",
+        ),
+        (
+            forget_passed_over_messages,
+            "taps_whose_listener_is_handled_late",
+            "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it",
+        ),
+        (
+            leave_retried_tasks_unheld,
+            "taps_that_come_late_on_what_is_handled_once_more",
+            "move {1} was given to a handler once more before end handling of check {3}",
+        ),
     ],
-)  # fmt: skip
+)
 def test_skipped_wiretap_is_found(
     monkeypatch: Patch, mistake: Callable[[Patch], None], transcript: str, what: str
 ) -> None:
     mistake(monkeypatch)
-    told = Transcript()
-    told.player.check = False
+    replayed = Transcript()
+    replayed.player.check = False
     blocks = (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]
     for command in (
         blocks[0].split("\n----")[0].splitlines() + blocks[1].split("\n----")[0].splitlines()
     ):
-        told.play(command)
+        replayed.play(command)
     for block in blocks[2:]:
         for command in block.split("\n----")[0].splitlines():
             if command.startswith(("legs/1: reply", "module", "user: resume")):
-                told.play(command)
-    found = checked([OPENED, *told.player.entries])
+                replayed.play(command)
+    found = checked([OPENED, *replayed.player.entries])
     assert what in [one.what for one in found]
     assert {one.rule for one in found} == {rules.TAPPED.text}

@@ -137,13 +137,13 @@ def test_installed_command_has_its_entry_point_name_and_group() -> None:
 
 def test_missing_package_text_has_one_source() -> None:
     root = Path(command_line.__file__).parents[1]
-    said_by = [
+    sources = [
         file.name
         for folder in ("tca_tools", "tca_tools.live", "tca_wire", "tca_module", "tca_tools.explore")
         for file in (root / folder).rglob("*.py")
         if "pip install" in file.read_text()
     ]
-    assert said_by == ["missing.py"]
+    assert sources == ["missing.py"]
     assert missing_package("a .png", "rich", "top", "ask for .svg") == (
         "a .png needs the Python package 'rich': pip install 'tca-central[top]', or ask for .svg"
     )

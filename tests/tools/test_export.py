@@ -1,4 +1,4 @@
-"""``tca export``, its tables, and what all commands that write files have in common."""
+"""``tca export``, its tables, and the rules for output files of all commands."""
 
 import csv
 import io
@@ -57,7 +57,7 @@ def test_tables_match_their_transcript(expect: Callable[[str, str], None]) -> No
 
 
 def odd() -> History:
-    """Names and texts that are hard on a format."""
+    """Names and texts with quotes, line ends and control characters."""
     story = Story().at(1.0)
     task = story.goal('a "quoted", name\nof lines', "süß\x1b[31m", data={"text": 'x,"y"\n'})
     return story.at(2.0).say(facts.Killed(TaskId(task), "")).reached(task, *Moment).fold()
@@ -81,7 +81,7 @@ def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
 
 
 def test_parquet_clamps_integers_beyond_63_bits() -> None:
-    """A module may say that it sent from any handler, with any priority."""
+    """A module may send any origin and any priority."""
     story, most = Story().module("legs", "move").at(1.0), (1 << 64) - 1
     move = story.command("move", "user", origin=most)
     for table, column in (("messages", "origin"), ("queueings", "priority")):
@@ -92,7 +92,7 @@ def test_parquet_clamps_integers_beyond_63_bits() -> None:
 
 
 def read(kind: ColumnType, text: str) -> Any:
-    """What a program makes of a cell."""
+    """The value of a CSV cell."""
     make: dict[ColumnType, Callable[[str], Any]] = {
         ColumnType.INTEGER: int,
         ColumnType.SECONDS: float,
@@ -109,7 +109,7 @@ def test_exports_page_names_every_table_and_column() -> None:
             assert f"`{column}`" in part, f"{table.name}: {column}"
 
 
-# --- formats, folders, and what is said when it can't be done -------------------------------------
+# --- formats, folders and errors ------------------------------------------------------------------
 
 
 def exported(*arguments: object) -> Result:
@@ -127,8 +127,8 @@ def test_format_follows_from_the_output_suffix(run: Path, tmp_path: Path) -> Non
     for name in ("csv", "parquet"):
         result = exported(run, "-o", tmp_path / f"x.{name}")
         assert result.exit_code == 2
-        said = f"{name} is a folder of tables, not a file: name the folder: --to {name} -o {tmp_path / 'x'}\n"
-        assert said in result.stderr
+        refusal = f"{name} is a folder of tables, not a file: name the folder: --to {name} -o {tmp_path / 'x'}\n"
+        assert refusal in result.stderr
         assert not (tmp_path / f"x.{name}").exists()
     assert "'xml' is not one of" in exported(run, "--to", "xml", "-o", tmp_path / "x").stderr
 
@@ -150,9 +150,7 @@ def test_unwritable_output_is_reported(run: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["jsonl", "csv"])
 def test_export_refuses_to_replace_a_device(run: Path, tmp_path: Path, name: str) -> None:
-    """Of a device the export would become the file; what is tried here is a name that leads to
-    one.
-    """
+    """The export would replace the device by a file. The test uses a link to one."""
     output = tmp_path / "device"
     output.symlink_to("/dev/null")
     result = exported(run, "--to", name, "-o", output, "--force")
@@ -163,17 +161,15 @@ def test_export_refuses_to_replace_a_device(run: Path, tmp_path: Path, name: str
 
 @given(st.lists(FACTS, max_size=60))
 @settings(max_examples=6)
-def test_arbitrary_facts_are_exported_and_measured(told: list[facts.Fact]) -> None:
-    """What a foreign program has written as a journal: nonsense perhaps, but exported without a
-    stumble.
-    """
-    told = [
-        fact for fact in told if not isinstance(fact, facts.Opened)
-    ]  # where another run begins reading ends
+def test_arbitrary_facts_are_exported_and_measured(arbitrary: list[facts.Fact]) -> None:
+    """A foreign program may have written the journal."""
+    arbitrary = [
+        fact for fact in arbitrary if not isinstance(fact, facts.Opened)
+    ]  # reading ends where another run begins
     opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
     entries = [
         Entry(0, 0.0, [opening]),
-        *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1)),
+        *(Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary, 1)),
     ]
     with TemporaryDirectory() as folder:
         run = Path(folder) / "00000001.tcaj"
@@ -248,7 +244,7 @@ def test_failed_export_leaves_no_partial_file(
     assert [found.name for found in tmp_path.iterdir()] == ["run"]
 
 
-# --- a run that goes on though nothing happens ----------------------------------------------------
+# --- live runs without new entries ----------------------------------------------------------------
 
 
 Tca = Callable[..., Result]
@@ -358,7 +354,7 @@ def test_closed_run_still_shows_its_unmet_wait(tca: Tca, tmp_path: Path) -> None
     )
 
 
-# --- all commands write over what they have made themselves, and over nothing else ----------------
+# --- commands replace their own files only --------------------------------------------------------
 
 
 COMMANDS = [
@@ -384,16 +380,16 @@ def test_command_replaces_only_files_it_has_made(
     command: Any, name: str, run: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / name
-    output.write_bytes(b"")  # nothing is lost with it
+    output.write_bytes(b"")  # an empty file may be replaced
     assert written(command, run, output).exit_code == 0
     first = output.read_bytes()
     assert written(command, run, output).exit_code == 0
-    assert abs(len(output.read_bytes()) - len(first)) < 200  # pictures may tell when they were made
+    assert abs(len(output.read_bytes()) - len(first)) < 200  # pictures may contain their date
     output.write_text("<html>precious</html>")
     result = written(command, run, output)
     assert result.exit_code == 1
-    said = "exists already, and was not made by this command: give another name, or --force"
-    assert said in str(result.exception) + result.stderr
+    refusal = "exists already, and was not made by this command: give another name, or --force"
+    assert refusal in str(result.exception) + result.stderr
     assert output.read_text() == "<html>precious</html>"
     assert written(command, run, output, "--force").exit_code == 0
     assert "precious" not in output.read_text(errors="replace")

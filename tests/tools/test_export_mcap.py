@@ -1,4 +1,4 @@
-"""An MCAP file, read back by the real reader; its schemas are held to what viewers can read."""
+"""An MCAP file, read back by the real reader. Its schemas must be readable by viewers."""
 
 import io
 import json
@@ -22,7 +22,7 @@ BEGAN = 1_700_000_000 * SECOND
 
 
 class Topic:
-    """What the reader gives of a topic."""
+    """A topic as the reader returns it."""
 
     def __init__(self) -> None:
         self.schema: dict[str, Any] = {}
@@ -58,9 +58,7 @@ def topics_of(story: Story) -> dict[str, Topic]:
 
 
 def assert_readable(schema: dict[str, Any]) -> None:
-    """Whether Foxglove can read it: it refuses what is not of these forms (foxglove/studio,
-    parseJsonSchema.ts).
-    """
+    """Check for the only forms that Foxglove accepts (foxglove/studio, parseJsonSchema.ts)."""
     assert schema["type"] == "object"
     for field in schema["properties"].values():
         assert "oneOf" not in field
@@ -73,7 +71,7 @@ def assert_readable(schema: dict[str, Any]) -> None:
 
 
 def assert_fits(schema: dict[str, Any], value: Any) -> None:
-    """Whether a value is what its schema says."""
+    """Check a value against its schema."""
     kinds: dict[str, Any] = {
         "boolean": bool,
         "string": str,
@@ -162,8 +160,8 @@ def test_task_and_resource_topics_follow_their_states() -> None:
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_failure_tells_whether_it_was_handled(*, top_fails: bool) -> None:
     topics = topics_of(made("not_replaced" if top_fails else "replaced"))
-    told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
-    assert set(told) == {not top_fails}
+    handled = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
+    assert set(handled) == {not top_fails}
     assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])
     levels = [
         row["level"] for row in topics["/tca/log"].contents if row["message"].startswith("failed: ")
@@ -192,8 +190,8 @@ def test_progress_of_a_task_has_a_topic() -> None:
             grasp, "result available", "running", force, Party.SERVER, "arm", "", body
         )
         story.at(float(force)).say(step)
-    told = topics_of(story)["/progress/grasp"]
-    assert (told.times, [one["data"]["force"] for one in told.contents]) == ([2.0, 3.0], [2, 3])
+    topic = topics_of(story)["/progress/grasp"]
+    assert (topic.times, [one["data"]["force"] for one in topic.contents]) == ([2.0, 3.0], [2, 3])
 
 
 def test_entries_of_equal_time_keep_their_order() -> None:

@@ -1,6 +1,4 @@
-"""A Perfetto trace: its tracks, slices, arrows and counters, read back by the rules of Perfetto's
-trace processor.
-"""
+"""A Perfetto trace, read back by the rules of Perfetto's trace processor."""
 
 import os
 import shutil
@@ -9,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tools.story import QUERY, Story, locking, stumbling, walking
-from tools.telling import all_of_a_trace, trace_of
+from tools.telling import trace_of, track_lines
 
 from tca_tools.export.trace.events import TraceSpan, in_lanes
 from tca_wire.journal import facts
@@ -20,7 +18,7 @@ SECOND = 1_000_000_000
 
 def test_traces_match_their_transcript(tmp_path: Path, expect: Callable[[str, str], None]) -> None:
     traces = [trace_of(story.fold()) for story in (walking(), stumbling(), locking())]
-    expect("trace", "\n".join(line for trace in traces for line in all_of_a_trace(trace)) + "\n")
+    expect("trace", "\n".join(line for trace in traces for line in track_lines(trace)) + "\n")
 
 
 def test_trace_lists_resources_in_order_of_appearance(tmp_path: Path) -> None:
@@ -52,7 +50,7 @@ def test_overlapping_handlings_share_one_track_in_lanes(tmp_path: Path) -> None:
 
 
 def test_trace_holds_a_thousand_simultaneous_waits(tmp_path: Path) -> None:
-    """A handler that gathers a thousand answers, the first asked being the last to come."""
+    """A handler gathers a thousand answers. The last one answers the first question."""
     story = Story().module("planner", "plan")
     plan = story.goal("plan", "user", to="planner")
     for number in range(1000):

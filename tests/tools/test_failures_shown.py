@@ -1,4 +1,4 @@
-"""Failures in all tools: in one word whether the run went on, who raised them, and their data."""
+"""Failures in all tools: handled or not, their origin, and their data."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -51,9 +51,9 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 
 @pytest.mark.parametrize("top_fails", [False, True])
 def test_failure_is_amber_if_handled_and_red_if_not(*, top_fails: bool) -> None:
-    told = made("not_replaced" if top_fails else "replaced")
+    story = made("not_replaced" if top_fails else "replaced")
     run, word, colour = (
-        told.fold(),
+        story.fold(),
         "failed" if top_fails else HANDLED,
         RED if top_fails else YELLOW,
     )
@@ -63,9 +63,7 @@ def test_failure_is_amber_if_handled_and_red_if_not(*, top_fails: bool) -> None:
     assert summary(run).tasks[word] == 1
     assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
     assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
-    grown = growth_lines(
-        Recording(told.entries), 0.0, None
-    )  # when it failed nobody knew what would become of that
+    grown = growth_lines(Recording(story.entries), 0.0, None)  # its fate was unknown when it failed
     assert [line for line in grown if f"{RED}failed\x1b[0m, blind" in line]
     assert colour_of(word) == ("red" if top_fails else "yellow")
     for picture in (dot_source(at, rows, ""), outline_svg(at, rows, "")):
@@ -115,15 +113,15 @@ def test_tree_fits_a_narrow_terminal_and_keeps_names(tca: Tca, tmp_path: Path, w
 
 
 def test_deep_tree_keeps_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) -> None:
-    told, parent = Story().at(1.0), 0
+    story, parent = Story().at(1.0), 0
     for _ in range(12):
-        parent = told.goal("step", "user", parent)
-    lines = tca("tree", told.write(tmp_path / "deep"), COLUMNS="40").stdout.splitlines()
+        parent = story.goal("step", "user", parent)
+    lines = tca("tree", story.write(tmp_path / "deep"), COLUMNS="40").stdout.splitlines()
     assert max(map(len, lines)) <= 40
     assert all("step {" in line for line in lines[2:])
 
 
-# --- failures that are raised beside the handler --------------------------------------------------
+# --- failures raised beside the handler -----------------------------------------------------------
 
 
 def test_chart_marks_failures_raised_beside_the_handler() -> None:
@@ -157,7 +155,7 @@ def test_failure_data_is_not_shown_as_a_result(run: Path) -> None:
     assert (answer["result"], answer["failureData"]) == ("", json.dumps(force))
 
 
-# --- A run of five programs that fails: a failure that was only observed, and two that were resolve
+# --- a run with two resolved failures and one that was only observed ------------------------------
 
 
 RESOLVED, FAILED, KILLED, ACHIEVED = (
@@ -170,9 +168,7 @@ RESOLVED, FAILED, KILLED, ACHIEVED = (
 
 @pytest.fixture(scope="module")
 def resolved_entries() -> list[Entry]:
-    """A walk whose step was mended, a step of the user's that was, and a walk whose step somebody
-    only looked at.
-    """
+    """A walk with a mended step, a mended step of the user, and a walk with an observed failure."""
     robot = Player.of(
         "planner: goal walk",
         "legs: command step, command swing",
@@ -254,7 +250,7 @@ def test_every_tool_shows_done_after_a_failure(path: Path, tca: Any) -> None:
 
 
 def changed(resolved_entries: list[Entry], kind: type, becomes: Any) -> Iterator[Entry]:
-    """The journal with the facts of one kind as others, or without them."""
+    """The journal with the facts of one kind replaced or removed."""
     for entry in resolved_entries:
         kept = [becomes(fact) if isinstance(fact, kind) else fact for fact in entry.facts]
         yield msgspec.structs.replace(entry, facts=[fact for fact in kept if fact is not None])

@@ -1,6 +1,4 @@
-"""``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the
-chart as text.
-"""
+"""``tca gantt``: the bars of a chart, their texts, its time span, and the chart as text."""
 
 import re
 from collections.abc import Callable
@@ -9,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from tools.story import COMMAND, THIS, Story, locking, made, silent_for, stumbling, walking
-from tools.telling import all_of_a_chart
+from tools.telling import bar_lines
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
@@ -47,7 +45,7 @@ def test_bars_match_their_transcript(expect: Expect) -> None:
     ]
     expect(
         "gantt_bars",
-        "\n".join(line for drawing in drawings for line in all_of_a_chart(drawing)) + "\n",
+        "\n".join(line for drawing in drawings for line in bar_lines(drawing)) + "\n",
     )
 
 
@@ -101,7 +99,7 @@ def test_part_of_a_run_keeps_the_message_colours() -> None:
 
 
 def test_suspended_task_is_in_the_row_of_its_module() -> None:
-    """That would have handled it, even when it has left."""
+    """The module that would have handled it counts, even after it has left."""
     run = made("suspended_for_wheels").fold()
 
     def suspended(*modules: str) -> list[float]:
@@ -124,7 +122,7 @@ def test_each_hold_reason_is_a_bar_in_the_lane_of_its_task() -> None:
     assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
 
 
-# --- what is asked for ----------------------------------------------------------------------------
+# --- selection ------------------------------------------------------------------------------------
 
 
 def test_module_option_limits_the_rows(tca: Tca, run: Path) -> None:
@@ -141,8 +139,8 @@ def test_task_option_keeps_the_subtree_and_its_queries(tca: Tca, run: Path) -> N
         "",
         "perception",
     ]
-    assert "controller" not in shown  # take steps {3} never got as far
-    assert "held" not in shown  # only a story tells that
+    assert "controller" not in shown  # take steps {3} sent it nothing
+    assert "held" not in shown  # only a story shows holds
     assert (
         "controller" in tca("gantt", run, "--task", "take steps").stdout
     )  # all tasks of that name
@@ -181,10 +179,10 @@ def test_at_option_shows_the_chart_as_it_was(tca: Tca, run: Path) -> None:
     assert "move body" not in then
     part = tca("gantt", run, "--from", 1.0, "--to", 4.0, COLUMNS="100").stdout
     assert part.splitlines()[0] == "run: 1.00 to 4.00 s"
-    assert "█!" in part  # what went on at 4.0 s failed later
+    assert "█!" in part  # open at 4.0 s, failed later
 
 
-# --- from when until when it goes by itself -------------------------------------------------------
+# --- default time span ----------------------------------------------------------------------------
 
 
 def now_of(story: Story, *, is_live: bool = True) -> History:
@@ -224,7 +222,7 @@ def test_chart_of_a_live_run_with_open_work_extends_to_now() -> None:
     waiting.queued(waiting.command("fly", "user"))
     monitored.at(30.0).received(
         "watch", MessageClass.POINT_MONITOR, "user"
-    )  # nobody has begun to watch
+    )  # a monitor that has not begun to watch
     for story in (walking(), moving, waiting, monitored):
         assert chart(now_of(story)).end == NOW
 
@@ -270,7 +268,7 @@ def test_story_chart_spans_the_life_of_its_task(tmp_path: Path, tca: Tca) -> Non
         assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {said}"
 
 
-# --- very many, very short, and odd ---------------------------------------------------------------
+# --- many, short and unusual bars -----------------------------------------------------------------
 
 
 def test_gantt_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
@@ -318,7 +316,7 @@ def test_long_queue_shows_the_number_of_waiting_messages(
 
 
 def test_short_wait_is_not_drawn_as_handling() -> None:
-    """However little room it has: what a program waits for is not handled."""
+    """A wait of 1 ms takes less than one column, but it must not become a block of handling."""
     story = Story().module("legs", "move").module("guest").at(1.0)
     story.say(facts.Claimed(90, "legs", "legs", False, "guest", TaskId(0))).at(1.001).say(
         facts.Granted(90)

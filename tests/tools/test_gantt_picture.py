@@ -1,4 +1,4 @@
-"""``tca gantt -o``: what can be seen in the picture, as files, and of very many bars."""
+"""``tca gantt -o``: shapes and colours, file formats, and very many bars."""
 
 import math
 import re
@@ -34,7 +34,7 @@ def drawn(story: Story, pick: Pick | None = None) -> str:
 
 
 def shapes(picture: str) -> str:
-    """What is drawn, a line each: its look, where it begins and ends, and what it tells."""
+    """One line for each shape: its look, its place and its title."""
     lines = []
     for one in ET.fromstring(picture).iter():
         look = one.get("class") or one.get("fill", "")
@@ -57,7 +57,7 @@ def test_gantt_picture_matches_its_transcript(expect: Callable[[str, str], None]
 def shop(
     *failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1
 ) -> Story:
-    """Many short steps, each in the next row, of which some end otherwise."""
+    """Many short steps, spread over the rows. The *failing* ones have another outcome."""
     story = Story()
     for number in range(rows):
         story.module(f"legs {number}", "step")
@@ -68,7 +68,7 @@ def shop(
     return story
 
 
-# --- what means what ------------------------------------------------------------------------------
+# --- looks and meanings ---------------------------------------------------------------------------
 
 
 def test_narrow_failed_bars_have_flags_above_their_row() -> None:
@@ -76,9 +76,9 @@ def test_narrow_failed_bars_have_flags_above_their_row() -> None:
         r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>',
         drawn(shop(100, 500, 501, 502)),
     )
-    [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
-    assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
-    assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
+    [(first, first_title), (second, second_title)] = [(float(left), title) for left, title in found]
+    assert first_title.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
+    assert second_title.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
     assert second - first == pytest.approx((501.5 - 100.5) / 999.5 * 1700, abs=1)
 
 
@@ -90,7 +90,7 @@ def test_legend_lists_flags_in_their_colours() -> None:
 
 @pytest.mark.parametrize(("steps", "look"), [(3, 'class="end"'), (1000, 'class="ink-killed"')])
 def test_killed_bar_has_a_dark_end(steps: int, look: str) -> None:
-    """A narrow one, or a block of many, has a foot."""
+    """A narrow bar, or a block of many bars, has a foot instead."""
     plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
     assert killed.count(look) > plain.count(look)
     assert (">killed</text>" in killed, ">killed</text>" in plain) == (True, False)
@@ -98,7 +98,7 @@ def test_killed_bar_has_a_dark_end(steps: int, look: str) -> None:
 
 def test_failed_bar_is_visible_in_a_block() -> None:
     whole, failed = (drawn(shop(*bad)) for bad in ((), (999,)))
-    assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # its foot and flag
+    assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # a foot and a flag
 
 
 def test_story_picture_shows_awaited_bars_paler(tmp_path: Path, tca: Tca) -> None:
@@ -110,17 +110,17 @@ def test_story_picture_shows_awaited_bars_paler(tmp_path: Path, tca: Tca) -> Non
         for rectangle in picture.iter(f"{SVG}rect")
     }
     assert titled["move {4} handled by legs"] is None
-    assert titled["move {2} handled by legs"] == "beside"  # had the legs
+    assert titled["move {2} handled by legs"] == "beside"  # used the legs
     assert titled["look {3} handled by eyes"] == "beside"  # had locked them
     assert "adjust {5} handled by legs" not in titled
     written = {
         one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")
     }
-    assert written["look"] == "in"  # dark: white could not be read there
+    assert written["look"] == "in"  # dark: white is illegible there
 
 
 def distance(one: str, other: str) -> float:
-    """How different two colours look: 1 from black to white (B. Ottosson, Oklab, 2020)."""
+    """The visible difference of two colours: 1 from black to white (Ottosson, Oklab, 2020)."""
     return math.dist(oklab(one), oklab(other))
 
 
@@ -137,7 +137,7 @@ def oklab(colour: str) -> list[float]:
 
 
 def test_message_colours_differ_from_colours_with_a_meaning() -> None:
-    """Not red or amber, which mean a failure; no grey; dark to write on, or light."""
+    """Not red or amber (failures), nor grey; dark enough for white text, or light enough for black."""
     amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):
@@ -169,7 +169,7 @@ def test_gantt_picture_escapes_hostile_names() -> None:
 
 @pytest.mark.parametrize(
     ("words", "pixels"),
-    [  # as a browser measures them in the letters of our pictures
+    [  # measured by a browser in the font of the pictures
         ("waiting for a reply, task or lock", 160),
         ("failed, and handled", 101),
         ("traverse path", 70),
@@ -187,7 +187,7 @@ SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
 def queue(*bars: tuple[float, float], is_without_module: bool = False) -> ResourceRow:
-    """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
+    """A row of queued bars, one a lane, on a plot of 1000 pixels and seconds."""
     waiting = [
         Bar("step", start, end, kind=BarKind.QUEUED, lane=lane)
         for lane, (start, end) in enumerate(bars)
@@ -200,7 +200,9 @@ def test_queue_is_a_curve_when_its_bars_are_narrow_or_many() -> None:
     assert is_curve(queue((0, 4), (10, 15), (20, 25)), SCALE)
     assert is_curve(queue(*[(0, 40)] * 7), SCALE)
     assert not is_curve(queue(*[(0, 40)] * 3, is_without_module=True), SCALE)
-    assert is_curve(queue(*[(0, 40)] * 4, is_without_module=True), SCALE)  # they take little room
+    assert is_curve(
+        queue(*[(0, 40)] * 4, is_without_module=True), SCALE
+    )  # rows without a module take less room
 
 
 @pytest.mark.parametrize(
@@ -242,10 +244,12 @@ def test_legend_lists_only_patterns_in_the_picture() -> None:
 @pytest.mark.parametrize("steps", [4, 300])
 def test_held_tasks_beyond_the_limit_are_summarised(steps: int) -> None:
     picture = drawn(stepping(steps=steps), Pick(held=range(1, 2 + steps)))
-    said = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
-    assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # with the legend's
+    texts = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
+    assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # six tasks and the legend
     assert ("more are held" in picture) == (steps > 7)
-    assert ("step {4}: until step {3} is achieved" in said) == (steps < 7)  # narrow bars say less
+    assert ("step {4}: until step {3} is achieved" in texts) == (
+        steps < 7
+    )  # narrow bars have no words
 
 
 @pytest.mark.soak
@@ -296,4 +300,4 @@ def test_gantt_page_is_self_contained_and_well_formed(tca: Tca, tmp_path: Path) 
     assert page.count("</script>") == 1
     for drawing in re.findall(r"<svg .*?</svg>", page, re.DOTALL):
         ET.fromstring(drawing)
-    assert "z16" in page  # what shows only when it is zoomed
+    assert "z16" in page  # the class of shapes shown only when zoomed

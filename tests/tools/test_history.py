@@ -74,11 +74,11 @@ def test_fold_accepts_a_journal_from_any_entry_on() -> None:
         assert all(task.parent < task.id for task in history.tasks.values())
     history = History.until(whole[8:])
     assert str(history.tasks[2]) == "? {2}"
-    assert history.top == [2, 3]  # what was sent before hangs under the root
+    assert history.top == [2, 3]  # earlier tasks are unknown: their children are under the root
 
 
-def everything_about(history: History) -> None:
-    """Ask a history all that the tools ask; nothing may fail."""
+def ask_everything(history: History) -> None:
+    """Ask a history all that the tools ask. No question may raise."""
     for task in history.tasks.values():
         reasons(history, task.id)
         life_at(history, task)
@@ -94,14 +94,14 @@ def everything_about(history: History) -> None:
 @pytest.mark.parametrize("story", [walking(), stumbling(), arcs()])
 def test_every_prefix_of_a_journal_can_be_shown(story: Story) -> None:
     for length in range(len(story.entries) + 1):
-        everything_about(History.until(story.entries[:length]))
+        ask_everything(History.until(story.entries[:length]))
 
 
 IDS = st.integers(-2, 9)
 NAMES = st.sampled_from(["a", "b", "<&\x1b", ""])
 
 
-def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
+def random_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     numbers = [name for name, what in get_type_hints(kind).items() if what in (int, TaskId)]
     fields: dict[str, Any] = dict.fromkeys(numbers, IDS | st.integers(-(1 << 63), (1 << 64) - 1))
     fields |= dict.fromkeys(("id", "message_id", "task", "parent", "origin"), IDS)
@@ -115,18 +115,18 @@ def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     )
 
 
-FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
+FACTS = st.one_of([random_fact(kind) for kind in get_args(facts.Fact)])
 
 
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=lives(40, soak=500))
-def test_arbitrary_facts_can_be_folded_and_shown(told: list[facts.Fact]) -> None:
+def test_arbitrary_facts_can_be_folded_and_shown(arbitrary: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(
-        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary)
     )
-    everything_about(history)
-    assert all(isinstance(wording.words(fact), str) for fact in told)
+    ask_everything(history)
+    assert all(isinstance(wording.words(fact), str) for fact in arbitrary)
     assert all(task.parent < task.id for task in history.tasks.values())
 
 
@@ -155,21 +155,21 @@ def test_tree_of_depth_2000_is_drawn() -> None:
 
 
 @given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
-def test_handlings_of_a_slot_never_overlap_for_any_times(said: list[float]) -> None:
+def test_handlings_of_a_slot_never_overlap_for_any_times(times: list[float]) -> None:
     story = made("told_late")
-    told = story.entries[-1].facts
-    told.clear()
+    last_facts = story.entries[-1].facts
+    last_facts.clear()
     for number in (1, 2, 3):
         if number > 1:
-            told.append(facts.Delivered(number, number, "ear", "ear", 1, began=said[number]))
-        told.append(facts.Returned(number, Outcome.DONE, b"", said[number + 2]))
+            last_facts.append(facts.Delivered(number, number, "ear", "ear", 1, began=times[number]))
+        last_facts.append(facts.Returned(number, Outcome.DONE, b"", times[number + 2]))
     runs = story.fold().handlings
     assert all(before.until <= after.start for before, after in pairwise(runs))
     assert all(run.start <= run.until <= 2.0 for run in runs)
 
 
 def test_achieved_task_takes_less_than_1500_bytes() -> None:
-    """A run may have millions of them."""
+    """A run may have millions of achieved tasks."""
     many, story = 500, Story().module("legs", "move")
     for number in range(many):
         move = story.at(float(number)).command("move", "user")
@@ -179,4 +179,4 @@ def test_achieved_task_takes_less_than_1500_bytes() -> None:
     size, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(history.tasks) == many
-    assert size / many < 1500  # bytes; with a list for all that a task may have twice as many
+    assert size / many < 1500  # bytes; a list for each optional part would need twice as many

@@ -1,6 +1,4 @@
-"""A failure, step by step: who was killed for it, what a deadline ran out on, and who could not
-decide.
-"""
+"""Failures of exception handlers: outer handlers, and handlers that could not decide."""
 
 import msgspec
 import pytest
@@ -39,8 +37,8 @@ def test_undecided_failure_story_starts_from_the_first_failure() -> None:
             History.until(played("failures_that_nobody_could_decide_about").entries), TaskId(3), 200
         )
     )
-    told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
-    assert [line for line in told if " failed: " in line] == [
+    steps = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
+    assert [line for line in steps if " failed: " in line] == [
         "  move {4} failed: slip: why",
         "    recover {5} failed: module lost: module 'expert' was lost: its connection closed",
         "    report {6} failed: handler error: why",
@@ -51,9 +49,7 @@ def test_undecided_failure_story_starts_from_the_first_failure() -> None:
 def test_check_finds_a_wrong_undecided_exception_handler(
     undecided: int,
 ) -> None:
-    """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another
-    exception handler.
-    """
+    """Task 4 fails, its exception handler 5 fails, too, and 6 is another exception handler."""
     entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
     assert checked(entries) == []
     first = next(

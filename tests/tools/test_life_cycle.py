@@ -1,6 +1,4 @@
-"""``tca lifecycle``: the table and the diagram of a built-in life cycle, of those in a file, and of
-a message's.
-"""
+"""``tca lifecycle``: tables and diagrams of life cycles: built in, in a file, of a message."""
 
 import shutil
 from collections.abc import Callable
@@ -58,9 +56,7 @@ def test_life_cycle_table_is_cut_to_the_terminal(tca: Tca) -> None:
 
 
 def test_life_cycle_diagrams_match_their_transcripts(expect: Callable[[str, str], None]) -> None:
-    """What leaves all active states is drawn once, from their frame; "paused" has no results, so
-    nothing is there.
-    """
+    """A transition from all active states is drawn once, from their frame."""
     expect("life_cycle_general_dot", dot_source(GENERAL))
     expect("life_cycle_pausable_dot", dot_source(PAUSABLE))
 

@@ -56,10 +56,21 @@ def test_json_log_has_a_line_for_each_fact(tca: Tca, tmp_path: Path) -> None:
     first = next(row for row in rows if row["kind"] == "received")
     assert first.pop("cause")["message"] == "Send"
     assert first == {
-        "t": 0.0, "entry": 1, "kind": "received", "id": 1, "message": "walk", "message_class": "goal",
-        "sender": "script", "parent": 0, "origin": 0, "blocking": False, "constraints": [], "role": "", "about": 0,
+        "t": 0.0,
+        "entry": 1,
+        "kind": "received",
+        "id": 1,
+        "message": "walk",
+        "message_class": "goal",
+        "sender": "script",
+        "parent": 0,
+        "origin": 0,
+        "blocking": False,
+        "constraints": [],
+        "role": "",
+        "about": 0,
         "data": {"metres": 2.5},
-    }  # fmt: skip
+    }
 
 
 def test_log_shows_the_cause_of_each_entry(tca: Tca, tmp_path: Path) -> None:
@@ -82,7 +93,7 @@ def test_log_task_option_accepts_number_or_name(tca: Tca, run: Path) -> None:
     assert tca("log", "show", run, "--task", "{3}").stdout == by_number
     all_steps = tca("log", "show", run, "--task", "take steps").stdout.splitlines()
     each = [tca("log", "show", run, "--task", number).stdout.splitlines() for number in (2, 3, 4)]
-    # a cause stands at the first line of its entry that is shown
+    # a cause is on the first shown line of its entry
     each_line = [line for lines in each for line in lines]
     without_causes = [
         {line.partition("  (")[0] for line in lines} for lines in (all_steps, each_line)
@@ -90,7 +101,7 @@ def test_log_task_option_accepts_number_or_name(tca: Tca, run: Path) -> None:
     assert without_causes[0] == without_causes[1]
     maps = tca(
         "log", "show", run, "--task", "elevation map", "--kind", "returned"
-    ).stdout  # queries have names, too
+    ).stdout  # also the name of a query
     assert [line.split()[2:4] for line in maps.splitlines()] == [["elevation", "map"]] * 2
 
 
@@ -104,8 +115,8 @@ def test_log_of_a_message_includes_all_its_deliveries(tca: Tca, tmp_path: Path) 
     run = story.write(tmp_path / "run")
     for task in ("1", "status"):
         lines = tca("log", "show", run, "--task", task).stdout.splitlines()
-        told = [line.split()[1] for line in lines if line.startswith("     1")]
-        assert told == ["delivered", "queued", "returned", "unqueued"]
+        kinds = [line.split()[1] for line in lines if line.startswith("     1")]
+        assert kinds == ["delivered", "queued", "returned", "unqueued"]
 
 
 @pytest.mark.parametrize("task", ["99999", "take stpes", ""])
@@ -116,7 +127,7 @@ def test_log_refuses_an_unknown_task_like_tree(tca: Tca, run: Path, task: str) -
     assert result.stderr == tca("tree", run, "--task", task).stderr
     assert (
         tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0
-    )  # it is there, only not that kind
+    )  # the task exists, without a fact of that kind
 
 
 def test_log_kind_option_filters_and_text_is_printable(tca: Tca, run: Path) -> None:
@@ -205,7 +216,7 @@ def test_json_log_has_constraints_as_points(tca: Tca, run: Path) -> None:
 def test_classic_logs_match_their_transcripts(expect: Callable[[str, str], None]) -> None:
     expect("classic_stumbling", "\n".join(classic_lines(stumbling().entries)) + "\n")
     expect("classic_walk", "\n".join(classic_lines(walk())) + "\n")
-    for start in range(1, len(walk()) - 20, 5):  # it begins anywhere
+    for start in range(1, len(walk()) - 20, 5):  # from any entry on
         assert list(classic_lines(walk()[start:]))
 
 

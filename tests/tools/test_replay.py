@@ -1,6 +1,4 @@
-"""``tca replay``: the real application, driven by keys, without a screen; and the growth of the
-tree as text.
-"""
+"""``tca replay``: the real application, driven by keys without a screen; and its text form."""
 
 import asyncio
 import signal
@@ -35,7 +33,7 @@ TRACEBACK = "ZeroDivisionError: division by zero\nTraceback (most recent call la
 
 
 class Player:
-    """The application, and what is seen of it."""
+    """The application with its visible texts."""
 
     def __init__(self, app: Replay, pilot: Pilot[None]) -> None:
         self.app = app
@@ -68,7 +66,7 @@ class Player:
 
     @property
     def story(self) -> str:
-        """The words that are seen of it."""
+        """The visible words of the story pane."""
         log = self.app.query_one(RichLog)
         lines = [log.render_line(line).text for line in range(log.size.height)]
         return " ".join(
@@ -97,7 +95,7 @@ def play(
     at: float | None = 0.0,
     speed: float = 1.0,
 ) -> Replay:
-    """Run the application from the start, and do something with it."""
+    """Run the application and an action on it."""
     app = Replay(Recording(entries), "walk", speed=speed, at=at)
     app.animation_level = "none"
 
@@ -146,7 +144,7 @@ def test_f_key_selects_the_next_failure() -> None:
 
 
 def test_failed_query_selects_the_task_that_sent_it() -> None:
-    """Not what another fact of the same event names first."""
+    """Another fact of the same event names another task first."""
     story = Story().module("lab", "analyse").at(1.0)
     other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
     story.delivered(goal, "lab").at(2.0)
@@ -167,9 +165,7 @@ def test_handled_failure_is_yellow_and_unhandled_is_red(*, top_fails: bool, colo
     async def act(player: Player) -> None:
         await player.press("f")
         assert player.app.recording.failures == {player.app.place: top_fails}
-        assert player.coloured("blind") == {
-            "red"
-        }  # that the walk would be achieved is not known yet
+        assert player.coloured("blind") == {"red"}  # its fate is not known yet
         selected = player.app.selected
         await player.press("end")
         await player.ask("slash", str(selected))
@@ -227,10 +223,10 @@ def test_n_key_moves_between_search_results() -> None:
         await player.ask("slash", "unheard")
         assert "no task or failure 'unheard'" in player.heading
         place = player.app.place
-        await player.ask("slash", "2")  # it is there: it is chosen as it is now
+        await player.ask("slash", "2")  # it exists at this moment: the moment stays
         assert (player.app.selected, player.app.place) == (2, place)
         await player.press("home")
-        await player.ask("slash", "{9}")  # it is not there yet
+        await player.ask("slash", "{9}")  # it comes later: the moment moves on
         assert (player.app.selected, player.app.place > 0) == (9, True)
 
     play(stumbling().entries, act)
@@ -249,7 +245,7 @@ def test_search_finds_failures_and_wraps_around() -> None:
         await player.press("N")
         assert (player.app.selected, "search continued from the end" in player.heading) == (4, True)
         await player.press("home")
-        await player.ask("slash", "collision")  # of a name and a failure what comes first
+        await player.ask("slash", "collision")  # the earlier one of a name and a failure
         assert player.time == 4.5
         await player.press("n")
         assert player.time == 4.5
@@ -308,7 +304,7 @@ def test_g_key_and_mouse_go_to_a_time() -> None:
         assert "the journal ends at 5.000 s" in player.heading
         await player.ask("g", "soon")
         assert "'soon' is not a time" in player.heading
-        await player.press("g", "1", "left", "9")  # the arrow moves within what is typed
+        await player.press("g", "1", "left", "9")  # the arrow moves the cursor of the input
         assert player.app.query_one(Question).value == "91"
         await player.press("escape", "home")
         assert player.app.place == 0
@@ -421,11 +417,11 @@ def test_story_is_below_the_tree_on_a_narrow_terminal(width: int, is_below: bool
     play(stumbling().entries, act, (width, 20))
 
 
-# --- what is shown of many ------------------------------------------------------------------------
+# --- very many tasks ------------------------------------------------------------------------------
 
 
 def test_replay_folds_most_of_5000_tasks() -> None:
-    """Very many goals, of which one in a thousand lives on."""
+    """One goal in a thousand stays open."""
     story = Story().module("user").module("planner", "walk")
     for number in range(5_000):
         goal = story.at(1.0 + number).goal("walk", "user", to="planner", begins=True)
@@ -519,7 +515,7 @@ def run(tmp_path: Path) -> Path:
     "keys",
     [
         CONTROL_C,
-        "/nothing like it" + ENTER + "q",  # as fast as a program types
+        "/nothing like it" + ENTER + "q",  # typed without pauses
         pytest.param("gsoon" + LINE_END + "q", marks=pytest.mark.soak),
     ],
 )
@@ -541,7 +537,7 @@ def test_q_in_a_search_does_not_quit_but_sigint_does(run: Path) -> None:
 
 @pytest.mark.slow
 def test_replay_ends_when_its_terminal_vanishes(run: Path) -> None:
-    """It is of another session, so that no signal comes."""
+    """The replay is in another session, so no signal arrives."""
     with replaying(run) as shown:
         shown.vanish()
         assert shown.process.wait(timeout=SOON) == -signal.SIGHUP

@@ -1,4 +1,4 @@
-"""The report: a page that tells a stranger how a run went, whatever the journal holds."""
+"""The report: a page about a run for readers new to the robot."""
 
 import re
 import sys
@@ -32,7 +32,7 @@ HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}\x1b[31m\x00\u202e"
 
 
 class Page(HTMLParser):
-    """Checks that every element is closed where it should be; keeps texts, tags and attributes."""
+    """Checks that elements are properly nested, and collects texts, tags and attributes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -69,11 +69,9 @@ class Page(HTMLParser):
 
     @property
     def approved(self) -> str:
-        """What stands on the page, a line a paragraph, row or heading; without styles and
-        drawings.
-        """
+        """The text of the page, one line for each paragraph, row or heading."""
         return (
-            "\n".join(line for said in self.blocks if (line := re.sub(r"\s+", " ", said).strip()))
+            "\n".join(line for block in self.blocks if (line := re.sub(r"\s+", " ", block).strip()))
             + "\n"
         )
 
@@ -87,7 +85,7 @@ Reported = Callable[[Story], Page]
 
 @pytest.fixture
 def reported(tmp_path: Path) -> Reported:
-    """The page of the report of a story."""
+    """Makes the report of a story."""
 
     def run(story: Story) -> Page:
         out = tmp_path / "run.html"
@@ -155,14 +153,14 @@ def test_report_of_a_quiet_live_run_lasts_until_now(tmp_path: Path) -> None:
 def test_report_shows_one_line_of_a_traceback_until_opened(
     reported: Reported,
 ) -> None:
-    said = (
+    traceback = (
         "KeyError: 'salt'\nTraceback (most recent call last):\n  File \"kitchen.py\", line 38, in fry\n"
         "    {}['salt']\n    ~~^^^^^^^^\nKeyError: 'salt'"
     )
     story = Story().module("user").module("stove", "fry")
     for _ in range(2):
         fry = story.at(1.0).command("fry", "user", to="stove")
-        story.at(2.0).failed(fry, "handler error", said).say(
+        story.at(2.0).failed(fry, "handler error", traceback).say(
             facts.Unhandled(TaskId(fry)),
             facts.Killed(
                 TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"
@@ -175,14 +173,14 @@ def test_report_shows_one_line_of_a_traceback_until_opened(
         "was not achieved: first fry {1} failed: handler error: KeyError: 'salt' ...."
         in shown.text.replace("were", "was")
     )
-    assert shown.text.count("~~^^^^^^^^") == 1  # of both the same, told once
-    whole = "\n".join(said.splitlines())
+    assert shown.text.count("~~^^^^^^^^") == 1  # the same for both, shown once
+    whole = "\n".join(traceback.splitlines())
     assert whole in "".join(shown.texts)
 
 
 def test_report_explains_suspension_and_missing_handlers(reported: Reported) -> None:
     shown = reported(made("mopping"))
-    assert "fly : no handler" in shown.text  # where the time went
+    assert "fly : no handler" in shown.text  # in the table of times
     for words in (
         "Nobody handles 'fly'",
         "'mop floor' is suspended for a while",
@@ -241,7 +239,7 @@ def test_report_of_an_empty_run_says_so(reported: Reported) -> None:
 
 
 def many(tops: int, below: int, bad: int) -> History:
-    """So many walks of so many moves each; one move of walk *bad* failed."""
+    """*tops* walks of *below* moves each. A move of walk *bad* failed."""
     story = Story().module("legs", "move")
     for number in range(tops):
         walk = story.at(float(number)).goal("walk", "user")
@@ -259,7 +257,7 @@ def test_report_tree_shows_failures_and_counts_the_rest() -> None:
     rows = [row for some in found.below.values() for row in some]
     tasks = [row.task for row in rows if row.task]
     states = [task.standing for task in tasks]
-    assert states.count(HANDLED) == 1  # the walk was achieved all the same
+    assert states.count(HANDLED) == 1  # its walk was achieved
     failed = next(task for task in tasks if task.standing == HANDLED)
     assert {task.id for task in tasks} & found.opened == {failed.id, failed.parent}
     assert sum(row.folded for row in rows) + len(states) == len(found.at.tasks) == 3000
@@ -322,9 +320,9 @@ def test_report_without_jinja_names_the_extra(
 
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=8)
-def test_arbitrary_facts_make_a_well_formed_report(told: list[facts.Fact]) -> None:
+def test_arbitrary_facts_make_a_well_formed_report(arbitrary: list[facts.Fact]) -> None:
     history = History.until(
-        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary)
     )
     found = contents(history)
     Page(page("run", "", found, tree(history), gantt(history, found), strips(history, found)))

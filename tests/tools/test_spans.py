@@ -1,4 +1,4 @@
-"""How much of a time is covered by spans, and by how many at once."""
+"""The time that spans cover, and how many overlap."""
 
 from tca_tools.spans import Cover, levels
 

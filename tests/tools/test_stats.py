@@ -1,4 +1,4 @@
-"""``tca stats``: counts, times and shares, of a whole run or of a part."""
+"""``tca stats``: counts, times and shares of a run or of a part of it."""
 
 import json
 import re
@@ -58,10 +58,10 @@ def test_stats_json_matches_its_transcript(
     expect("stats_json", "\n".join(_rounded(json.loads(one.stdout)) for one in asked) + "\n")
 
 
-def _rounded(told: dict[str, Any]) -> str:
-    """A line for each message and resource; times to the microsecond."""
-    rows = [{key: value for key, value in told.items() if not isinstance(value, list)}]
-    text = "\n".join(map(json.dumps, [*rows, *told["messages"], *told["resources"]]))
+def _rounded(measured: dict[str, Any]) -> str:
+    """One line for each message and resource, with rounded times."""
+    rows = [{key: value for key, value in measured.items() if not isinstance(value, list)}]
+    text = "\n".join(map(json.dumps, [*rows, *measured["messages"], *measured["resources"]]))
     return re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
 
@@ -71,7 +71,7 @@ def test_stats_lines_fit_the_terminal(run: Path, width: int) -> None:
     assert max(map(len, lines)) <= width
     assert [
         line for line in lines if line.startswith("tak") and " 3" in line
-    ]  # so often it was sent
+    ]  # the row of take steps, sent 3 times
 
 
 def test_narrow_terminal_leaves_out_whole_columns(run: Path) -> None:

@@ -97,8 +97,8 @@ def test_damage_is_reported_after_the_output(tca: Tca, run: Path) -> None:
         assert "there is no record here; what comes before it is shown" in result.stderr
 
 
-def a_long_walk(achieved: int, held: int) -> Story:
-    """One goal with commands in sequence, so many of them achieved."""
+def long_walk(achieved: int, held: int) -> Story:
+    """A goal with commands in sequence: *achieved* of them, then *held* ones."""
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for number in range(achieved + held):
@@ -109,7 +109,7 @@ def a_long_walk(achieved: int, held: int) -> Story:
 
 
 def test_large_tree_is_folded_at_achieved_tasks() -> None:
-    rows = outline(RunAt(a_long_walk(achieved=400, held=3).fold()))
+    rows = outline(RunAt(long_walk(achieved=400, held=3).fold()))
     assert [row.folded or str(row.task) for row in rows] == [
         *("walk {1}", "step {2}", "step {3}", 396, "step {400}", "step {401}"),
         *("step {402}", "step {403}", "step {404}"),
@@ -118,14 +118,14 @@ def test_large_tree_is_folded_at_achieved_tasks() -> None:
 
 
 def test_all_option_shows_every_task(tca: Tca, tmp_path: Path) -> None:
-    folder = a_long_walk(achieved=400, held=3).write(tmp_path / "run")
+    folder = long_walk(achieved=400, held=3).write(tmp_path / "run")
     assert len(tca("tree", folder, "--all").stdout.splitlines()) == 2 + 404
     folded = tca("tree", folder).stdout.splitlines()
     assert "├─ + 396 tasks achieved" in folded
 
 
 def test_siblings_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: Path) -> None:
-    folder = a_long_walk(achieved=0, held=40).write(tmp_path / "run")
+    folder = long_walk(achieved=0, held=40).write(tmp_path / "run")
     assert len(tca("tree", folder).stdout.splitlines()) == 2 + 41
     tca("tree", folder, "-o", tmp_path / "walk.dot")
     dot = (tmp_path / "walk.dot").read_text()
@@ -134,7 +134,7 @@ def test_siblings_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: P
 
 
 def test_failed_tasks_are_never_folded() -> None:
-    story = a_long_walk(achieved=400, held=0)
+    story = long_walk(achieved=400, held=0)
     for task in range(200, 220):
         story.say(Failed(task, "slip", "on ice"))
     rows = outline(RunAt(story.fold()), shown_at_most=5)
@@ -167,9 +167,7 @@ def test_deep_achieved_tasks_are_folded_first() -> None:
 
 
 def test_constraints_between_two_tasks_become_one_arrow() -> None:
-    """Also delayed planning, with the sequence; and what stands in a row needs none from the first
-    to the third.
-    """
+    """Delayed planning joins the arrow of the sequence. A constraint implied by two others has none."""
     runs = walking().fold(), arcs().fold()
     walks, delays = (arrows(RunAt(run), set(run.tasks)) for run in runs)
     assert walks.between == {
@@ -216,7 +214,7 @@ def test_text_tree_names_roles_of_tasks_sent_by_central(tca: Tca, tmp_path: Path
 
 
 def test_reason_of_a_killed_tree_is_at_its_top_only(tca: Tca, tmp_path: Path) -> None:
-    """Its sender was told that it failed; that its state is "killed" needs a word."""
+    """Its sender was notified of a failure, so the state "killed" needs a reason."""
     run, why = (
         stumbling().write(tmp_path / "fall"),
         "failure 'terrain collision' of move body {7} was not handled",
@@ -226,8 +224,8 @@ def test_reason_of_a_killed_tree_is_at_its_top_only(tca: Tca, tmp_path: Path) ->
     ]
     assert tca("tree", run, "-o", tmp_path / "fall.dot").exit_code == 0
     labels = re.findall(r"label=<(.*?)>, style", (tmp_path / "fall.dot").read_text())
-    told = [re.sub(r"<[^>]*>", " ", label) for label in labels]
-    assert [text.split(" ")[0] for text in told if "was not" in " ".join(text.split())] == [
+    label_texts = [re.sub(r"<[^>]*>", " ", label) for label in labels]
+    assert [text.split(" ")[0] for text in label_texts if "was not" in " ".join(text.split())] == [
         "traverse"
     ]
     assert tca("tree", run, "--layout", "outline", "-o", tmp_path / "fall.svg").exit_code == 0
@@ -275,7 +273,7 @@ def test_siblings_without_constraints_keep_their_order() -> None:
 
 
 def hostile() -> Story:
-    """Names and data that would break a careless writer of dot."""
+    """Names and data with the special characters of dot."""
     story = Story()
     goal = story.goal(
         'a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"}
@@ -287,7 +285,7 @@ def hostile() -> Story:
 
 @needs_dot
 @pytest.mark.parametrize(
-    "story", [walking(), stumbling(), arcs(), hostile(), Story(), a_long_walk(3, 40)]
+    "story", [walking(), stumbling(), arcs(), hostile(), Story(), long_walk(3, 40)]
 )
 def test_tree_picture_is_valid_svg(tca: Tca, tmp_path: Path, story: Story) -> None:
     picture = tmp_path / "tree.svg"
@@ -414,8 +412,9 @@ WHY = "failure 'bad part' was not handled"
 
 
 def jobs(good: int, bad: int, parts: int = 30) -> Story:
-    """Jobs of parts of two steps each: first those that went well; of each other one a step of part
-    10 failed, and all that was to come of it was killed, but for a step that was done.
+    """Jobs of *parts* parts with two steps each: first the *good* ones, then the *bad* ones.
+
+    In a bad job a step of part 10 failed. All later tasks were killed, except the last step.
     """
     story = Story()
     for number in range(good + bad):
@@ -435,14 +434,14 @@ def jobs(good: int, bad: int, parts: int = 30) -> Story:
     return story
 
 
-def rows_told(rows: list[Row]) -> list[str]:
+def row_texts(rows: list[Row]) -> list[str]:
     return [f"{row.task.name} {row.task.state}" if row.task else words.folded(row) for row in rows]
 
 
 def test_tasks_killed_with_their_parent_are_folded() -> None:
     rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
     assert len(rows) == 10 * 6
-    assert rows_told(rows[:6]) == [
+    assert row_texts(rows[:6]) == [
         "job killed",
         "+ 30 tasks achieved",
         "part killed",
@@ -453,7 +452,7 @@ def test_tasks_killed_with_their_parent_are_folded() -> None:
 
 
 def test_first_and_last_of_many_achieved_jobs_are_shown() -> None:
-    few, many = (rows_told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
+    few, many = (row_texts(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
     assert few == ["job achieved", "+ 90 tasks achieved"] * 10
     assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [
         f"+ {36 * 91:,} tasks achieved"
@@ -472,19 +471,19 @@ def test_excerpt_keeps_the_first_and_last_rows() -> None:
     at = RunAt(jobs(0, 10).fold())
     rows = outline(at, budget=20)
     assert excerpt(at, rows, 60) == rows
-    told = rows_told(excerpt(at, rows, 54))
-    assert len(told) == 4 * 6 + 1 + 4 * 6
-    assert told[4 * 6] == "+ 182 tasks: 62 achieved, 2 failed, 118 killed"
+    texts = row_texts(excerpt(at, rows, 54))
+    assert len(texts) == 4 * 6 + 1 + 4 * 6
+    assert texts[4 * 6] == "+ 182 tasks: 62 achieved, 2 failed, 118 killed"
     last = excerpt(at, outline(at, budget=20), 2)
-    assert rows_told(last) == ["job killed", "+ 30 tasks achieved", "+ 879 tasks further down"]
+    assert row_texts(last) == ["job killed", "+ 30 tasks achieved", "+ 879 tasks further down"]
 
 
 def test_excerpt_prefers_failed_tasks() -> None:
-    story = a_long_walk(achieved=100, held=0)
+    story = long_walk(achieved=100, held=0)
     for task in (40, 60):
         story.say(Failed(task, "slip", "on ice"))
     at = RunAt(story.fold())
-    assert rows_told(excerpt(at, whole_outline(at), 8)) == [
+    assert row_texts(excerpt(at, whole_outline(at), 8)) == [
         "walk achieving",
         "step achieved",
         "+ 37 tasks achieved",

@@ -1,6 +1,4 @@
-"""Task trees of any size and shape: on terminals of any width, with room for reasons, and in few
-rows.
-"""
+"""Task trees of any size and shape, on terminals of any width; the cost of tools for long runs."""
 
 import sys
 from collections.abc import Callable
@@ -49,9 +47,7 @@ TASKS = st.tuples(st.integers(0, 8), st.sampled_from(NAMES), st.sampled_from(ran
 
 
 def grown(tasks: list[Leaf]) -> Story:
-    """Each task under the one before it, or as many levels further up as it says; it is a goal,
-    command or monitor.
-    """
+    """Each task is below the previous one, or the given number of levels further up."""
     story, path = Story().at(1.0), list[int]()
     kinds = [GOAL, COMMAND, MessageClass.POLLING_MONITOR]
     for place, (up, name, _) in enumerate(tasks):
@@ -77,15 +73,15 @@ DEEP = [(0 if place % 20 else 19, "take steps", 5 if place > 390 else 0) for pla
 def test_text_tree_is_never_wider_than_the_terminal(
     tasks: list[Leaf], width: int, with_data: bool
 ) -> None:
-    told = grown(tasks)
-    at = RunAt(told.fold())
+    story = grown(tasks)
+    at = RunAt(story.fold())
     for rows in (outline(at), outline(at, 5, 3), whole_outline(at)):
         for guides in (UNICODE, ASCII):
             lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
             assert max(columns_of(unstyle(line)) for line in lines) <= width
     if len(tasks) < len(FLAT):
         others = [
-            *growth_lines(Recording(told.entries), 0.0, width),
+            *growth_lines(Recording(story.entries), 0.0, width),
             *story_lines(at.run, len(tasks), width),
         ]
         assert max(columns_of(unstyle(line)) for line in others) <= width
@@ -136,7 +132,7 @@ def test_narrow_tree_drops_times_before_reasons(
     assert "failure 'terrain collision' of move" in lines[2]
 
 
-# --- What the tools do for a run grows as its journal does: lines of ours that are executed are cou
+# --- linear work: executed lines of the tca packages ----------------------------------------------
 
 
 SIZES = 1, 20, 40, 80
@@ -150,7 +146,7 @@ TRACED = [
 
 
 def lines_of(tool: Callable[[], object]) -> int:
-    """How many lines of our packages it executes."""
+    """The number of executed lines of the tca packages."""
     count = 0
 
     def line(_frame: FrameType, event: str, _: Any) -> Any:
@@ -186,10 +182,10 @@ def test_tool_work_is_linear_in_the_journal(
     journals: dict[str, list[Path]], shape: str, tool: str
 ) -> None:
     warm, *paths = journals[shape]
-    TOOLS[tool](warm)  # imports, and what is kept
+    TOOLS[tool](warm)  # fills caches, imports modules
     few, twice, most = (lines_of(partial(TOOLS[tool], path)) for path in paths)
     linear = max(twice - few, few // 4)
-    assert most - twice <= 2.6 * linear  # it is 2 if all is linear, 4 if all is quadratic
+    assert most - twice <= 2.6 * linear  # 2 if linear, 4 if quadratic
 
 
 def causes_of(run: Run, task: Task) -> None:
@@ -204,7 +200,7 @@ def test_work_for_one_task_is_linear_in_its_retries(
     for path in journals["retries"][1:]:
         run = folded(open_log(path))
         retried = max(run.tasks.values(), key=lambda task: len(task.retries))
-        answer(run, retried)  # what is kept
+        answer(run, retried)  # fills caches
         counts.append(lines_of(partial(answer, run, retried)))
     few, twice, most = counts
     assert most - twice <= 2.6 * (twice - few)

@@ -1,6 +1,4 @@
-"""Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for
-a figure.
-"""
+"""Trees of a part of a run, the story of one task, and outlines of wide trees."""
 
 import re
 import sys
@@ -39,7 +37,7 @@ def names(shown: str) -> list[str]:
 
 
 def wide(children: int = 12) -> Story:
-    """A goal with pairs of commands, of which the second follows the first."""
+    """A goal with pairs of commands in sequence."""
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for _ in range(children):
@@ -78,9 +76,9 @@ def test_stories_match_their_transcripts(
 
 
 def test_story_option_accepts_the_number_of_a_query(tca: Tca, run: Path) -> None:
-    told = tca("tree", run, "--story", 5)
-    assert told.exit_code == 0, told.stderr
-    first, _, sent, *_, handled = told.stdout.splitlines()
+    result = tca("tree", run, "--story", 5)
+    assert result.exit_code == 0, result.stderr
+    first, _, sent, *_, handled = result.stdout.splitlines()
     assert first == "elevation map {5}: query"
     assert "query sent by gait planner while handling take steps {2}" in sent
     assert "handled by perception" in handled
@@ -144,7 +142,7 @@ def test_outline_has_a_row_per_task_and_sibling_arrows() -> None:
     assert len(boxes) == len(at.tasks)
     assert sorted(boxes.values(), key=lambda place: place[1]) == list(
         boxes.values()
-    )  # downwards, in their order
+    )  # from top to bottom, in order
     assert boxes["take steps {2}"][0] == boxes["take steps {3}"][0] < boxes["move leg {6}"][0]
     heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
     assert len(heavy) == 4
@@ -165,7 +163,7 @@ def test_outline_of_a_deep_tree_stays_narrow() -> None:
 def test_outline_legend_stays_within_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "tca_tools.tasktree_viz.outline_svg._TIMES", 15.0
-    )  # a narrow picture with much in it
+    )  # a narrow picture with a long legend
     at = RunAt(History.until(walk()), 37.0)
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))
@@ -230,12 +228,12 @@ def test_picture_of_too_many_tasks_is_refused(tca: Tca, tmp_path: Path) -> None:
     assert "3100 tasks are too many for a picture: ask for a part with --task" in result.stderr
 
 
-def hasty() -> list[Entry]:
-    """A robot so fast that its clock shows the same for several events."""
+def with_coarse_clock() -> list[Entry]:
+    """The walk with a clock of 5 s steps: several events have one time."""
     return [Entry(entry.number, entry.time // 5, entry.facts) for entry in walk()]
 
 
-@pytest.mark.parametrize("entries", [walk(), hasty()])
+@pytest.mark.parametrize("entries", [walk(), with_coarse_clock()])
 def test_past_moment_looks_the_same_with_and_without_the_future(entries: list[Entry]) -> None:
     whole = History.until(entries)
     for moment in sorted({entry.time for entry in entries}):
@@ -265,15 +263,15 @@ def test_later_task_or_module_is_unknown_at_an_earlier_moment(tca: Tca, run: Pat
         assert refused == "Error: no module 'controller' in this journal until 0.15 s\n"
 
 
-# --- the heavy lines of an outline: who waits for whom --------------------------------------------
+# --- heavy lines of an outline: waits between siblings --------------------------------------------
 
 
 def after(*tasks: int) -> list[Constraint]:
     return [sequential_achievement(TaskId(task), THIS) for task in tasks]
 
 
-def brothers(*waits_for: tuple[int, ...]) -> Story:
-    """A goal {1} with a task for each of these, which waits for the tasks of these numbers."""
+def siblings(*waits_for: tuple[int, ...]) -> Story:
+    """A goal {1} with a task for each argument: the numbers of the tasks that it waits for."""
     story = Story()
     goal = story.goal("assemble", "user")
     for tasks in waits_for:
@@ -282,7 +280,7 @@ def brothers(*waits_for: tuple[int, ...]) -> Story:
 
 
 class Picture:
-    """What is to be seen."""
+    """The words and heavy lines of an outline."""
 
     def __init__(self, at: RunAt, rows: list[Row]) -> None:
         self.svg = ET.fromstring(outline_svg(at, rows, "picture"))
@@ -312,35 +310,33 @@ def drawn(story: Story) -> Picture:
 
 
 def test_each_wait_has_its_own_line() -> None:
-    """Who waits for one paint, who for the other and who for both: it looked as if all waited for
-    both.
-    """
-    picture = drawn(brothers((), (), (2,), (3,), (2, 3)))
+    """Tasks wait for one paint, the other, or both. With one line, all seemed to wait for both."""
+    picture = drawn(siblings((), (), (2,), (3,), (2, 3)))
     assert sorted(picture.pairs) == [(2, 4), (2, 6), (3, 5), (3, 6)]
     assert len(set(picture.strokes)) == 3
 
 
 def test_predecessors_of_the_same_tasks_share_one_line() -> None:
-    picture = drawn(brothers((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
+    picture = drawn(siblings((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
     assert set(picture.pairs) == {*product([2, 3, 4, 5], [6, 7]), (7, 8)}
     assert len(picture.strokes) == 2
     assert any("one that begins at several tasks" in words for words in picture.words)
 
 
 def test_waits_without_room_for_a_line_are_words() -> None:
-    """Nine things, each after one of nine others: nobody could follow so many lines."""
-    picture = drawn(brothers(*([()] * 9), *((task,) for task in range(2, 11))))
-    said = {words for words in picture.words if words.startswith("after ")}
+    """Nine tasks wait for nine others: too many lines to follow."""
+    picture = drawn(siblings(*([()] * 9), *((task,) for task in range(2, 11))))
+    notes = {words for words in picture.words if words.startswith("after ")}
     assert len(picture.pairs) == MOST_LANES
-    assert len(said) == 9 - MOST_LANES
+    assert len(notes) == 9 - MOST_LANES
     assert {
         f"after work {{{task}}}" for task in range(2, 11) if (task, task + 9) not in picture.pairs
-    } == said
+    } == notes
 
 
 def test_folded_predecessors_are_named_in_words() -> None:
-    """Tasks that are folded up have no box from which a line could lead."""
-    at = RunAt(brothers(*([()] * 40), tuple(range(2, 42))).fold())
+    """A folded task has no box where a line could begin."""
+    at = RunAt(siblings(*([()] * 40), tuple(range(2, 42))).fold())
     rows = outline(at)
     shown = {int(row.task.id) for row in rows if row.task}
     picture = Picture(at, rows)
@@ -353,21 +349,19 @@ def test_folded_predecessors_are_named_in_words() -> None:
 
 
 def test_folded_sequence_continues_in_words() -> None:
-    at = RunAt(brothers((), *((task,) for task in range(2, 41))).fold())
-    said = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
-    assert said == ["after work {39}"]
+    at = RunAt(siblings((), *((task,) for task in range(2, 41))).fold())
+    notes = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
+    assert notes == ["after work {39}"]
 
 
 def test_wait_implied_by_another_arrow_is_not_noted() -> None:
-    """A check waits for a body move and, as after a kill, for the leg move before that, which is
-    not shown.
-    """
-    at = RunAt(brothers((), (2,), (2, 3)).fold())
+    """A check waits for a body move and for the hidden leg move before it, as after a kill."""
+    at = RunAt(siblings((), (2,), (2, 3)).fold())
     assert arrows(at, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
 
 def test_plan_ahead_constraint_is_words_not_a_line() -> None:
-    story = brothers(())
+    story = siblings(())
     story.goal("take steps", "user", 1, plan_ahead(TaskId(2), THIS))
     picture = drawn(story)
     assert picture.pairs == []
@@ -392,9 +386,9 @@ def test_deep_siblings_have_words_instead_of_lines() -> None:
 )
 def test_lines_draw_only_given_pairs_without_overlap(pairs: set[tuple[int, int]]) -> None:
     found = lines(pairs)
-    said = [pair for line in found for pair in product(line.sources, line.to)]
-    assert len(said) == len(set(said))
-    assert set(said) <= pairs
+    drawn_pairs = [pair for line in found for pair in product(line.sources, line.to)]
+    assert len(drawn_pairs) == len(set(drawn_pairs))
+    assert set(drawn_pairs) <= pairs
     for line in found:
         assert max(line.sources) < min(line.to)
     for one, other in combinations(found, 2):
@@ -403,4 +397,4 @@ def test_lines_draw_only_given_pairs_without_overlap(pairs: set[tuple[int, int]]
     for row in range(12):
         assert sum(row in line.sources for line in found) <= MOST_LEAVING
     if len(pairs) <= MOST_LEAVING:
-        assert set(said) == pairs
+        assert set(drawn_pairs) == pairs

@@ -1,4 +1,4 @@
-"""A file of the user's is run as python runs it: it can import what lies beside it."""
+"""A user's file runs as under python: it can import modules beside it."""
 
 import os
 import sys
@@ -30,9 +30,7 @@ def write(folder: Path, **files: str) -> Path:
 def test_user_file_imports_modules_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wherever the command is called from, also by a link, also only when one of its functions is
-    called.
-    """
+    """From any working directory, through a link, and in a function that is called later."""
     text = "from legs import LEGS\ndef later():\n    import arms\n    return arms.ARMS"
     path = write(tmp_path / "robot", scenario=text, legs="LEGS = 6", arms="ARMS = 2")
     (tmp_path / "link.py").symlink_to(path)
@@ -43,7 +41,7 @@ def test_user_file_imports_modules_beside_it(
 
 
 def test_modules_beside_an_earlier_user_file_are_not_reused(tmp_path: Path) -> None:
-    """Properties of two robots are checked at once, and each robot has its messages.py."""
+    """Each of two robots has its own messages.py, and both are checked in one process."""
     for robot, legs in (("ambler", 6), ("dog", 4), ("ambler", 6)):
         path = write(
             tmp_path / robot, scenario="from messages import LEGS", messages=f"LEGS = {legs}"
