@@ -1,4 +1,4 @@
-"""The server of the page, asked by a program."""
+"""The server of the page, with requests from a program."""
 
 import json
 import re
@@ -173,7 +173,7 @@ def test_empty_journal_is_reported_as_empty(tmp_path: Path, is_folder: bool) -> 
         found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
         assert found
         assert ("?key=" in found[1]) != is_folder
-        get(found[1])  # it serves: what it has to say it has said
+        get(found[1])  # it serves, after all its output
         process.terminate()
         assert process.communicate()[0] == "it is empty: what central writes to it will be shown\n"
 
@@ -191,7 +191,7 @@ def test_live_view_waits_for_an_empty_journal(serve: Callable[[Path], str], tmp_
 
 
 def test_returning_page_learns_at_once_that_the_server_is_back(address: str) -> None:
-    """Without that it was told when there was news, or after ten seconds."""
+    """Otherwise it would learn that with the next news, or after ten seconds."""
     known, _ = parsed(get(f"{address}api/frame"))
     since = urllib.parse.quote(json.dumps(known["lengths"]))
     with urllib.request.urlopen(f"{address}api/frame?since={since}&wait=0", timeout=8) as answer:
