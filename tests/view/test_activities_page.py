@@ -219,8 +219,8 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
         )
         try:
             with urllib.request.urlopen(request, timeout=20) as answer:
-                told = json.load(answer)
-                return answer.status, told.get("said") or f"no: {told['error']}"
+                content = json.load(answer)
+                return answer.status, content.get("said") or f"no: {content['error']}"
         except urllib.error.HTTPError as error:
             with error:
                 return error.code, json.load(error)["error"]
@@ -237,5 +237,5 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
         ({"message": "tell joint", "data": 7}, "wants data of type str"),
         ({"message": "states of robot"}, "states of robot"),
     ):
-        status, told = post(town.key, asked)
-        assert (status, told.startswith("no: "), why in told) == (200, True, True), told
+        status, text = post(town.key, asked)
+        assert (status, text.startswith("no: "), why in text) == (200, True, True), text

@@ -112,7 +112,7 @@ def test_hover_names_the_user_who_suspended_a_task(open_page: OpenPage, tmp_path
         story.say(facts.SuspendedOrResumed(task, True, by)).at(2.0 if by else 4.0)
     page = open_page(story.say(facts.Closed("done")).write(tmp_path / "still"))
     expect(page.locator("#counts")).to_be_attached()
-    for lane, (time, told) in enumerate(
+    for lane, (time, label) in enumerate(
         {
             1.5: "mop {1} suspended by the command 'tca suspend': ",
             3.0: "dust {2} suspended: ",
@@ -130,7 +130,7 @@ def test_hover_names_the_user_who_suspended_a_task(open_page: OpenPage, tmp_path
             [time, lane],
         )
         page.mouse.move(x, y)
-        expect(page.locator("#hint")).to_contain_text(told)
+        expect(page.locator("#hint")).to_contain_text(label)
 
 
 @pytest.mark.soak
@@ -149,9 +149,9 @@ def test_chart_times_have_the_form_of_other_tools(open_page: OpenPage, tmp_path:
     }.items():
         made = f"import('/page/axis.js').then(({{ ticks }}) => ticks({window}, 3).map(({{ label }}) => label))"
         assert page.evaluate(made) == labels
-    lengths, told = zip(*of_durations.pytestmark[0].args[1], strict=True)  # type: ignore[attr-defined]
-    said = "(all) => import('/page/words.js').then(({ duration }) => all.map(duration))"
-    assert page.evaluate(said, lengths) == [*told]
+    lengths, texts = zip(*of_durations.pytestmark[0].args[1], strict=True)  # type: ignore[attr-defined]
+    durations = "(all) => import('/page/words.js').then(({ duration }) => all.map(duration))"
+    assert page.evaluate(durations, lengths) == [*texts]
 
 
 def test_bar_names_are_legible_and_marked_when_cut(open_page: OpenPage, tmp_path: Path) -> None:
@@ -167,8 +167,8 @@ def test_bar_names_are_legible_and_marked_when_cut(open_page: OpenPage, tmp_path
         story.returned(task)
     page = open_page(story.write(tmp_path / "names"))
     expect(page.locator("#counts")).to_be_attached()
-    told = dict(written(page))
-    assert (told["hold the arm"], told["ask the eyes"]) == ("#ffffff", "#111111")
+    colours = dict(written(page))
+    assert (colours["hold the arm"], colours["ask the eyes"]) == ("#ffffff", "#111111")
     page.evaluate("Object.assign(tca.chart, { from: 0, to: 200 })")
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in written(page))
 

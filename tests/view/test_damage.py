@@ -89,7 +89,7 @@ def write_nonsense(run: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "problem"),
     [
         pytest.param(write_nonsense, "there is no record here", marks=pytest.mark.soak),
         (cut_short, "has become shorter than what was read of it, by 200 bytes"),
@@ -98,14 +98,14 @@ def write_nonsense(run: Path) -> None:
     ],
 )
 def test_journal_that_cannot_be_followed_is_reported(
-    open_page: OpenPage, tmp_path: Path, spoil: Callable[[Path], None], told: str
+    open_page: OpenPage, tmp_path: Path, spoil: Callable[[Path], None], problem: str
 ) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 1.0):
         page = open_page(run)
         expect(page.locator("#status")).to_have_text("live")
         spoil(run)
-        expect(page.locator("#problem")).to_contain_text(told)
+        expect(page.locator("#problem")).to_contain_text(problem)
         expect(page.locator("#status")).to_have_text("damaged")
         expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 

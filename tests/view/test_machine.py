@@ -45,10 +45,10 @@ def patrol(tmp_path: Path) -> Path:
         (2.0, 2, ["Wait"], [0, 1]),
         (4.0, 3, ["Look", "GoTo"], [0, 2, 3, 4, 99]),
     ):
-        told = msgspec.msgpack.encode(ActiveStates(running, "", active))
+        states = msgspec.msgpack.encode(ActiveStates(running, "", active))
         story.at(time).say(
             facts.StateChanged(
-                MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", told
+                MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", states
             )
         )
     story.at(6.0).returned(MACHINE).reached(MACHINE, Moment.END_ACHIEVING).at(7.0)

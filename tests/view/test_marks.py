@@ -201,8 +201,8 @@ def test_failed_direct_query_is_amber(open_page: OpenPage, tmp_path: Path) -> No
             )
         )
     page = open_page(story.at(2.0).write(tmp_path / "direct"))
-    told = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
-    assert page.evaluate(told) == [["look", True], ["log", False]]
+    failed_spans = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
+    assert page.evaluate(failed_spans) == [["look", True], ["log", False]]
 
 
 @pytest.mark.soak
@@ -265,20 +265,20 @@ def test_running_bar_is_not_marked_failed(open_page: OpenPage, tmp_path: Path) -
       const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), top, 1, 1).data;
       return [box.left + x, box.top + top + 8, red > green + 50 && red > blue + 50];
     }"""
-    told = "move {1} handled by legs"
+    title = "move {1} handled by legs"
     went = ": 1.000 s – 9.000 s (8 s)"
-    for time, is_framed, said in (
+    for time, is_framed, hint in (
         (
             "5",
             [False, True],
-            f"{told}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)",
+            f"{title}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)",
         ),
-        ("0.5", [True, True], f"later: {told}: failed{went}"),
-        ("9", [True, True], f"{told}: failed{went}"),
+        ("0.5", [True, True], f"later: {title}: failed{went}"),
+        ("9", [True, True], f"{title}: failed{went}"),
     ):
         page.evaluate(f"location.hash = '#t={time}'")
         until(page, f"tca.chart.time === {time}")
         (x, y, early), (_, _, late) = (page.evaluate(framed, [moment]) for moment in (3, 7))
         assert [early, late] == is_framed
         page.mouse.move(x, y)
-        expect(page.locator("#hint")).to_have_text(said)
+        expect(page.locator("#hint")).to_have_text(hint)

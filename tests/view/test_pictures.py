@@ -30,13 +30,13 @@ def svg(width: int) -> str:
 def arm(tmp_path: Path) -> Path:
     """Pictures of an arm at 1 s and 3 s, of a map at 2 s, and another value at 4 s."""
     story = Story().module("arm", "reach")
-    told = [
+    values = [
         (1.0, "arm", svg(11)),
         (2.0, "map", PNG),
         (3.0, "arm", svg(33)),
         (4.0, "mind", {"svg": svg(1)}),
     ]
-    for time, name, value in told:
+    for time, name, value in values:
         story.at(time).received(f"picture of {name}", MessageClass.VARIABLE, "arm", data=value)
     story.at(5.0).received("speed of arm", MessageClass.VARIABLE, "arm", data=svg(5))
     return story.at(6.0).write(tmp_path / "arm")

@@ -52,12 +52,12 @@ def test_narrow_row_shows_the_last_cause(open_page: OpenPage, tmp_path: Path) ->
         "for radiology / scanner, busy with ct scan {1}",
         "for the reply to consent of the patient {4} (no module handles it)",
     )
-    for width, told in {
+    for width, reason in {
         2400: [f"{scanner}, for 69 s", f"{consent}, for 69 s"],
         700: [scanner, consent],
     }.items():
         page.set_viewport_size({"width": width, "height": 800})
-        for number, text in zip((scan, treat), told, strict=True):
+        for number, text in zip((scan, treat), reason, strict=True):
             expect(page.locator(f".row[data-task='{number}'] .why")).to_have_text(text)
 
 

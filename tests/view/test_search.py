@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 def test_search_finds_queries_and_informs_by_name(open_page: OpenPage, tmp_path: Path) -> None:
     page = open_page(made("looking").write(tmp_path / "maps"))
-    for words, order, told in (
+    for words, order, summary in (
         ("map", [4, 2, 3], "3 found"),
         ("map torn", [3], "1 found"),
         ("map failed", [3], "1 found"),
@@ -27,7 +27,7 @@ def test_search_finds_queries_and_informs_by_name(open_page: OpenPage, tmp_path:
         ("look", [1], "1 found"),
     ):
         page.locator("#search").fill(words)
-        expect(page.locator("#found")).to_have_text(told)
+        expect(page.locator("#found")).to_have_text(summary)
         assert page.evaluate("[...tca.tree.found].map((one) => one.id)") == order
     page.locator("#search").fill("battery")
     page.keyboard.press("Enter")

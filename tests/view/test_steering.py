@@ -88,7 +88,7 @@ def test_page_suspends_resumes_and_retries_a_task(
     assert steering.key.text not in page.url
     page.locator("#steering button", has_text="go to the end").click()  # the past cannot be steered
     expect(page.locator("#steering button")).to_have_text(["cancel", "kill", "suspend", "retry"])
-    for what, then, said in (
+    for what, then, result in (
         ("suspend", ["cancel", "kill", "resume", "retry"], "patrol {1}: suspended"),
         ("resume", ["cancel", "kill", "suspend", "retry"], "patrol {1}: resumed"),
         ("retry", ["cancel", "kill", "suspend", "retry"], "patrol {1}: to be handled again"),
@@ -96,7 +96,7 @@ def test_page_suspends_resumes_and_retries_a_task(
         ask(page, what, task.id, rows=4)
         expect(page.locator("#steer p").first).to_contain_text("Under it: 3 living tasks.")
         confirm(page)
-        expect(steering_result(page)).to_have_text(said)
+        expect(steering_result(page)).to_have_text(result)
         expect(page.locator("#steering button")).to_have_text(then)
     robot.go_on.set()
     expect(page.locator("#counts")).to_contain_text("4 achieved")
