@@ -121,7 +121,7 @@ def test_counts_restart_with_central_or_a_module() -> None:
     assert (rejoined.resources[0].rate, rejoined.resources[0].busy) == (0.5, 0.25)
 
 
-def test_the_liveliest_messages_come_first() -> None:
+def test_liveliest_messages_come_first() -> None:
     before = answer(10.0, messages=[message("once", 500), message("often", 0), message("stuck", 0)])
     now = answer(
         11.0, messages=[message("once", 500), message("often", 7), message("stuck", 0, waiting=2)]
@@ -216,7 +216,7 @@ def test_top_shows_the_expected_screens(approve: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("width", [40, 80])
 @pytest.mark.parametrize(("height", "cut"), [(10, 1), (24, 3), (240, 0)])
-def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
+def test_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
     made_frame = frame(answer(20.0, *many, messages=messages, waits=waiting(50), held=waiting(50)))

@@ -46,7 +46,7 @@ def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
 @pytest.mark.filterwarnings(
     "ignore:.*/proc/.*/stat:pytest.PytestUnraisableExceptionWarning"
 )  # if interrupted in open()
-def test_an_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
+def test_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
     programs = Programs(tmp_path).__enter__()
     both = [start(programs, "idle", IDLE), start(programs, "deaf", DEAF)]
     with pytest.raises(KeyboardInterrupt), interrupted_after(0.2):

@@ -14,7 +14,7 @@ from tca_wire.journal.records import record
 def deliver(
     free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None
 ) -> list[Entry]:
-    """An object is delivered to box B if it is free; after 2 s that may change."""
+    """A delivery to box B if it is free, which may change after 2 s."""
     with play(delivery(), policy) as run:
         ran = run.begin()
         run.box_b(free)
@@ -79,9 +79,7 @@ def written(entries: list[Entry], folder: Path) -> Path:
 
 
 def figure_7(folder: Path) -> list[Path]:
-    """Journals of the best case, of a box that is occupied on the way, and of plain execution in
-    the worst case.
-    """
+    """Journals of the best case, a box occupied on the way, and the worst case without preview."""
     return [
         written(deliver(1.0), folder / "free"),
         written(deliver(1.0, changed=0.0), folder / "occupied on the way"),

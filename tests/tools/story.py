@@ -73,8 +73,8 @@ class Story:
             for entry in self.entries
         ]
 
-    def say(self, *said: Any) -> "Story":
-        self.entries[-1].facts.extend(said)
+    def say(self, *added: Any) -> "Story":
+        self.entries[-1].facts.extend(added)
         return self
 
     def module(self, name: str, *handles: str, resource: str = "") -> "Story":

@@ -71,13 +71,13 @@ def broken(*events: Fact | float) -> set[str]:
 
 
 INFORM, COMMAND = MessageClass.INFORM, MessageClass.COMMAND
-Told = list[Fact | float]
-CHILD: Told = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
-TWO: Told = [born(1), born(2)]
-LOCKED: Told = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
-RESERVED: Told = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
+Events = list[Fact | float]
+CHILD: Events = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
+TWO: Events = [born(1), born(2)]
+LOCKED: Events = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
+RESERVED: Events = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
 
-BROKEN: dict[str, tuple[Told, rules.Rule]] = {
+BROKEN: dict[str, tuple[Events, rules.Rule]] = {
     "child achieving before parent": (
         [*CHILD, reached(2, SA)], rules.FAMILY),
     "child planning before parent": (
@@ -141,5 +141,5 @@ BROKEN: dict[str, tuple[Told, rules.Rule]] = {
 
 @pytest.mark.parametrize("case", BROKEN)
 def test_breach_of_each_rule_is_found(case: str) -> None:
-    told, rule = BROKEN[case]
-    assert rule.text in broken(*told)
+    events, rule = BROKEN[case]
+    assert rule.text in broken(*events)

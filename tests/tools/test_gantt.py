@@ -147,7 +147,7 @@ def test_task_option_keeps_the_subtree_and_its_queries(tca: Tca, run: Path) -> N
 
 
 def test_unusable_task_or_story_option_is_explained(tca: Tca, run: Path) -> None:
-    for asked, said in (
+    for asked, reason in (
         (
             ("--task", "take step"),
             "no task 'take step' in this journal: did you mean 'take steps'?",
@@ -164,7 +164,7 @@ def test_unusable_task_or_story_option_is_explained(tca: Tca, run: Path) -> None
     ):
         result = tca("gantt", run, *asked)
         assert result.exit_code == 1
-        assert said in result.stderr
+        assert reason in result.stderr
     assert tca("gantt", run, "--task", 1, "--story", 1).exit_code == 2
 
 
@@ -258,14 +258,14 @@ def test_story_chart_spans_the_life_of_its_task(tmp_path: Path, tca: Tca) -> Non
     story.at(50.0).say(facts.WaitBegan("user", 0, TaskId(first), Moment.END_ACHIEVING)).at(60.0)
     story.say(facts.WaitEnded("user", 0, TaskId(first))).at(70.0)
     folder = story.write(tmp_path / "late")
-    for asked, said in (
+    for asked, title in (
         ((second,), "story of 2: 1.00 to 3.04 s"),
         ((second, "--to", 9), "story of 2: 1.00 to 9.00 s"),
         ((second, "--from", 0), "story of 2: 0.00 to 3.04 s"),
         ((first,), "story of 1: 1.00 to 2.02 s"),
         ((first, "--at", 1.5), "story of 1: 1.00 to 1.50 s"),
     ):
-        assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {said}"
+        assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {title}"
 
 
 # --- many, short and unusual bars -----------------------------------------------------------------

@@ -137,7 +137,7 @@ def oklab(colour: str) -> list[float]:
 
 
 def test_message_colours_differ_from_colours_with_a_meaning() -> None:
-    """Not red or amber (failures), nor grey; dark enough for white text, or light enough for black."""
+    """No colour looks red, amber or grey, and each one leaves its text legible."""
     amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):

@@ -179,4 +179,4 @@ def test_achieved_task_takes_less_than_1500_bytes() -> None:
     size, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(history.tasks) == many
-    assert size / many < 1500  # bytes; a list for each optional part would need twice as many
+    assert size / many < 1500  # bytes; lists for all optional parts would double it

@@ -40,7 +40,7 @@ def all_texts(found: Contents) -> str:
     return "\n".join(texts)
 
 
-def two_arms() -> Contents:
+def two_copies() -> Contents:
     """One of two copies of the legs moves; the other is idle.
 
     The map's handler waits for a lock of both copies. The move that is sent after it waits, too.
@@ -64,7 +64,7 @@ def two_arms() -> Contents:
 
 
 def test_lock_of_all_copies_is_not_a_capacity_bottleneck() -> None:
-    found = two_arms()
+    found = two_copies()
     advice_of = advised(found)
     assert (advice_of[Topic.LOCK].title, Topic.CAPACITY in advice_of) == (
         "legs is locked while others wait",

@@ -203,7 +203,7 @@ def test_follow_of_a_joined_file_ends_at_the_second_run(
 
 
 def test_stopped_reading_ends_its_thread(two_runs: Path) -> None:
-    """The thread polled without a pause for the rest of the process."""
+    """Guards against a thread that polls without a pause until the process ends."""
     reading = Reading(open_log(two_runs))
     reading.start()
     with reading:

@@ -377,7 +377,7 @@ def test_constraint_words_are_on_arrows_between_neighbours_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("width", "told"),
+    ("width", "shown"),
     [
         (40, "pour concrete {24} (exception handler)"),
         (30, "pour concrete {24}"),
@@ -386,9 +386,9 @@ def test_constraint_words_are_on_arrows_between_neighbours_only() -> None:
         (10, "pour conc…"),
     ],
 )
-def test_cut_name_keeps_the_number_while_part_of_the_name_fits(width: int, told: str) -> None:
+def test_cut_name_keeps_the_number_while_part_of_the_name_fits(width: int, shown: str) -> None:
     found = cut_name("pour concrete {24} (exception handler)", 24, width)
-    assert (found, columns_of(found) <= width) == (told, True)
+    assert (found, columns_of(found) <= width) == (shown, True)
 
 
 def test_trees_keep_the_numbers_of_long_names() -> None:

@@ -197,7 +197,7 @@ def test_tree_without_graphviz_is_drawn_as_an_outline(
 
 
 @pytest.mark.parametrize(
-    ("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
+    ("reads", "code", "error"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
 )
 def test_dot_program_draws_the_figure_or_its_error_is_shown(
     tca: Tca,
@@ -206,7 +206,7 @@ def test_dot_program_draws_the_figure_or_its_error_is_shown(
     monkeypatch: pytest.MonkeyPatch,
     reads: str,
     code: int,
-    said: str,
+    error: str,
 ) -> None:
     program = tmp_path / "dot"
     program.write_text(
@@ -215,7 +215,7 @@ def test_dot_program_draws_the_figure_or_its_error_is_shown(
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     result = tca("tree", run, "--layout", "figure", "-o", tmp_path / "tree.svg")
-    assert (result.exit_code, said in result.stderr) == (code, True)
+    assert (result.exit_code, error in result.stderr) == (code, True)
     assert code or (tmp_path / "tree.svg").read_bytes() == b"<svg/>\n<!-- made by tca -->\n"
 
 
