@@ -16,7 +16,7 @@ from tools.story import QUERY, Story, silent_for, walking
 
 from tca_tools.journal.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
-from tca_tools.stats.measure import Stats, Times, measure
+from tca_tools.stats.measure import Times, measure
 from tca_wire.journal import facts
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -25,10 +25,6 @@ def shown(*arguments: object, **environment: str) -> Result:
     return CliRunner(env={"COLUMNS": "100"} | environment).invoke(
         stats, [str(argument) for argument in arguments]
     )
-
-
-def of(measured: Stats, name: str) -> Any:
-    return next(one for one in measured.messages if one.message == name)
 
 
 def test_stats_tables_match_their_transcript(run: Path, expect: Callable[[str, str], None]) -> None:
