@@ -1,6 +1,4 @@
-"""``tca cancel``, ``update`` and ``watch``: what people ask of a running task, and what they hear
-of its state.
-"""
+"""``tca cancel``, ``update`` and ``watch``: requests to a running task, and its states."""
 
 import json
 import threading
@@ -61,7 +59,7 @@ def test_send_follows_progress_and_states_of_a_known_message() -> None:
 
 @pytest.fixture
 def central(monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
-    """That of the commands, too."""
+    """A local central, to which the commands connect, too."""
     with LocalCentral() as local:
         monkeypatch.setattr(
             shared, "connect", lambda name, _, patience: connect(name, local, patience=patience)
@@ -77,7 +75,7 @@ def user(central: LocalCentral) -> Iterator[Client]:
 
 @pytest.fixture
 def arm(central: LocalCentral) -> Iterator[None]:
-    """It grasps until it is told otherwise: of no less than 1 cm."""
+    """An arm that grasps until it is cancelled, and rejects a width below 1 cm."""
     arm = Module("arm", central)
 
     @arm.handles(GRASP, takes=["update", "cancel"])
@@ -114,10 +112,10 @@ def arm(central: LocalCentral) -> Iterator[None]:
 def test_cancel_reports_its_result(
     central: LocalCentral, user: Client, message: Command[None, None], code: int, said: str
 ) -> None:
-    legs, is_told = Module("legs", central), threading.Event()
+    legs, is_released = Module("legs", central), threading.Event()
 
     def work(_: Task) -> None:
-        is_told.wait(SOON)  # not woken by a kill
+        is_released.wait(SOON)  # not woken by a kill
 
     for one, refuses in ((WALK, []), (STAND, ["cancel"]), (DRIFT, [])):
         legs.handles(one, refuses=refuses)(work)
@@ -128,7 +126,7 @@ def test_cancel_reports_its_result(
         assert tca(cancel, message.name) == (
             (0, f"{said}\n", "") if code == 0 else (1, "", f"{said}\n")
         )
-        is_told.set()
+        is_released.set()
         task.kill()
 
 
@@ -160,11 +158,19 @@ def test_task_is_updated_and_cancelled(sent: SentTask[float]) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [
-        (["grasp", "wide=1"], 2, "command 'grasp' wants data of type Grasp: field 'wide' is unknown: did you mean 'width'?"),
-        (["1", "width=1", "--no-wait", "--timeout", "1"], 2, "--no-wait and --timeout exclude each other: leave one of them out"),
+        (
+            ["grasp", "wide=1"],
+            2,
+            "command 'grasp' wants data of type Grasp: field 'wide' is unknown: did you mean 'width'?",
+        ),
+        (
+            ["1", "width=1", "--no-wait", "--timeout", "1"],
+            2,
+            "--no-wait and --timeout are given: leave one of them out",
+        ),
         (["walk", "width=1"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
     ],
-)  # fmt: skip
+)
 @pytest.mark.usefixtures("sent")
 def test_impossible_goal_is_refused(words: list[str], code: int, error: str) -> None:
     assert tca(update, *words) == (code, "", f"{error}\n")

@@ -1,4 +1,4 @@
-"""What ``tca top`` makes of central's answers: rates, order, what fits the terminal."""
+"""The screen that ``tca top`` makes of central's answers: rates, order, size."""
 
 import io
 import json
@@ -94,11 +94,11 @@ def shown(text_of: Any, width: int = 100) -> str:
 def test_rates_cover_the_time_between_two_answers() -> None:
     before = answer(10.0, resource(), messages=[message("step", 10)])
     now = answer(12.0, resource(delivered=16, busy=6.0), messages=[message("step", 16)])
-    told = frame(now, before, hidden="tca top")
-    assert (told.span, told.events, told.modules) == (2.0, 10.0, 1)
-    (legs,) = told.resources
+    made_frame = frame(now, before, hidden="tca top")
+    assert (made_frame.span, made_frame.events, made_frame.modules) == (2.0, 10.0, 1)
+    (legs,) = made_frame.resources
     assert (legs.rate, legs.busy) == (3.0, 0.5)  # 2 s in two slots over 2 s
-    assert told.messages[0].rate == 3.0
+    assert made_frame.messages[0].rate == 3.0
     first = frame(before)  # of the whole run
     assert (
         first.span,
@@ -121,7 +121,7 @@ def test_counts_restart_with_central_or_a_module() -> None:
     assert (rejoined.resources[0].rate, rejoined.resources[0].busy) == (0.5, 0.25)
 
 
-def test_the_liveliest_messages_come_first() -> None:
+def test_liveliest_messages_come_first() -> None:
     before = answer(10.0, messages=[message("once", 500), message("often", 0), message("stuck", 0)])
     now = answer(
         11.0, messages=[message("once", 500), message("often", 7), message("stuck", 0, waiting=2)]
@@ -203,25 +203,25 @@ SCREENS: dict[str, tuple[dict[str, Any], int, int | None]] = {
 
 
 def test_top_shows_the_expected_screens(approve: Callable[..., None]) -> None:
-    def tell(name: str) -> str:
-        told, width, height = SCREENS[name]
+    def screen_text(name: str) -> str:
+        central_answer, width, height = SCREENS[name]
         lines = shown(
-            screen(frame(told, hidden="tca top"), "ipc:///here", "", height), width
+            screen(frame(central_answer, hidden="tca top"), "ipc:///here", "", height), width
         ).splitlines()
         assert len(lines) <= (height or 100)
         return indent("\n".join(line.rstrip() for line in lines), "    ").strip()
 
-    approve("screens.txt", tell)
+    approve("screens.txt", screen_text)
 
 
 @pytest.mark.parametrize("width", [40, 80])
 @pytest.mark.parametrize(("height", "cut"), [(10, 1), (24, 3), (240, 0)])
-def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
+def test_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
     many = [resource(f"legs {number}") for number in range(50)]
     messages = [message(f"step {number}", number) for number in range(60)]
-    told = frame(answer(20.0, *many, messages=messages, waits=waiting(50), held=waiting(50)))
+    made_frame = frame(answer(20.0, *many, messages=messages, waits=waiting(50), held=waiting(50)))
     lines = shown(
-        screen(told, "ipc:///here", "no answer for 3 s, trying again", height), width
+        screen(made_frame, "ipc:///here", "no answer for 3 s, trying again", height), width
     ).splitlines()
     assert len(lines) <= height
     assert all(len(line) <= width for line in lines)
@@ -231,40 +231,40 @@ def test_a_screen_fits_its_terminal(height: int, width: int, cut: int) -> None:
 
 def test_counts_include_rows_that_are_not_listed() -> None:
     totals = {"waits": 1, "held": 190, "suspended": 0}
-    told = frame(answer(20.0, waits=waiting(1), held=waiting(50)) | {"totals": totals})
-    assert "... and 140 more\n" in shown(screen(told, "ipc:///here", ""))
-    text = shown(screen(told, "ipc:///here", "", 32))
+    made_frame = frame(answer(20.0, waits=waiting(1), held=waiting(50)) | {"totals": totals})
+    assert "... and 140 more\n" in shown(screen(made_frame, "ipc:///here", ""))
+    text = shown(screen(made_frame, "ipc:///here", "", 32))
     found = re.search(r"and (\d+) more", text)
     assert found
     assert text.count("step {") - 1 + int(found[1]) == 190
-    assert (len(told.held), told.totals, told.is_cut) == (50, totals, True)
+    assert (len(made_frame.held), made_frame.totals, made_frame.is_cut) == (50, totals, True)
     assert not frame(answer(20.0, waits=waiting(1))).is_cut
 
 
 def test_top_says_which_of_very_many_tasks_it_counted() -> None:
-    told = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
+    made_frame = frame(answer(20.0, held=waiting(1)) | {"tasks": 12_000, "looked_at": 10_000})
     assert "... and no more among the 10000 oldest tasks\n" in shown(
-        screen(told, "ipc:///here", "")
+        screen(made_frame, "ipc:///here", "")
     )
-    assert (told.not_looked_at, told.is_cut) == (2000, True)
+    assert (made_frame.not_looked_at, made_frame.is_cut) == (2000, True)
 
 
 def test_top_shows_the_fullest_memory_limit_and_refusals() -> None:
-    told = answer(20.0)
-    assert frame(told).memory == "memory 5 MiB"
-    told |= {
+    central_answer = answer(20.0)
+    assert frame(central_answer).memory == "memory 5 MiB"
+    central_answer |= {
         "memory": {"messages": (200 << 20, 256 << 20), "answers": (40 << 20, 64 << 20)},
         "overloads": 1200,
     }
     assert (
-        frame(told).memory
-        == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped when it was full"
+        frame(central_answer).memory
+        == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"
     )
 
 
 def test_json_for_programs_has_no_nan() -> None:
-    told = as_json({"x": [math.nan, -math.inf, 1.5], math.inf: {"deep": (math.nan,)}})
-    assert json.loads(told, parse_constant=pytest.fail) == {
+    text = as_json({"x": [math.nan, -math.inf, 1.5], math.inf: {"deep": (math.nan,)}})
+    assert json.loads(text, parse_constant=pytest.fail) == {
         "x": ["nan", "-inf", 1.5],
         "inf": {"deep": ["nan"]},
     }

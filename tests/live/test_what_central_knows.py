@@ -1,4 +1,4 @@
-"""What ``tca status``, ``modules``, ``messages`` and ``variables`` print of a running central."""
+"""``tca status``, ``modules``, ``messages`` and ``variables`` with a running central."""
 
 import json
 import threading
@@ -26,7 +26,7 @@ def address(tmp_path: Path) -> str:
 
 @pytest.fixture
 def central(address: str) -> Iterator[str]:
-    """The address of a central that runs."""
+    """The address of a running central."""
     with RealCentral(address):
         yield address
 
@@ -58,9 +58,9 @@ def test_status_says_what_waits_for_what(central: str) -> None:
             f"move leg {{{first.id + 3}}} for legs, busy with move leg {{{first.id + 2}}}" in lines
         )
         code, text = ask(commands.status, "--central", central, "--json")
-        told = json.loads(text)["waiting"][0]
-        assert told.pop("seconds") > 0
-        assert told == {
+        waiter = json.loads(text)["waiting"][0]
+        assert waiter.pop("seconds") > 0
+        assert waiter == {
             "what": "temperature {1}",
             "for": "for a module that handles temperature",
             "state": "waits",
@@ -78,10 +78,10 @@ def test_status_names_the_task_to_resume(central: str) -> None:
         rest = user.goal(REST)
         rest.wait_for(rest.handling.end, SOON)
         rest.suspend()
-        told = json.loads(ask(commands.status, "--central", central, "--json")[1])
-        (held,) = [one for one in told["waiting"] if one["state"] == "held"]
+        status = json.loads(ask(commands.status, "--central", central, "--json")[1])
+        (held,) = [one for one in status["waiting"] if one["state"] == "held"]
         assert (held["number"], held["waits"][0]["number"]) == (steps[0].id, rest.id)
-        ago = duration(told["time"] - held["waits"][0]["seconds"])
+        ago = duration(status["time"] - held["waits"][0]["seconds"])
         assert f"is resumed (suspended by user {ago} ago)" in held["for"]
         assert held["for"].endswith(f": 'tca resume {rest.id}'")
 
@@ -99,8 +99,8 @@ def test_status_says_what_it_did_not_inspect(central: str, monkeypatch: pytest.M
     with connect("user", central) as user:
         for _ in range(60):
             user.goal(REST, sequential_planning=True)
-        told = ask(commands.status, "--central", central)[1].splitlines()
-    assert told[-4:] == [
+        lines = ask(commands.status, "--central", central)[1].splitlines()
+    assert lines[-4:] == [
         "... and at least 20 more",
         "",
         "at least 39 held tasks wait in the end for a module that handles rest",

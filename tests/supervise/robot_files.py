@@ -1,4 +1,4 @@
-"""``tca run`` as a process, its robot's file, and what it says."""
+"""``tca run`` as a process with its robot file and its output."""
 
 import os
 import re
@@ -18,7 +18,7 @@ NO_CENTRAL = "[central]\nstart = false\naddress = 'ipc:///nowhere'\n"
 
 
 class Running:
-    """A robot that runs."""
+    """A running ``tca run``."""
 
     def __init__(self, folder: Path, text: str, *options: str) -> None:
         (folder / "robot.toml").write_text(text)
@@ -27,15 +27,15 @@ class Running:
         self.groups: dict[str, int] = {}  #: the newest process of each program
 
     def hear(self, pattern: str) -> re.Match[str]:
-        """Read on until a line has a pattern."""
+        """Read lines until one matches a pattern."""
         with self.process.killed_after(SOON):
             for line in self.process.stdout:
-                self._take(line)
+                self._record(line)
                 if found := re.search(pattern, line):
                     return found
         raise AssertionError(f"no {pattern!r} in\n{self.said}")
 
-    def _take(self, line: str) -> None:
+    def _record(self, line: str) -> None:
         self.said += line
         if started := re.search(r"\| (\S+) started \(process (\d+)\)", line):
             self.groups[started[1]] = int(started[2])
@@ -44,14 +44,14 @@ class Running:
         self.process.send_signal(number)
 
     def end(self) -> tuple[int, str]:
-        """Wait for its end: exit code, and what it said on standard error."""
+        """Wait for the end. Returns the exit code and standard error."""
         for line in self.process.stdout:
-            self._take(line)
+            self._record(line)
         errors = self.process.stderr.read()
         return self.process.wait(SOON), errors
 
     def leaves_nothing(self) -> None:
-        """Wait until no process that it has started lives."""
+        """Wait until all processes that it started have ended."""
         for name, group in self.groups.items():
             _await_end(name, group)
 
@@ -72,7 +72,7 @@ def robot(folder: Path, text: str, *options: str) -> Iterator[Running]:
 
 
 def guards_of(process: int) -> list[int]:
-    """The guard that a ``tca run`` has now."""
+    """The current guards of a ``tca run``."""
     children = [
         child
         for file in Path(f"/proc/{process}/task").glob("*/children")

@@ -1,6 +1,4 @@
-"""``tca run``: real processes that crash, hang, are slow to end; and a ``tca run`` that is killed
-itself.
-"""
+"""``tca run``: programs that crash, hang or end slowly; and a killed ``tca run``."""
 
 import re
 import signal
@@ -92,10 +90,8 @@ def test_stop_lets_programs_clean_up_and_kills_the_rest(tmp_path: Path) -> None:
 
 
 @contextmanager
-def again_and_again(act: Callable[[], None]) -> Iterator[None]:
-    """Do something a few times a second while the block lasts: one of them comes late enough to
-    count.
-    """
+def repeated(act: Callable[[], None]) -> Iterator[None]:
+    """Repeat an action five times a second during the block, since the first may come too early."""
     over = threading.Event()
 
     def repeat() -> None:
@@ -118,7 +114,7 @@ def test_second_signal_kills_programs(tmp_path: Path) -> None:
         running.hear("ready")
         running.signal(signal.SIGINT)
         running.hear("ends all: SIGINT")
-        with again_and_again(lambda: running.signal(signal.SIGINT)):
+        with repeated(lambda: running.signal(signal.SIGINT)):
             running.hear("is killed")
         assert running.end()[0] == 0
         running.leaves_nothing()
@@ -140,7 +136,7 @@ def test_no_program_is_left_when_run_and_guard_are_killed(tmp_path: Path) -> Non
 
 
 def test_program_that_cannot_start_counts_as_crashed(tmp_path: Path) -> None:
-    """Its guard does not take it for something that is left."""
+    """The guard does not treat it as a process to kill."""
     (tmp_path / "gone.sh").write_text("#!/bin/sh\nrm $0; exit 1\n")
     (tmp_path / "gone.sh").chmod(0o755)
     with robot(
@@ -156,10 +152,10 @@ def test_run_ends_when_its_output_is_closed(tmp_path: Path) -> None:
     text = NO_CENTRAL + sh("talks", "while true; do echo tick; sleep 0.05; done")
     (tmp_path / "robot.toml").write_text(text)
     command = f"{sys.executable} -m tca_tools.supervise {tmp_path}/robot.toml | head -3; echo ${{PIPESTATUS[0]}}"
-    said = subprocess.run(
+    output = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, timeout=SOON, check=True
     ).stdout
-    assert said.splitlines()[-1] == "141"
+    assert output.splitlines()[-1] == "141"
 
 
 LEGS = """
@@ -223,7 +219,7 @@ hung = "restart"
 
 
 def test_robot_file_of_the_example_runs(tmp_path: Path) -> None:
-    """A round is finished though the program that drives dies in its midst."""
+    """A round is finished although the driving program crashes during it."""
     example = Path(__file__).parents[2] / "examples" / "robot"
     for program in example.iterdir():
         if program.is_file():

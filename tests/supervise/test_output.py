@@ -1,4 +1,4 @@
-"""Many programs on one screen: whole lines, by name; and none waits for a reader."""
+"""Output of many programs: whole named lines, and no program waits for a reader."""
 
 import os
 import threading
@@ -10,18 +10,20 @@ from tca_tools.supervise.output import LONGEST_LINE, MOST_WAITING, Lines, Output
 
 
 def test_output_lines_are_whole_or_cut() -> None:
-    told: list[bytes] = []
-    lines = Lines(told.append)
+    printed: list[bytes] = []
+    lines = Lines(printed.append)
     for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
         lines.feed(data)
-    lines.close()
-    assert told == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
+    lines.end()
+    assert (
+        printed == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
+    )
 
 
 def test_endless_line_is_printed_in_pieces() -> None:
-    told: list[int] = []
-    Lines(lambda piece: told.append(len(piece))).feed(b"x" * (2 * LONGEST_LINE + 5))
-    assert told == [LONGEST_LINE, LONGEST_LINE]
+    lengths: list[int] = []
+    Lines(lambda piece: lengths.append(len(piece))).feed(b"x" * (2 * LONGEST_LINE + 5))
+    assert lengths == [LONGEST_LINE, LONGEST_LINE]
 
 
 def test_output_lines_have_their_program_name(tmp_path: Path) -> None:

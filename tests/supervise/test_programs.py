@@ -1,4 +1,4 @@
-"""Programs end with the one who started them."""
+"""Programs end with the process that started them."""
 
 import os
 import re
@@ -22,7 +22,7 @@ IDLE = ("sh", "-c", "echo idle; exec sleep 60")
 
 @contextmanager
 def interrupted_after(seconds: float) -> Iterator[None]:
-    """As by Ctrl-C."""
+    """Raise KeyboardInterrupt, as Ctrl-C does."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -37,7 +37,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
 
 
 def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
-    """Start a program, and wait until it has said something; its process."""
+    """Start a program and wait for its first output. Returns its process number."""
     process = programs.start(name, *command)
     until(lambda: programs.log(name).read_text(), f"{name} has begun")
     return process
@@ -45,8 +45,8 @@ def start(programs: Programs, name: str, command: tuple[str, ...]) -> int:
 
 @pytest.mark.filterwarnings(
     "ignore:.*/proc/.*/stat:pytest.PytestUnraisableExceptionWarning"
-)  # interrupted in open()
-def test_an_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
+)  # if interrupted in open()
+def test_interrupted_wait_leaves_no_program_behind(tmp_path: Path) -> None:
     programs = Programs(tmp_path).__enter__()
     both = [start(programs, "idle", IDLE), start(programs, "deaf", DEAF)]
     with pytest.raises(KeyboardInterrupt), interrupted_after(0.2):

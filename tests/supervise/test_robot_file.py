@@ -1,4 +1,4 @@
-"""A robot's file is checked before anything starts, and errors say which key and what to do."""
+"""A robot file is checked before any start. Errors name the key and the remedy."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,13 +20,13 @@ def loaded(folder: Path, text: str) -> RobotFile:
 def test_wrong_robot_file_names_the_key_and_the_remedy(
     tmp_path: Path, approve: Callable[..., None]
 ) -> None:
-    def tell(text: str) -> str:
+    def refusal(text: str) -> str:
         with pytest.raises(BadUserFile) as error:
             loaded(tmp_path, text.replace("\\n", "\n"))
         return str(error.value).replace(str(tmp_path), "DIR")
 
-    approve("wrong_robot_files.txt", tell)
-    with pytest.raises(BadUserFile, match="line 1"):  # in words of Python's own
+    approve("wrong_robot_files.txt", refusal)
+    with pytest.raises(BadUserFile, match="line 1"):  # Python's own message
         loaded(tmp_path, "[modules.a\n")
 
 

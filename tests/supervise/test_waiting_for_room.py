@@ -1,4 +1,4 @@
-"""A central whose disk is full is no central that crashes."""
+"""A central with a full disk does not count as crashed."""
 
 import os
 from pathlib import Path
@@ -13,9 +13,7 @@ STARTS = 4
 
 
 def test_central_is_restarted_until_the_disk_has_room(tmp_path: Path) -> None:
-    """Here there is room whenever one looks, and not when central starts; one crash would end
-    all.
-    """
+    """The disk has room at each check, but not when central starts. One crash would end the run."""
     script = f'echo >>starts; test "$(wc -l <starts)" -eq {STARTS} || exit {DISK_FULL}'
     program = Launch(
         name=CENTRAL,
@@ -26,17 +24,17 @@ def test_central_is_restarted_until_the_disk_has_room(tmp_path: Path) -> None:
         restart="never",
         limits=Limits(restarts=0, delay=0.0),
     )
-    told: list[str] = []
+    events: list[str] = []
     nothing = os.open(os.devnull, os.O_WRONLY)
     output = Output([CENTRAL], nothing, in_colour=False)
     output.start()
     with Programs() as programs:
-        kept = Supervised(program, output, told.append, programs)
-        kept.run()
+        kept = Supervised(program, output, events.append, programs)
+        kept.keep()
     output.close(10)
     os.close(nothing)
     assert kept.code == 0
-    assert [line.split(" (")[0] for line in told[:2]] == [
+    assert [line.split(" (")[0] for line in events[:2]] == [
         "central started",
         f"central waits for room on the disk of {tmp_path / 'run'}",
     ]

@@ -33,7 +33,7 @@ def run(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def expect(rewrite: bool) -> Callable[[str, str], None]:
-    """Compares a text with the file of that name; ``--rewrite`` writes it anew."""
+    """Compares a text with the file of that name; ``--rewrite`` replaces it."""
 
     def compare(name: str, text: str) -> None:
         path = TRANSCRIPTS / f"{name}.txt"

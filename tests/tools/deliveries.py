@@ -14,7 +14,7 @@ from tca_wire.journal.records import record
 def deliver(
     free: float, policy: Policy | None = AS_SOON_AS_LIKELY, changed: float | None = None
 ) -> list[Entry]:
-    """An object is delivered to box B if it is free; after 2 s that may change."""
+    """A delivery to box B if it is free, which may change after 2 s."""
     with play(delivery(), policy) as run:
         ran = run.begin()
         run.box_b(free)
@@ -28,14 +28,12 @@ def deliver(
 
 
 def undone() -> list[Entry]:
-    """The arm is ahead at box B when that turns out to be taken, and has to go home first."""
+    """The arm is ahead at box B, which turns out to be taken. It must go home first."""
     return _taken_after(4, fork(arm("box B", undo=HOME), opened(arm="home")))
 
 
 def too_late() -> list[Entry]:
-    """The arm is ahead at box B when that turns out to be taken; it is not yet at box C when the
-    base has come.
-    """
+    """The arm is ahead at box B, which turns out to be taken. It reaches box C after the base."""
     return _taken_after(6, fork(arm("box B"), arm("box C")))
 
 
@@ -51,7 +49,7 @@ def _taken_after(seconds: float, machine: Coordination) -> list[Entry]:
 
 
 def held_up() -> list[Entry]:
-    """Twice the arm waits for its turn, as a branch needs it at home."""
+    """A branch needs the arm at home, so the arm waits for its turn in both runs."""
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
         for _ in range(2):
@@ -62,7 +60,7 @@ def held_up() -> list[Entry]:
 
 
 def killed() -> list[Entry]:
-    """The arm moves ahead when somebody kills the delivery."""
+    """The delivery is killed while the arm moves ahead."""
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.box_b(1.0)
@@ -74,16 +72,14 @@ def killed() -> list[Entry]:
 
 
 def written(entries: list[Entry], folder: Path) -> Path:
-    """A journal of them."""
+    """Write entries as a journal."""
     folder.mkdir()
     (folder / "00000001.tcaj").write_bytes(b"".join(map(record, entries)))
     return folder
 
 
 def figure_7(folder: Path) -> list[Path]:
-    """Journals of the best case, of a box that is occupied on the way, and of plain execution in
-    the worst case.
-    """
+    """Journals of the best case, a box occupied on the way, and the worst case without preview."""
     return [
         written(deliver(1.0), folder / "free"),
         written(deliver(1.0, changed=0.0), folder / "occupied on the way"),

@@ -1,6 +1,4 @@
-"""Journals of the real core, and what becomes of them when single facts are lost, told twice or put
-in another place.
-"""
+"""Journals of the real core, and changes to them: one fact lost, duplicated or moved."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -23,7 +21,7 @@ OPENED = Entry(0, 0.0, [facts.Opened(JOURNAL_VERSION, "epoch", 1, 1_700_000_000.
 
 
 def checked(entries: Iterable[Entry]) -> list[Violation]:
-    """What is wrong with a journal."""
+    """The breaches of rules in a journal."""
     checker = CheckedRun()
     for entry in entries:
         checker.apply(entry)
@@ -39,7 +37,7 @@ def walk() -> list[Entry]:
     _join(player)
     _walk(player)
     _talk(player)
-    _end(player)
+    _finish(player)
     return [OPENED, *player.entries]
 
 
@@ -88,7 +86,7 @@ def _talk(player: Player) -> None:
                 player.reply(slot, value=1)
 
 
-def _end(player: Player) -> None:
+def _finish(player: Player) -> None:
     for _ in range(2):
         player.request("maps", headers.Lock, "legs", "legs")
         player.receive("maps", headers.GiveUp(player.numbers["maps"]))
@@ -104,7 +102,7 @@ def _end(player: Player) -> None:
 
 
 def _step(player: Player, step: int, *, slips: bool) -> None:
-    """A step is planned, then walked; where it slips it is tried again."""
+    """A step is planned, then walked. A step that slips is retried."""
     planner = next(slot for slot in ("planner/1", "planner/2") if step in player.delivered(slot))
     player.send(planner, "where", under=step, origin=step)
     player.reply("legs/1", value=5)
@@ -122,16 +120,16 @@ def _step(player: Player, step: int, *, slips: bool) -> None:
 Change = Callable[[list[facts.Fact], int], list[facts.Fact]]
 
 
-def lost(told: list[facts.Fact], place: int) -> list[facts.Fact]:
-    return told[:place] + told[place + 1 :]
+def lost(facts_before: list[facts.Fact], place: int) -> list[facts.Fact]:
+    return facts_before[:place] + facts_before[place + 1 :]
 
 
-def twice(told: list[facts.Fact], place: int) -> list[facts.Fact]:
-    return told[: place + 1] + told[place:]
+def duplicated(facts_before: list[facts.Fact], place: int) -> list[facts.Fact]:
+    return facts_before[: place + 1] + facts_before[place:]
 
 
 def changed(entries: list[Entry], change: Change, *kinds: str) -> Iterator[tuple[str, list[Entry]]]:
-    """The journal with one fact changed, for each fact of these kinds (all, if none is named)."""
+    """Journals with one fact changed, for each fact of the given kinds (default: all)."""
     for number, entry in enumerate(entries):
         for place, fact in enumerate(entry.facts):
             if not kinds or kind_of(fact) in kinds:
@@ -143,12 +141,12 @@ TRANSCRIPTS = Path(__file__).parent.parent / "central" / "transcripts"
 
 
 def played(transcript: str) -> Player:
-    """Central when a transcript has been played."""
-    told = Transcript()
+    """The player of a transcript, after its last command."""
+    replayed = Transcript()
     for block in (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]:
         for command in block.split("\n----")[0].splitlines():
-            told.play(command)
-    return told.player
+            replayed.play(command)
+    return replayed.player
 
 
 def encoded(entries: Iterable[Entry]) -> bytes:

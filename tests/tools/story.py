@@ -1,4 +1,4 @@
-"""Builders of journals: a story is told event by event, with the facts that central would write."""
+"""Builders of journals: a story adds, event by event, the facts that central would write."""
 
 import fcntl
 import json
@@ -31,7 +31,7 @@ BORN_PLANNED = Moment.START_PLANNING | Moment.END_PLANNING
 
 @contextmanager
 def silent_for(run: Path, seconds: float) -> Iterator[None]:
-    """Somebody has the journal open, as a central has, and wrote to it last so many seconds ago."""
+    """The journal is open, as for a live central, and was last written *seconds* ago."""
     segment = run / "00000001.tcaj"
     os.utime(segment, (time.time() - seconds,) * 2)
     with segment.open("ab") as central:
@@ -40,9 +40,7 @@ def silent_for(run: Path, seconds: float) -> Iterator[None]:
 
 
 class Story:
-    """A journal being told: ``at`` moves the clock, every other method adds facts to the event of
-    that time.
-    """
+    """A journal in the making. ``at`` moves the clock; each other method adds facts to that event."""
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
@@ -57,7 +55,7 @@ class Story:
         return self
 
     def asked_by(self, delivery: int) -> "Story":
-        """What is told next of this event, a handler has asked for."""
+        """A handler caused the current event."""
         entry = self.entries[-1]
         self.entries[-1] = Entry(
             entry.number, entry.time, entry.facts, Request("any", 1, 1, "Kill", delivery)
@@ -68,15 +66,15 @@ class Story:
         return History.until(self.caused(), until)
 
     def caused(self) -> list[Entry]:
-        """Its entries, each with the cause that its facts tell of, where none was told."""
+        """The entries. An entry without a cause gets the cause that its facts imply."""
         claims: dict[int, facts.Claimed] = {}
         return [
             entry if entry.cause else msgspec.structs.replace(entry, cause=_cause(entry, claims))
             for entry in self.entries
         ]
 
-    def say(self, *said: Any) -> "Story":
-        self.entries[-1].facts.extend(said)
+    def say(self, *added: Any) -> "Story":
+        self.entries[-1].facts.extend(added)
         return self
 
     def module(self, name: str, *handles: str, resource: str = "") -> "Story":
@@ -102,7 +100,7 @@ class Story:
         to: str = "",
         begins: bool = False,
     ) -> int:
-        """It may be delivered *to* a module at once, and begin to be achieved."""
+        """A message, optionally delivered *to* a module and achieving at once."""
         number, self._next_id = self._next_id, self._next_id + 1
         this = [
             msgspec.structs.replace(
@@ -171,7 +169,7 @@ class Story:
         return self.returned(number, Outcome.FAILED).say(facts.Failed(number, failure, text))
 
     def rescued(self, failed: int, name: str, module: str) -> int:
-        """An exception handler of that module is called for a failure, and runs."""
+        """Start an exception handler of a module for a failure."""
         handler = self.received(
             name,
             MessageClass.EXCEPTION,
@@ -196,7 +194,7 @@ class Story:
     def query(
         self, message: str, sender: str, origin: int, module: str, took: float, **more: Any
     ) -> int:
-        """A query that is answered after a while; the clock stands at the answer then."""
+        """A query that takes *took* seconds. The clock stands at its answer afterwards."""
         time = self.entries[-1].time
         number = self.received(message, QUERY, sender, 0, origin=origin, blocking=True, **more)
         self.delivered(number, module)
@@ -206,7 +204,7 @@ class Story:
         return number
 
     def acted(self, number: int, module: str, took: float) -> "Story":
-        """A command that is handled and achieved in one go."""
+        """Deliver a command, and achieve it *took* seconds later."""
         time = self.entries[-1].time
         self.delivered(number, module)
         return self.at(round(time + took, 6)).achieved(number)
@@ -215,12 +213,12 @@ class Story:
         return b"".join(map(record, self.caused()))
 
     def write(self, folder: Path, segments: int = 1) -> Path:
-        """The journal as a directory, its entries spread over so many segments."""
+        """The journal as a directory, with its entries spread over *segments* files."""
         folder.mkdir(parents=True)
-        told = self.caused()
-        size = -(-len(told) // segments)
+        entries_with_causes = self.caused()
+        size = -(-len(entries_with_causes) // segments)
         for number in range(segments):
-            entries = told[number * size : (number + 1) * size]
+            entries = entries_with_causes[number * size : (number + 1) * size]
             if number:
                 entries = [
                     Entry(
@@ -239,9 +237,7 @@ class Story:
 
 
 def _cause(entry: Entry, claims: dict[int, facts.Claimed]) -> Request | None:
-    """Who must have asked for it: the handler that returned, or whoever sent or locked
-    something.
-    """
+    """The implied request: the reply of a handler, or the first send or lock."""
     sent: Request | None = None
     for fact in entry.facts:
         match fact:
@@ -266,7 +262,7 @@ def _resolved(point: Any, number: int) -> Any:
 THIS = TaskId(-1)
 
 
-# --- stories that are written down ----------------------------------------------------------------
+# --- stories in files -----------------------------------------------------------------------------
 
 
 MADE = Path(__file__).with_name("made")
@@ -274,41 +270,50 @@ KINDS = {one.__struct_config__.tag: one for one in get_args(facts.Fact)}
 CLASSES = "|".join(sorted(MessageClass, key=len, reverse=True))
 
 
-def tell(tale: Story, line: str) -> bool:
-    """Tell one line of a story; False if it is none.
+def apply_line(story: Story, line: str) -> bool:
+    """Add the facts of one line. False if the line is not of a story.
 
-    see made/NAME                             what is told there
-    at TIME                                   the next event
-    MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]
-    CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID][ to
-    MODULE[, and begins]]
-        [ with JSON][ where POINT <= POINT, ...]
-    queued ID[ for MODULE[ / RESOURCE]] | delivered ID to MODULE[ / RESOURCE] | returned ID[:
-    OUTCOME][ with JSON] failed ID: FAILURE[: TEXT] | achieved ID | reached ID: MOMENT, ... or all |
-    asked by DELIVERY KIND FIELD=JSON ...                       any other fact
+    These are the forms of a line, with optional parts in brackets.
+
+    - ``see made/NAME``: all lines of that file.
+    - ``at TIME``: the next event.
+    - ``MODULE joins[, and handles MESSAGE, ...][ in RESOURCE]``.
+    - ``CLASS MESSAGE {ID} from SENDER[ under TASK][ in DELIVERY][ and waits][ as ROLE of ID]
+      [ to MODULE[, and begins]][ with JSON][ where POINT <= POINT, ...]``.
+    - ``queued ID[ for MODULE[ / RESOURCE]]``.
+    - ``delivered ID to MODULE[ / RESOURCE]``.
+    - ``returned ID[: OUTCOME][ with JSON]``.
+    - ``failed ID: FAILURE[: TEXT]``.
+    - ``achieved ID``.
+    - ``reached ID: MOMENT, ...``, or ``reached ID: all``.
+    - ``asked by DELIVERY``.
+    - ``KIND FIELD=JSON ...``: any other fact.
     """
-    for pattern, do in TOLD:
+    for pattern, do in LINE_PATTERNS:
         if found := re.fullmatch(pattern, line):
-            do(tale, **{name: text for name, text in found.groupdict().items() if text is not None})
+            do(
+                story,
+                **{name: text for name, text in found.groupdict().items() if text is not None},
+            )
             return True
     kind = max((one for one in KINDS if line.startswith(f"{one} ")), key=len, default="")
     if not kind:
         return False
-    tale.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
+    story.say(KINDS[kind](**read_fields(KINDS[kind], line.removeprefix(kind))))
     return True
 
 
-def tell_made(tale: Story, name: str) -> None:
+def apply_made(story: Story, name: str) -> None:
     for line in (MADE / f"{name}.txt").read_text().splitlines():
-        assert line.startswith("#") or tell(tale, line), line
+        assert line.startswith("#") or apply_line(story, line), line
 
 
-def joins(tale: Story, name: str, handles: str = "", resource: str = "") -> None:
-    tale.module(name, *filter(None, handles.split(", ")), resource=resource)
+def joins(story: Story, name: str, handles: str = "", resource: str = "") -> None:
+    story.module(name, *filter(None, handles.split(", ")), resource=resource)
 
 
-def received(tale: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
-    told = tale.received(
+def received(story: Story, kind: str, message: str, number: str, sender: str, **more: str) -> None:
+    assigned = story.received(
         message,
         MessageClass(kind),
         sender,
@@ -322,15 +327,15 @@ def received(tale: Story, kind: str, message: str, number: str, sender: str, **m
         to=more.get("to", ""),
         begins="begins" in more,
     )
-    assert told == int(number), f"that is {told}"
+    assert assigned == int(number), f"that is {assigned}"
 
 
-def returned(tale: Story, number: str, outcome: str = "done", data: str = "null") -> None:
-    tale.returned(int(number), Outcome(outcome), json.loads(data))
+def returned(story: Story, number: str, outcome: str = "done", data: str = "null") -> None:
+    story.returned(int(number), Outcome(outcome), json.loads(data))
 
 
-def reached(tale: Story, number: str, moments: str) -> None:
-    tale.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
+def reached(story: Story, number: str, moments: str) -> None:
+    story.reached(int(number), *(Moment if moments == "all" else map(moment, moments.split(", "))))
 
 
 def moment(words: str) -> Moment:
@@ -344,35 +349,35 @@ RECEIVED = (
     r"(?: in (?P<origin>\d+))?(?P<blocking> and waits)?(?: as (?P<role>[a-z ]+) of (?P<about>\d+))?"
     rf"(?: to (?P<to>.+?)(?P<begins>, and begins)?)?{JSON}(?: where (?P<where>.+))?"
 )
-TOLD: list[tuple[str, Callable[..., object]]] = [
-    (r"see made/(?P<name>\w+)", tell_made),
-    (r"at (?P<time>[\d.]+)", lambda tale, time: tale.at(float(time))),
+LINE_PATTERNS: list[tuple[str, Callable[..., object]]] = [
+    (r"see made/(?P<name>\w+)", apply_made),
+    (r"at (?P<time>[\d.]+)", lambda story, time: story.at(float(time))),
     (r"(?P<name>.+?) joins(?:, and handles (?P<handles>.+?))?(?: in (?P<resource>.+))?", joins),
     (RECEIVED, received),
     (
         rf"queued (?P<number>\d+)(?: for {PLACE})?",
-        lambda tale, number, **where: tale.queued(int(number), **where),
+        lambda story, number, **where: story.queued(int(number), **where),
     ),
     (
         rf"delivered (?P<number>\d+) to {PLACE}",
-        lambda tale, number, **where: tale.delivered(int(number), **where),
+        lambda story, number, **where: story.delivered(int(number), **where),
     ),
     (rf"returned (?P<number>\d+)(?:: (?P<outcome>[a-z]+))?{JSON}", returned),
     (
         r"failed (?P<number>\d+): (?P<failure>.+?)(?:: (?P<text>.*))?",
-        lambda tale, number, **how: tale.failed(int(number), **how),
+        lambda story, number, **how: story.failed(int(number), **how),
     ),
-    (r"achieved (?P<number>\d+)", lambda tale, number: tale.achieved(int(number))),
+    (r"achieved (?P<number>\d+)", lambda story, number: story.achieved(int(number))),
     (r"reached (?P<number>\d+): (?P<moments>.+)", reached),
-    (r"asked by (?P<number>\d+)", lambda tale, number: tale.asked_by(int(number))),
+    (r"asked by (?P<number>\d+)", lambda story, number: story.asked_by(int(number))),
 ]
 
 
 def made(*names: str) -> Story:
-    """The story of that name in made/; of several names, one that goes on with the next."""
+    """The story of that name in made/. Several names are played one after the other."""
     story = Story()
     for name in names:
-        tell_made(story, name)
+        apply_made(story, name)
     return story
 
 
@@ -383,9 +388,7 @@ locking = partial(made, "locking")
 
 
 def stuck(drills: int = 4) -> Story:
-    """Drills one after the other; the handler of the first one waits for a calibration that nobody
-    handles.
-    """
+    """Drills in sequence. The first one's handler waits for a calibration without a handler."""
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     drill = story.command("drill", "brain", mission, to="rig", begins=True)
@@ -401,9 +404,9 @@ def stuck(drills: int = 4) -> Story:
 
 
 def stepping(steps: int = 3) -> Story:
-    """A robot that plans a step for 1 s and takes it for 2 s: each step's planning is delayed until
-    the one before has been taken. The walk is sent at 1.0, its steps at 1.2 and 1.3; from then on
-    planning and acting alternate.
+    """A robot that plans each step for 1 s and moves for 2 s, without planning ahead.
+
+    The walk is sent at 1.0, its steps at 1.2. Planning and acting alternate from 1.3 on.
     """
     story = (
         Story().module("user").module("planner", "walk", "step", "errand").module("legs", "move")

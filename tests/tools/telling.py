@@ -1,12 +1,11 @@
-"""What the tools tell of small runs: each in told/ is told event by event, and asked about in
-between.
+"""The language of told/: small runs, event by event, with questions in between.
 
     # TITLE
-    a line of a story: see tell()
+    a line of a story: see apply_line()
     ? QUESTION                                and the answers, indented
 
-A run may also be played by central: then each line is a command of its transcripts. See QUESTIONS
-for what can be asked.
+Central can play a run, too: each line is then a command of its transcripts. QUESTIONS lists the
+questions.
 """
 
 import io
@@ -21,8 +20,8 @@ import msgspec
 from central.transcript import Transcript
 from click import unstyle
 from tools.runs import checked
-from tools.story import Story, tell
-from tools.trace_reader import Read, read_trace
+from tools.story import Story, apply_line
+from tools.trace_reader import Read, Slice, read_trace
 
 from tca_tools.analysis.backwards import Causes
 from tca_tools.analysis.critical_path import critical_path, last_task, longest_task, shares
@@ -33,7 +32,7 @@ from tca_tools.analysis.step_words import why_not_sooner
 from tca_tools.analysis.steps import Doing
 from tca_tools.analysis.summary import span_of, summary
 from tca_tools.explain.graph import causes
-from tca_tools.explain.story import story
+from tca_tools.explain.story import Sentence, story
 from tca_tools.explain.wait_words import in_the_end, last_of, reasons
 from tca_tools.export.tables import TABLES, Table
 from tca_tools.export.trace.packets import write_trace
@@ -64,17 +63,17 @@ from tca_wire.journal import facts
 from tca_wire.points import TaskId
 
 
-def told(text: str) -> str:
-    """A run as in told/, with the answers to its questions."""
-    tale, played, lines = Story(), Transcript(), list[str]()
+def answered(text: str) -> str:
+    """A run of told/ with current answers to its questions."""
+    handmade, played, lines = Story(), Transcript(), list[str]()
     is_played = False
     for line in text.splitlines():
         if line.startswith("? "):
-            entries = played.player.entries if is_played else tale.caused()
+            entries = played.player.entries if is_played else handmade.caused()
             lines += [line, *(f"  {one}".rstrip() for one in answers(entries, line[2:]) if one)]
         elif not line.startswith("  "):
             lines.append(line)
-            if not line.startswith("#") and not tell(tale, line):
+            if not line.startswith("#") and not apply_line(handmade, line):
                 is_played = True
                 played.play(line)
     return "\n".join(lines)
@@ -87,9 +86,9 @@ SECOND = 1_000_000_000
 
 
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
-    """A question is a word, a task or message, a moment, one until which more is known, and when
-    the journal ends:
-    "fate 3 at 2.5 known 4 until 5".
+    """The answers to a question, such as "fate 3 at 2.5 known 4 until 5".
+
+    Its parts: a word, a message, a moment, the moment of knowledge, the journal's end.
     """
     found = re.fullmatch(
         r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question
@@ -112,23 +111,22 @@ def at_moment(run: Run, at: float | None) -> RunAt:
 
 
 def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
-    """All that happened to a message; as it was told at a moment."""
+    """The story of a message, as it was shown at a moment."""
     if at is not None:
         return [
             f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at
         ]
-    took = [
-        " ..." if one.is_open else "" if one.seconds is None else f" ({one.seconds:.3g} s)"
-        for one in story(run, number)
-    ]
-    return [
-        f"{one.time:g}{lasts} {one.text}"
-        for one, lasts in zip(story(run, number), took, strict=True)
-    ]
+    return [f"{one.time:g}{_duration(one)} {one.text}" for one in story(run, number)]
+
+
+def _duration(sentence: Sentence) -> str:
+    if sentence.is_open:
+        return " ..."
+    return "" if sentence.seconds is None else f" ({sentence.seconds:.3g} s)"
 
 
 def row(run: Run, number: int, at: float | None = None) -> list[str]:
-    """What the tree says of a task: how it stands, and its note."""
+    """The row of a task in the tree: its standing, data and note."""
     then = at_moment(run, at)
     task = then.tasks[TaskId(number)]
     return [", ".join(filter(None, (task.standing, data(task), note(then, task))))]
@@ -139,18 +137,18 @@ def states(run: Run, number: int) -> list[str]:
     return [f"{time:g} {state}" for time, state in run.tasks[TaskId(number)].states]
 
 
-def end(run: Run, number: int, at: float | None = None) -> list[str]:
-    """What a task waits for in the end."""
+def final_wait(run: Run, number: int, at: float | None = None) -> list[str]:
+    """The last of the things that a task waits for."""
     then = at_moment(run, at)
     return [str(in_the_end(then, then.tasks[TaskId(number)]) or "-")]
 
 
 def all_causes(run: Run, at: float | None = None) -> list[str]:
-    """What all tasks wait for in the end."""
+    """The common causes of all waits."""
     then = at_moment(run, at)
     waiting, things, found = causes(then)
-    told = [f"{last_of(then, one.ends[0])}: {one.tasks}, first {one.first}" for one in found]
-    return [f"{waiting} wait for {things}", *told]
+    lines = [f"{last_of(then, one.ends[0])}: {one.tasks}, first {one.first}" for one in found]
+    return [f"{waiting} wait for {things}", *lines]
 
 
 def chain(run: Run, number: int, at: float | None = None) -> list[str]:
@@ -160,35 +158,35 @@ def chain(run: Run, number: int, at: float | None = None) -> list[str]:
 
 
 def all_failures(run: Run) -> list[str]:
-    """The failures of a run, and what became of them."""
-    told = []
+    """The failures of a run with their fates."""
+    lines = []
     for kind in failures(run):
-        told.append(
+        lines.append(
             f"{kind.failure} of {kind.message}{' (overcome)' * kind.is_good}, cost {kind.cost:.3g} s"
         )
         for one in kind.cases:
             why = f" ({one.why})" if one.why else ""
-            told.append(
+            lines.append(
                 f"  {one.time:g} {one.of}: {one.text!r} raised {one.raised_by or '-'}: {one.fate.name}{why}"
             )
-            told += [f"    {text}" for text in one.called]
-            told.append(f"    {one.lost:.3g} s lost, {one.recovery:.3g} s of recovery")
-    return [*told, "so the run is " + ("good" if summary(run).is_good else "bad")]
+            lines += [f"    {text}" for text in one.called]
+            lines.append(f"    {one.lost:.3g} s lost, {one.recovery:.3g} s of recovery")
+    return [*lines, "so the run is " + ("good" if summary(run).is_good else "bad")]
 
 
 def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> list[str]:
-    """What became of a failure at a moment."""
+    """The fate of a failure at a moment."""
     failed = run.messages[number]
-    told = [
+    parts = [
         fate(run, failed, at, known).name,
         "goes on" if run_continued(run, failed, at, known) else "ends",
         describe_asker(run, failed, at, known),
     ]
     if task := run.tasks.get(TaskId(number)):
-        again = retried_ancestor(run, task, at, known)
-        told.append(f"begun again with {again}" if again else "")
-    told.append(f"depends on {len(undecided_by(run, failed, at))}")
-    return ["; ".join(filter(None, told))]
+        again = begun_again_with(run, task, at, known)
+        parts.append(f"begun again with {again}" if again else "")
+    parts.append(f"depends on {len(hinges(run, failed, at))}")
+    return ["; ".join(filter(None, parts))]
 
 
 def coped(run: Run, number: int, at: float) -> list[str]:
@@ -196,23 +194,23 @@ def coped(run: Run, number: int, at: float) -> list[str]:
 
 
 def path(run: Run, number: int = 0) -> list[str]:
-    """The critical path of a task (by default of the last one), and why no step began sooner."""
+    """The critical path of a task (default: the last), and why no step began sooner."""
     task = run.tasks[TaskId(number)] if number else last_task(run)
     if task is None:
         return []
     found = critical_path(run, Causes(run), task)
-    told = []
+    lines = []
     for step in found.steps:
         what = run.name(step.message_id) if step.doing is Doing.WORK else str(step.doing)
-        why = why_not_sooner(run, step)
-        told.append(
+        why = why_then(run, step)
+        lines.append(
             f"{step.start:g} to {step.end:g}: {what}{f' in {step.module}' if step.module else ''}{f': {why}' if why else ''}"
         )
-    told += [f"because {one}" for one in found.because]
-    return [*told, "..."] if found.is_open else told
+    lines += [f"because {one}" for one in found.because]
+    return [*lines, "..."] if found.is_open else lines
 
 
-def where_time_went(run: Run, number: int = 0) -> list[str]:
+def path_shares(run: Run, number: int = 0) -> list[str]:
     task = run.tasks[TaskId(number)] if number else last_task(run)
     assert task
     found = shares(run, critical_path(run, Causes(run), task))
@@ -221,14 +219,14 @@ def where_time_went(run: Run, number: int = 0) -> list[str]:
 
 def waits(run: Run) -> list[str]:
     """The longest waits of each kind."""
-    told = []
+    lines = []
     for kind in long_waits(run):
-        told.append(f"{kind.kind}: {kind.number}, {kind.seconds:.3g} s")
-        told += [
+        lines.append(f"{kind.kind}: {kind.number}, {kind.seconds:.3g} s")
+        lines += [
             f"  {one.who} {one.what} ({one.seconds:.3g} s{', goes on' * one.is_open})"
             for one in kind.longest
         ]
-    return told
+    return lines
 
 
 def all_reasons(run: Run, number: int, at: float | None = None) -> list[str]:
@@ -237,27 +235,27 @@ def all_reasons(run: Run, number: int, at: float | None = None) -> list[str]:
 
 
 def advice(run: Run) -> list[str]:
-    told = []
+    lines = []
     for one in contents(run).advice:
-        told.append(
+        lines.append(
             f"{one.topic}: {one.title}; saves {one.saving:.3g} s, {one.on_path:.3g} s on the path, {one.times} times"
         )
-        told += [f"  {text}" for text in (one.text, one.remedy, one.example, one.sooner) if text]
-    return told
+        lines += [f"  {text}" for text in (one.text, one.remedy, one.example, one.sooner) if text]
+    return lines
 
 
 def bars(run: Run, number: int | None = None, at: float | None = None) -> list[str]:
-    """The chart, with what holds one message; from a moment on."""
-    return list(all_of_a_chart(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
+    """The chart from a moment on, with the constraints that hold one message."""
+    return list(bar_lines(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
 
 
-def all_of_a_chart(drawing: Chart) -> Iterator[str]:
+def bar_lines(drawing: Chart) -> Iterator[str]:
     yield f"{drawing.start:.2f} to {drawing.end:.2f}: {', '.join(drawing.names)}"
     for row in drawing.rows:
         yield f"{row.label}, connected {row.connected}"
         for bar in (*row.bars, *row.claims):
-            end = "open" if bar.is_open else bar.ending
-            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {end}: {bar.title()}".replace(
+            ending = "open" if bar.is_open else bar.ending
+            yield f"  {bar.kind} {bar.lane} {bar.name} {bar.start} {bar.end} {ending}: {bar.title()}".replace(
                 " : ", ": "
             )
             yield from (f"    {mark.time} {mark.ending}: {mark.title}" for mark in bar.marks)
@@ -272,26 +270,29 @@ def trace_of(run: Run) -> Read:
     return read_trace(stream.getvalue())
 
 
-def all_of_a_trace(read: Read) -> Iterator[str]:
-    """Its tracks with their slices, arrows, counters."""
+def track_lines(read: Read) -> Iterator[str]:
+    """The tracks of a trace with their slices, arrows and counters."""
     for track, slices in groupby(
         sorted(read.slices, key=attrgetter("track", "lane", "start")), key=attrgetter("track")
     ):
         yield track
         for one in slices:
-            until = (
-                ""
-                if one.end == one.start
-                else " on"
-                if one.end is None
-                else f" to {one.end / SECOND:.3f}"
-            )
             details = ", ".join(f"{key}: {value}" for key, value in one.details.items())
-            yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{until} {one.category}: {one.name}; {details}"
+            yield f"{'  ' * (one.depth + 1)}{one.start / SECOND:.3f}{_until(one)} {one.category}: {one.name}; {details}"
     for number, stations in sorted(read.flows.items()):
         yield f"arrow {number}: {' -> '.join(f'{one.name} ({one.track})' for one in stations)}"
     for counter, values in read.counters.items():
         yield f"{counter}: {', '.join(f'{number} at {time / SECOND}' for time, number in values)}"
+
+
+def trace(run: Run) -> list[str]:
+    return list(track_lines(trace_of(run)))
+
+
+def _until(one: Slice) -> str:
+    if one.end is None:
+        return " on"
+    return "" if one.end == one.start else f" to {one.end / SECOND:.3f}"
 
 
 def tree(run: Run, at: float | None = None) -> list[str]:
@@ -308,7 +309,7 @@ def shown(run: Run, number: int) -> list[str]:
     ]
 
 
-def in_short(run: Run) -> list[str]:
+def run_summary(run: Run) -> list[str]:
     """The outcome of a run."""
     found, named = summary(run), {"last": last_task(run), "longest": longest_task(run)}
     is_good = "good" if found.is_good else "not good"
@@ -321,28 +322,28 @@ def in_short(run: Run) -> list[str]:
 
 
 def runs(run: Run) -> list[str]:
-    """When handlers ran, and what waited and was locked when."""
-    told = []
+    """The times of handlings, queueings and claims."""
+    lines = []
     for one in run.handlings:
         whose = f", directly from {one.direct_from}" if one.direct_from else ""
-        told.append(
+        lines.append(
             f"{one.name} in {one.module}{whose}: {one.start:.6g} to {one.end and f'{one.end:.6g}'} {one.outcome}"
         )
-        told += [
+        lines += [
             f"  waits for {wait.awaited} from {wait.start:.6g} to {wait.end}" for wait in one.waits
         ]
-    told += [
+    lines += [
         f"{one.message_id} queued for {one.module}: {one.start:.6g} to {one.end and f'{one.end:.6g}'}"
         for one in run.queueings
     ]
-    return told + [
+    return lines + [
         f"claim of {one.resource}: {one.start:g}, {one.granted}, {one.end} {one.ended}"
         for one in run.claims.values()
     ]
 
 
 def all_uses(run: Run) -> list[str]:
-    """How busy resources were."""
+    """The use of each resource."""
     return [
         f"{one.name} of {one.key[0]}: {one.handled} handled, {one.busy:.3g} s busy ({one.share:.0%} of {one.capacity}), locked"
         f" {one.locked:.3g} s; {one.queued} queued for {one.queue_seconds:.3g} s, at most {one.longest_queue}, now {one.waiting}"
@@ -351,7 +352,7 @@ def all_uses(run: Run) -> list[str]:
 
 
 def life(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The states of a task, each from when on; what is known of it at a moment."""
+    """The states of a task with their times, or its state and data at a moment."""
     task = run.tasks[TaskId(number)]
     if at is None:
         lives = [(time, life_at(run, task, time)) for time in run.times]
@@ -364,29 +365,29 @@ def life(run: Run, number: int, at: float | None = None) -> list[str]:
             if new != old
         ]
     then = life_at(run, task, at)
-    told = {
+    bodies = {
         "progress": then.progress,
         "asked": then.asked,
         "data": RunAt(run, at).tasks[TaskId(number)].body,
     }
-    known = [f"{name} {msgspec.msgpack.decode(text)}" for name, text in told.items() if text]
+    known = [f"{name} {msgspec.msgpack.decode(text)}" for name, text in bodies.items() if text]
     return [", ".join([f"{then.state}, {then.serial}", *known])]
 
 
 def messages(run: Run, number: int) -> list[str]:
-    """All that belong to a task."""
+    """The messages that belong to a task."""
     return [f"{run.name(one)} {{{one}}}" for one in sorted(messages_of(run, [TaskId(number)]))]
 
 
 def waited(run: Run, number: int) -> list[str]:
-    """All that a message waited for."""
+    """The messages that a message waited for."""
     return [str(int(one)) for one in sorted(waited_for(run, TaskId(number), {TaskId(number)}))]
 
 
 def figures(run: Run, at: float | None = None) -> list[str]:
-    """Counts and times, of the part that begins at a moment."""
+    """Counts and times of the part that begins at a moment."""
     found = measure(run, start=at)
-    told = [f"{found.deadlocks} deadlocks"]
+    lines = [f"{found.deadlocks} deadlocks"]
     every: list[MessageStats | ResourceStats] = [*found.messages, *found.resources]
     for one in every:
         known = {name: getattr(one, name) for name in one.__slots__ if getattr(one, name)}
@@ -406,8 +407,8 @@ def figures(run: Run, at: float | None = None) -> list[str]:
             if isinstance(one, MessageStats)
             else f"resource {one.resource or 'of nobody'}"
         )
-        told.append("; ".join([f"{named}: {', '.join(counts)}", *times, *use]))
-    return told
+        lines.append("; ".join([f"{named}: {', '.join(counts)}", *times, *use]))
+    return lines
 
 
 def rows(table: Table, run: Run) -> list[str]:
@@ -431,9 +432,30 @@ OF_ENTRIES: dict[str, Callable[[list[facts.Entry]], list[str]]] = {
     "classic": lambda entries: list(classic_lines(entries)),
 }
 QUESTIONS: dict[str, Callable[..., list[str]]] = {
-    "story": story_of, "row": row, "states": states, "end": end, "causes": all_causes, "chain": chain, "failures": all_failures,
-    "fate": fate_of, "coped": coped, "path": path, "shares": where_time_went, "waits": waits, "reasons": all_reasons,
-    "advice": advice, "bars": bars, "tree": tree, "shown": shown, "trace": lambda run: list(all_of_a_trace(trace_of(run))), "summary": in_short, "runs": runs, "uses": all_uses, "life": life,
-    "messages": messages, "waited": waited, "figures": figures,
+    "story": story_of,
+    "row": row,
+    "states": states,
+    "end": final_wait,
+    "causes": all_causes,
+    "chain": chain,
+    "failures": all_failures,
+    "fate": fate_of,
+    "coped": coped,
+    "path": path,
+    "shares": path_shares,
+    "waits": waits,
+    "reasons": all_reasons,
+    "advice": advice,
+    "bars": bars,
+    "tree": tree,
+    "shown": shown,
+    "trace": trace,
+    "summary": run_summary,
+    "runs": runs,
+    "uses": all_uses,
+    "life": life,
+    "messages": messages,
+    "waited": waited,
+    "figures": figures,
     **{f"table_{table.name}": partial(rows, table) for table in TABLES},
-}  # fmt: skip
+}

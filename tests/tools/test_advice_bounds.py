@@ -1,5 +1,7 @@
-"""What advice promises at most, held against the real central: the same robot once more, with what
-was advised. And in any life, no advice promises more than there is.
+"""Upper bounds of the savings that advice promises.
+
+The same robot runs again as advised, with the real central. In random runs, no advice promises
+more than the run lasted.
 """
 
 import heapq
@@ -31,7 +33,7 @@ from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.text.facts_in_words import called
 
-_A_HAIR = 1e-6
+TOLERANCE = 1e-6
 
 
 def all_advice(run: Run) -> list[Advice]:
@@ -44,7 +46,7 @@ def all_advice(run: Run) -> list[Advice]:
 
 
 class Timed(Player):
-    """A robot whose handlers take the time that they are said to."""
+    """A robot whose handlers take given times."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -57,23 +59,23 @@ class Timed(Player):
         )
         return [effect.header for effect in effects if isinstance(effect, Transmit)]
 
-    def returns_in(self, slots: list[str]) -> None:
-        """Whoever was given something will have done it after its time."""
+    def schedule_returns(self, slots: list[str]) -> None:
+        """Schedule the return of each new delivery."""
         for slot in slots:
             for delivery in self.delivered(slot):
-                if delivery not in self.begun and (took := self.takes(slot, delivery)):
+                if delivery not in self.begun and (took := self.duration_of(slot, delivery)):
                     self.begun.add(delivery)
                     heapq.heappush(self.due, (self.time + took, delivery, slot))
 
-    def takes(self, slot: str, delivery: int) -> float:
-        """How long; 0: that is seen to elsewhere."""
+    def duration_of(self, slot: str, delivery: int) -> float:
+        """The seconds of a delivery. Something else returns a delivery of 0 s."""
         raise NotImplementedError
 
 
-# --- a slot more ----------------------------------------------------------------------------------
+# --- one more slot --------------------------------------------------------------------------------
 
 Job = tuple[int, list[int], int]
-"""When it comes, how long each of its chops takes, and the packing after them."""
+"""The arrival of a job, the seconds of its chops, and the seconds of its packing."""
 JOBS = st.lists(
     st.tuples(
         st.integers(1, 12), st.lists(st.integers(1, 6), min_size=1, max_size=2), st.integers(1, 12)
@@ -84,9 +86,7 @@ JOBS = st.lists(
 
 
 class Kitchen(Timed):
-    """A chef who plans in no time, a cutter with few slots that all queue for, and packers
-    enough.
-    """
+    """A chef that plans in no time, a cutter with few slots, and enough packers."""
 
     def __init__(self, jobs: list[Job], slots: int) -> None:
         super().__init__()
@@ -100,7 +100,7 @@ class Kitchen(Timed):
             f"packer/{n + 1}" for n in range(len(jobs))
         ]
 
-    def takes(self, slot: str, delivery: int) -> float:
+    def duration_of(self, slot: str, delivery: int) -> float:
         return self.seconds.get(delivery, 0.0)
 
     def run(self) -> History:
@@ -112,7 +112,7 @@ class Kitchen(Timed):
             else:
                 self.time, delivery, slot = heapq.heappop(self.due)
                 self.reply(slot, delivery)
-            self.returns_in(self.slots)
+            self.schedule_returns(self.slots)
         return History.until(self.entries)
 
     def plan(self, chops: list[int], packing: int) -> None:
@@ -128,14 +128,14 @@ class Kitchen(Timed):
 
 @given(JOBS, st.integers(1, 2))
 @settings(max_examples=40)
-def test_one_more_slot_saves_no_more_than_the_report_said(jobs: list[Job], slots: int) -> None:
+def test_extra_slot_saves_at_most_the_advised_time(jobs: list[Job], slots: int) -> None:
     run = Kitchen(jobs, slots).run()
     saved = summary(run).seconds - summary(Kitchen(jobs, slots + 1).run()).seconds
-    said = max(
+    advised_saving = max(
         (one.saving for one in all_advice(run) if one.title == "cutter is a bottleneck"),
         default=0.0,
     )
-    assert saved <= said + _A_HAIR
+    assert saved <= advised_saving + TOLERANCE
 
 
 # --- planning while acting ------------------------------------------------------------------------
@@ -144,21 +144,19 @@ DURATIONS = st.lists(st.tuples(st.integers(1, 6), st.integers(1, 6)), min_size=1
 
 
 class Robot(Timed):
-    """A planner, legs and a user. Messages take no time; plans and moves take what *durations* say,
-    step by step.
-    """
+    """A planner, legs and a user. *durations* has the seconds of each step's plan and move."""
 
-    def __init__(self, durations: list[tuple[int, int]], *, looks_ahead: bool) -> None:
+    def __init__(self, durations: list[tuple[int, int]], *, plans_ahead: bool) -> None:
         super().__init__()
         self.durations = durations
-        self.looks_ahead = looks_ahead
+        self.plans_ahead = plans_ahead
         self.steps: list[int] = []
         self.moves: dict[int, int] = {}
         self.module("user")
         self.module("planner", "goal walk", "goal step")
         self.module("legs", "command move")
 
-    def takes(self, slot: str, delivery: int) -> float:
+    def duration_of(self, slot: str, delivery: int) -> float:
         planning = slot == "planner/1"
         step = self.steps.index(delivery) if planning else self.moves[delivery]
         return self.durations[step][0 if planning else 1]
@@ -166,9 +164,13 @@ class Robot(Timed):
     def run(self) -> History:
         walk = self.task("user", "walk")
         for _ in self.durations:
-            self.steps.append(self.task("planner/1", "step", under=walk, constraints=self.order()))
+            self.steps.append(
+                self.task(
+                    "planner/1", "step", under=walk, constraints=self.constraints_of_next_step()
+                )
+            )
         self.reply("planner/1")
-        self.returns_in(["planner/1", "legs/1"])
+        self.schedule_returns(["planner/1", "legs/1"])
         while self.due:
             self.time, delivery, slot = heapq.heappop(self.due)
             if slot == "planner/1":
@@ -176,29 +178,29 @@ class Robot(Timed):
                     delivery
                 )
             self.reply(slot, delivery)
-            self.returns_in(["planner/1", "legs/1"])
+            self.schedule_returns(["planner/1", "legs/1"])
         return History.until(self.entries)
 
-    def order(self) -> tuple[Constraint, ...]:
-        """What holds back the planning of the next step."""
-        if not self.looks_ahead:
+    def constraints_of_next_step(self) -> tuple[Constraint, ...]:
+        """The constraints on the planning of the next step."""
+        if not self.plans_ahead:
             return (delay_planning(THIS),)
         return (plan_ahead(TaskId(self.steps[-1]), THIS),) if self.steps else ()
 
 
 @given(DURATIONS)
 @settings(max_examples=30)
-def test_looking_one_step_ahead_saves_what_the_report_said(
+def test_planning_one_step_ahead_saves_the_advised_time(
     durations: list[tuple[int, int]],
 ) -> None:
-    """And the critical path is as long as the run, whether it looks ahead or not."""
-    slow = Robot(durations, looks_ahead=False).run()
-    fast = Robot(durations, looks_ahead=True).run()
+    """The critical path is as long as the run, with and without planning ahead."""
+    slow = Robot(durations, plans_ahead=False).run()
+    fast = Robot(durations, plans_ahead=True).run()
     saved = summary(slow).seconds - summary(fast).seconds
-    for run, said in ((slow, saved), (fast, 0.0)):
+    for run, advised_saving in ((slow, saved), (fast, 0.0)):
         causes, task = Causes(run), last_task(run)
         assert sum(overlap.saving for overlap in overlaps(run, causes)) == pytest.approx(
-            said, abs=1e-6
+            advised_saving, abs=1e-6
         )
         assert task is not None
         steps = critical_path(run, causes, task).steps
@@ -209,7 +211,7 @@ def test_looking_one_step_ahead_saves_what_the_report_said(
 
 
 def burst(number: int, took: float) -> Run:
-    """So many commands come at once for one resource."""
+    """A run in which *number* commands come at once for one resource."""
     story = Story().module("user").module("cutter", "chop")
     chops = [story.at(1.0).command("chop", "user") for _ in range(number)]
     story.delivered(chops[0], "cutter")
@@ -222,10 +224,8 @@ def burst(number: int, took: float) -> Run:
     return story.fold()
 
 
-def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
-    """The run lasts 3 s; all waits added up are 449 s, and with two slots the commands would still
-    take 1.5.
-    """
+def test_overlapping_queue_waits_are_not_summed_in_advice() -> None:
+    """The run lasts 3 s and its waits add up to 449 s, but a second slot saves only 1.5 s."""
     (one,) = {one.title: one for one in all_advice(burst(300, 0.01))}.values()
     assert (one.title, round(one.saving, 6), round(one.on_path, 6)) == (
         "cutter is a bottleneck",
@@ -235,17 +235,12 @@ def test_waits_of_three_hundred_in_one_queue_are_no_twelve_minutes() -> None:
     assert "waits 299 times in the queue for cutter, 2.99 s in all" in one.text
 
 
-# --- whose end would come sooner ------------------------------------------------------------------
-
-
-# --- any life -------------------------------------------------------------------------------------
+# --- random runs ----------------------------------------------------------------------------------
 
 
 @given(st.lists(operation, max_size=60), st.integers(1, 5))
 @settings(max_examples=40)
-def test_no_advice_on_a_random_life_promises_more_than_there_is(
-    operations: list[Any], tick: int
-) -> None:
+def test_advice_saving_never_exceeds_a_random_run(operations: list[Any], tick: int) -> None:
     life = Life(Player(check=False))
     for name, *numbers in operations:
         life.do(name, *numbers)
@@ -254,14 +249,14 @@ def test_no_advice_on_a_random_life_promises_more_than_there_is(
 
 @given(st.integers(0, 1 << 32), st.integers(1, 5))
 @settings(max_examples=2)
-def test_nor_on_a_longer_one(seed: int, tick: int) -> None:
+def test_advice_saving_never_exceeds_a_long_random_run(seed: int, tick: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, 1_000)
     check(life, tick)
 
 
 def check(life: Life, tick: int) -> None:
-    """With a clock that goes on every so many seconds only."""
+    """Check all advice on a life, with a clock that steps by *tick* seconds."""
     entries = [
         facts.Entry(entry.number, entry.time // tick * tick, entry.facts)
         for entry in life.player.entries
@@ -271,34 +266,30 @@ def check(life: Life, tick: int) -> None:
     check_ends(run)
     for one in all_advice(run):
         assert "'?'" not in one.title + one.text + one.remedy + one.example, one
-        assert 0.0 <= one.on_path <= one.saving + _A_HAIR, one
-        assert one.saving <= seconds + _A_HAIR, one
+        assert 0.0 <= one.on_path <= one.saving + TOLERANCE, one
+        assert one.saving <= seconds + TOLERANCE, one
         if one.topic in (Topic.CAPACITY, Topic.LOCK):
-            assert one.saving <= waited(run, one.title.split(" is ")[0]) + _A_HAIR, one
+            assert one.saving <= waited(run, one.title.split(" is ")[0]) + TOLERANCE, one
 
 
 def check_ends(run: Run) -> None:
-    """Whose end would come sooner: of the path that is shown first, or of the one that advice
-    names.
-    """
+    """Check the task whose end comes sooner: that of the first path, or the one named by advice."""
     found = contents(run)
     for one in found.advice:
         assert found.path is not None or not one.on_path, one
-        assert not found.path or one.on_path <= found.path.path.seconds + _A_HAIR, one
+        assert not found.path or one.on_path <= found.path.path.seconds + TOLERANCE, one
         if one.sooner:
             assert found.longest is not None, one
             path = found.longest.path
             assert (one.sooner, one.on_path) == (str(path.task), 0.0), one
-            assert one.saving <= path.seconds + _A_HAIR or one.topic is Topic.CAPACITY, one
+            assert one.saving <= path.seconds + TOLERANCE or one.topic is Topic.CAPACITY, one
     assert [one.on_path for one in found.advice] == sorted(
         (one.on_path for one in found.advice), reverse=True
     )
 
 
 def waited(run: Run, where: str) -> float:
-    """How long anything stood in the queue of a resource, in any copy, or wanted to lock it; what
-    overlaps once.
-    """
+    """The time with a queue at a resource, in any copy, or with a claim not yet granted."""
     module, _, resource = where.partition(" / ")
     key = (called(module), resource or module)
     queues = [
@@ -322,17 +313,15 @@ def found_in(run: Run) -> list[Overlap]:
 
 
 def advised(run: Run, at_least: float = 1e-6, task: Task | None = None) -> list[Advice]:
-    """By default for the path of the last task."""
+    """The advice on the path of a task (default: the last one)."""
     handling, task, causes = summary(run), task or last_task(run), Causes(run)
     path = critical_path(run, causes, task) if task else None
     use = uses(run, handling.start, handling.end)
     return advice(run, causes, path, overlaps(run, causes), use, failures(run), at_least)
 
 
-def test_each_plan_but_the_first_could_have_been_made_while_the_step_before_was_taken() -> None:
-    """Two gaps of 1 s, in each 1 s of planning, before each 2 s of acting with the planner free: 2
-    s. The robot that looks ahead needs just that much less: 7.3 s, not 9.3.
-    """
+def test_overlaps_find_plans_that_could_overlap_the_step_before() -> None:
+    """Two gaps with 1 s of planning each make 2 s. Planning ahead takes 7.3 s, not 9.3 s."""
     (overlap,) = found_in(stepping().fold())
     assert [(round(one.start, 6), round(one.end, 6)) for one in overlap.chances] == [
         (4.3, 5.3),

@@ -1,6 +1,4 @@
-"""Tasks that a coordinator sent ahead of their states: figure 7 of the paper out of real runs, and
-marks in all tools.
-"""
+"""Tasks sent ahead of their states: figure 7 of the paper from real runs, and marks in all tools."""
 
 import html
 import re
@@ -34,11 +32,11 @@ def boxes(one: Chart, agent: str) -> list[Bar]:
     return [bar for bar in row.handled if bar.kind is not BarKind.IDLE]
 
 
-def look(box: Bar) -> str:
+def described(box: Bar) -> str:
     return f"{box.name} {box.preview if box.ahead else 'current'}"
 
 
-def test_the_three_schedules_of_figure_7(
+def test_schedule_matches_the_three_runs_of_figure_7(
     tca: Tca, logs: list[Path], expect: Callable[[str, str], None], tmp_path: Path
 ) -> None:
     result = tca("schedule", *logs, "-o", tmp_path / "figure.txt")
@@ -46,11 +44,11 @@ def test_the_three_schedules_of_figure_7(
     expect("schedule", (tmp_path / "figure.txt").read_text())
     best, occupied, plain = [schedules(folded(open_log(log)), log.name)[0] for log in logs]
     assert best.end < occupied.end < plain.end
-    assert [look(box) for box in boxes(best, "arm")] == [
+    assert [described(box) for box in boxes(best, "arm")] == [
         "arm to(box B) ahead",
         "arm to(tuck) current",
     ]
-    assert [look(box) for box in boxes(occupied, "arm")] == [
+    assert [described(box) for box in boxes(occupied, "arm")] == [
         "arm to(box B) wasted",
         "arm to(box C) ahead",
         "arm to(tuck) current",
@@ -58,10 +56,12 @@ def test_the_three_schedules_of_figure_7(
     assert not any(box.ahead for row in plain.rows for box in row.handled)
     assert (
         boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end
-    )  # C's pose while the base still goes to B
+    )  # the arm takes C's pose while the base still drives to B
 
 
-def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+def test_schedule_picture_has_a_box_for_each_task(
+    tca: Tca, logs: list[Path], tmp_path: Path
+) -> None:
     assert tca("schedule", *logs, "-o", tmp_path / "figure.svg").exit_code == 0
     picture = (tmp_path / "figure.svg").read_text()
     in_legend = 1
@@ -77,7 +77,7 @@ def test_the_picture_has_a_box_for_each_task(tca: Tca, logs: list[Path], tmp_pat
     )
 
 
-def test_the_gain_of_each_run(logs: list[Path]) -> None:
+def test_gain_counts_right_wrong_kept_and_wasted_previews(logs: list[Path]) -> None:
     gains = [
         gain(run, *one) for run in map(folded, map(open_log, logs)) for one in coordinators(run)
     ]
@@ -100,12 +100,8 @@ def test_the_gain_of_each_run(logs: list[Path]) -> None:
     ]
 
 
-def test_critical_paths_lead_through_the_tasks_that_were_waited_for(
-    logs: list[Path], tmp_path: Path
-) -> None:
-    """Not through those that were done ahead in time or in vain; what is undone before the next may
-    begin counts.
-    """
+def test_critical_path_leads_through_awaited_tasks_only(logs: list[Path], tmp_path: Path) -> None:
+    """Early tasks that were ready in time or wasted are not on it; undoing them is."""
     drive, grip, reach = ("base", 8.0), ("gripper", 1.0), ("arm", 3.0)
     ways = {
         logs[0]: [drive, grip, reach, drive],
@@ -125,7 +121,7 @@ def test_critical_paths_lead_through_the_tasks_that_were_waited_for(
         assert [(resource, seconds) for resource, seconds in steps if seconds > 0] == way
 
 
-def test_marks_of_what_ran_ahead(
+def test_tree_and_gantt_mark_tasks_that_ran_ahead(
     tca: Tca, logs: list[Path], expect: Callable[[str, str], None]
 ) -> None:
     chart = tca("gantt", logs[1], "--to", 30, COLUMNS="110").stdout.splitlines()
@@ -136,7 +132,7 @@ def test_marks_of_what_ran_ahead(
     )  # slots of a module connect in any order
 
 
-def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
+def test_pictures_mark_tasks_that_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path) -> None:
     pictures = {}
     for name, *asked in (
         ("gantt.svg", "gantt"),
@@ -145,15 +141,15 @@ def test_pictures_mark_what_ran_ahead(tca: Tca, logs: list[Path], tmp_path: Path
     ):
         assert tca(*asked[:1], logs[1], *asked[1:], "-o", tmp_path / name).exit_code == 0
         pictures[name] = (tmp_path / name).read_text()
-    for look in ("ahead", "wasted"):
-        assert pictures["gantt.svg"].count(f'class="{look}"') == 2  # in the legend, and on a bar
+    for mark in ("ahead", "wasted"):
+        assert pictures["gantt.svg"].count(f'class="{mark}"') == 2  # in the legend, and on a bar
     for name in ("tree.dot", "tree.svg"):
         for meaning in ("by a coordinator: ahead, kept", "by a coordinator: ahead, wasted"):
             assert meaning in pictures[name]
     assert "arm to {11} (ahead, kept) handled by robot / arm" in pictures["gantt.svg"]
 
 
-def test_a_report_tells_what_the_preview_gained(
+def test_report_has_a_row_for_the_gain_of_the_preview(
     tca: Tca, logs: list[Path], run: Path, tmp_path: Path
 ) -> None:
     for log, row in (
@@ -168,7 +164,7 @@ def test_a_report_tells_what_the_preview_gained(
         assert ("Gain of the preview" in page.read_text()) == bool(row)
 
 
-def test_what_started_late_is_told_everywhere(
+def test_late_start_and_its_remedy_are_shown_by_every_tool(
     tca: Tca, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     journal = written(held_up(), tmp_path / "held up")
@@ -176,7 +172,7 @@ def test_what_started_late_is_told_everywhere(
     ((why, times),) = late.items()
     assert (machine, runs, times) == ("fork", 2, 2)
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-    assert logged == [f"{why.reason}: {why.remedy}"], "once, though it ran twice"
+    assert logged == [f"{why.told}: {why.remedy}"], "logged once for two runs"
     assert "undo=" in why.remedy
     for name, command in (
         ("report.html", "report"),
@@ -188,7 +184,7 @@ def test_what_started_late_is_told_everywhere(
         assert f"{why.reason} {why.remedy}" in " ".join(re.sub("<[^>]*>|;", " ", shown).split())
 
 
-def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> None:
+def test_late_states_are_listed_when_no_task_ran_ahead(tmp_path: Path) -> None:
     never, early = (
         gains(folded(open_log(written(deliver(1.0, policy), tmp_path / name))))[0][3]
         for name, policy in (("never", Discrete(2.0)), ("early", AS_SOON_AS_LIKELY))
@@ -198,7 +194,7 @@ def test_the_machine_s_order_is_told_when_nothing_ran_ahead(tmp_path: Path) -> N
     assert not early
 
 
-def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
+def test_undone_preview_is_shown_with_its_restoring_task(tca: Tca, tmp_path: Path) -> None:
     log = written(undone(), tmp_path / "undone")
     run = folded(open_log(log))
     ((task, record),) = coordinators(run)
@@ -207,7 +203,7 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
         (0, 1, 3.0, 3.0)
     )
     (plan,) = schedules(run, log.name)
-    assert [look(box) for box in boxes(plan, "arm")] == [
+    assert [described(box) for box in boxes(plan, "arm")] == [
         "arm to(box B) wasted",
         "undo arm to(home) current",
     ]
@@ -215,21 +211,21 @@ def test_what_was_undone_is_told(tca: Tca, tmp_path: Path) -> None:
         one.id for one in record.tasks.values() if not one.is_early and one.agent == "arm"
     )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
-    told = tca("tree", log, "--story", restoring).stdout
-    assert "undoes wasted work ahead of the state 'free'" in told
+    story = tca("tree", log, "--story", restoring).stdout
+    assert "undoes what was wasted ahead of the state 'free'" in story
 
 
-def test_early_work_of_a_run_that_died_was_in_vain(tca: Tca, tmp_path: Path) -> None:
+def test_preview_of_a_killed_run_counts_as_wasted(tca: Tca, tmp_path: Path) -> None:
     log = written(killed(), tmp_path / "killed")
     run = folded(open_log(log))
     ((task, record),) = coordinators(run)
     found = gain(run, task, record)
     assert (found.right, found.wrong, found.kept, found.wasted) == pytest.approx((0, 1, 0.0, 2.0))
     (plan,) = schedules(run, log.name)
-    assert [look(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
+    assert [described(box) for box in boxes(plan, "arm")] == ["arm to(box B) wasted"]
 
 
-def test_a_run_without_coordinators_has_no_schedule(tca: Tca, run: Path) -> None:
+def test_schedule_fails_without_a_coordinator_in_the_run(tca: Tca, run: Path) -> None:
     result = tca("schedule", run)
     assert result.exit_code == 1
     assert "run: no coordinator has started a task in this run" in result.stderr

@@ -1,4 +1,4 @@
-"""A machine as a picture."""
+"""A state machine as a picture."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -25,14 +25,25 @@ def machine() -> StateMachine:
 
 
 ARROWS = [
-    "begin_0 -> s1", "s1 -> s2", "s2 -> begin_3 lhead=cluster_3", "s2 -> s8 failed dashed", "s2 -> s8 timeout dashed",
-    "begin_3 -> s4 invis", "s4 -> end_3 invis", "begin_3 -> begin_5 invis", "end_5 -> end_3 invis",
-    "end_3 -> s8 ltail=cluster_3", "begin_5 -> s6", "s6 -> s7", "s7 -> end_5", "s1 -> s8 dir=back",
+    "begin_0 -> s1",
+    "s1 -> s2",
+    "s2 -> begin_3 lhead=cluster_3",
+    "s2 -> s8 failed dashed",
+    "s2 -> s8 timeout dashed",
+    "begin_3 -> s4 invis",
+    "s4 -> end_3 invis",
+    "begin_3 -> begin_5 invis",
+    "end_5 -> end_3 invis",
+    "end_3 -> s8 ltail=cluster_3",
+    "begin_5 -> s6",
+    "s6 -> s7",
+    "s7 -> end_5",
+    "s1 -> s8 dir=back",
     "s8 -> end_0 invis",
-]  # fmt: skip
+]
 
 
-def test_arrows() -> None:
+def test_chart_dot_draws_each_transition_as_an_arrow() -> None:
     found = []
     for line in chart_dot(machine().chart).splitlines():
         if arrow := re.match(r" *(\w+ -> \w+) \[(.*)\];", line):
@@ -45,8 +56,8 @@ def test_arrows() -> None:
     assert sorted(found) == sorted(ARROWS)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz speaks of this machine's fonts
-def test_a_picture_with_the_active_states(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz warns of missing fonts
+def test_drawn_machine_marks_its_active_states(tmp_path: Path) -> None:
     sm = machine()
     sm.draw(tmp_path / "machine.svg", active=[0, 3, 4])
     groups = {
@@ -62,7 +73,7 @@ def test_a_picture_with_the_active_states(tmp_path: Path) -> None:
     }
 
 
-def test_what_can_not_be_drawn(tmp_path: Path) -> None:
+def test_draw_refuses_unknown_suffix_and_foreign_file(tmp_path: Path) -> None:
     sm = machine()
     with pytest.raises(
         MisuseError, match=r"a machine can be drawn as .dot, .svg, .png, .pdf, not as 'machine.txt'"

@@ -1,6 +1,4 @@
-"""Properties of the cases of a whole run: what ``tca check`` says of them, and what the explorer
-does.
-"""
+"""Properties that count the cases of a whole run, in ``tca check`` and in the explorer."""
 
 from pathlib import Path
 
@@ -46,13 +44,13 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_cases_are_counted_and_those_that_are_bad_named(journal: Path, file: Path) -> None:
+def test_cases_are_counted_and_bad_cases_are_named(journal: Path, file: Path) -> None:
     result = run(journal, file)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     assert (
         lines.count("good: step has moves, in all cases (2 of 2)") == 1
-    )  # though it stands there twice
+    )  # listed twice in the file
     assert "good: step is the first, in at least 50 % of cases (1 of 2)" in lines
     assert (
         "good: jump has moves, in all cases (which says nothing: in this run there was no case of it)"
@@ -64,7 +62,7 @@ def test_cases_are_counted_and_those_that_are_bad_named(journal: Path, file: Pat
     assert lines[broken + 2] == "  the story of step {5} until then:"
 
 
-def test_of_a_run_that_is_not_known_whole_nothing_is_said(tmp_path: Path, file: Path) -> None:
+def test_case_share_is_not_judged_for_a_torn_journal(tmp_path: Path, file: Path) -> None:
     torn = tmp_path / "torn.tcaj"
     torn.write_bytes(encoded(walk())[:-7])
     result = run(torn, file)
@@ -74,7 +72,7 @@ def test_of_a_run_that_is_not_known_whole_nothing_is_said(tmp_path: Path, file: 
 
 
 @pytest.mark.parametrize("case", ["task", "(task, 1)", "(task.id, True)", "(task, True, 'why')"])
-def test_a_case_is_a_message_and_a_truth_value(journal: Path, tmp_path: Path, case: str) -> None:
+def test_case_must_be_a_message_and_a_truth_value(journal: Path, tmp_path: Path, case: str) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         "from tca_tools.properties import in_all_cases\ndef it(run):\n    for task in run.tasks.values():\n"
@@ -85,18 +83,18 @@ def test_a_case_is_a_message_and_a_truth_value(journal: Path, tmp_path: Path, ca
     assert "property 'it, in all cases' can't be asked: TypeError: it yielded " in result.stderr
 
 
-def test_a_run_without_cases_has_none_that_is_bad() -> None:
+def test_share_is_one_when_the_run_has_no_cases() -> None:
     counted = in_at_least(1, lambda _run: []).count(History())
     assert (counted.share, str(counted)) == (1.0, "0 of 0")
 
 
 @pytest.mark.parametrize("share", [-0.1, 90, True, "0.9"])
-def test_a_share_is_from_0_to_1(share: object) -> None:
-    with pytest.raises(BadProperty, match="needs a share from 0 to 1"):
+def test_share_outside_0_to_1_is_refused(share: object) -> None:
+    with pytest.raises(BadProperty, match="takes a share from 0 to 1"):
         in_at_least(share, lambda _run: [])  # type: ignore[arg-type]
 
 
-def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -> None:
+def test_share_is_not_judged_when_cases_are_too_few(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         "from tca_tools.properties import in_at_least\ndef it(run):\n    for task in run.tasks.values():\n"
@@ -108,17 +106,17 @@ def test_of_too_few_cases_a_share_is_not_judged(journal: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("fewest", [0, True, 2.5])
-def test_the_fewest_cases_are_one(fewest: object) -> None:
-    with pytest.raises(BadProperty, match="fewest must be 1 or more"):
+def test_fewest_must_be_an_integer_of_one_or_more(fewest: object) -> None:
+    with pytest.raises(BadProperty, match="give 1 or more"):
         in_at_least(0.9, lambda _run: [], fewest=fewest)  # type: ignore[arg-type]
 
 
-def test_cases_come_from_a_function() -> None:
-    with pytest.raises(BadProperty, match="cases must be a function of the run"):
+def test_in_all_cases_refuses_a_text() -> None:
+    with pytest.raises(BadProperty, match="give a function of the run"):
         in_all_cases("step begun")  # type: ignore[arg-type]
 
 
-def test_the_explorer_has_no_whole_runs() -> None:
+def test_scenario_refuses_properties_of_a_whole_run() -> None:
     with pytest.raises(
         ScenarioError,
         match="'it, in all cases' counts the cases of a whole run: check it with tca check",

@@ -1,6 +1,4 @@
-"""``tca check`` as people use it: what it says, the properties they state, and journals that are
-not whole.
-"""
+"""``tca check`` on the command line: its output, stated properties, and incomplete journals."""
 
 import re
 import subprocess
@@ -39,7 +37,7 @@ def written(path: Path, entries: list[Entry], *, closed: bool = True) -> Path:
 
 
 def steps(*, ahead: int, slots: int = 3) -> list[Entry]:
-    """A walk of three steps that are planned while others are walked; *ahead* of them at most."""
+    """A walk of three steps with at most *ahead* of them planned ahead."""
     player = Player()
     player.module("planner", "goal walk", "goal take steps", capacity=slots)
     player.module("legs", "command move")
@@ -73,17 +71,17 @@ def journal(tmp_path: Path) -> Path:
 # --- the rules ------------------------------------------------------------------------------------
 
 
-def test_a_good_run(journal: Path) -> None:
+def test_check_summarises_a_good_run(journal: Path) -> None:
     first, second = (result := run(journal)).stdout.splitlines()
     count, begin, end = len(walk()) + 1, walk()[0].number, walk()[-1].number + 1
-    told = (
+    pattern = (
         rf"walk.tcaj: \d+ facts in {count} entries \(numbers {begin} to {end}\), 0.00 s to 79.00 s"
     )
-    assert re.fullmatch(told, first)
+    assert re.fullmatch(pattern, first)
     assert (second[:6], second[-6:], result.exit_code) == ("good: ", " rules", 0)
 
 
-def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: Path) -> None:
+def test_first_broken_rule_has_its_source_and_story(tmp_path: Path) -> None:
     entries = walk()
     place = next(
         at
@@ -106,7 +104,7 @@ def test_the_first_that_is_broken_is_named_with_its_source_and_story(tmp_path: P
     assert sum(line.startswith("BROKEN") for line in everything.stdout.splitlines()) > 1
 
 
-def test_it_runs_as_a_program(journal: Path) -> None:
+def test_check_runs_as_a_module(journal: Path) -> None:
     command = [sys.executable, "-m", "tca_tools.check", str(journal), "--property", "never stuck"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
@@ -116,7 +114,7 @@ def test_it_runs_as_a_program(journal: Path) -> None:
 # --- properties -----------------------------------------------------------------------------------
 
 
-def test_planning_one_step_ahead_and_two(tmp_path: Path) -> None:
+def test_planned_ahead_property_holds_for_one_step_not_two(tmp_path: Path) -> None:
     wanted = "at most 1 planned ahead of take steps"
     good = run(written(tmp_path / "good.tcaj", steps(ahead=1)), "--property", wanted)
     assert good.exit_code == 0, good.output
@@ -160,7 +158,7 @@ BROKEN = [
 ]
 
 
-def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path) -> None:
+def test_broken_eventually_shows_the_last_task_and_its_story(tmp_path: Path) -> None:
     story = Story().module("stove", "bake").at(1.0)
     bake, flambe = story.command("bake", "user"), story.command("flambé", "user")
     story.acted(bake, "stove", 1.0).queued(flambe).at(30.0).say(facts.ModuleJoined("late", "pid 7"))
@@ -176,32 +174,32 @@ def test_what_never_came_is_shown_with_what_stands_there_and_why(tmp_path: Path)
 
 
 @pytest.mark.parametrize("text", HOLDS)
-def test_what_holds(journal: Path, text: str) -> None:
+def test_property_that_holds_is_good(journal: Path, text: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 0, result.output
     assert f"good: {text}" in result.stdout
 
 
 @pytest.mark.parametrize(("text", "why"), BROKEN)
-def test_what_does_not(journal: Path, text: str, why: str) -> None:
+def test_broken_property_names_its_first_breach(journal: Path, text: str, why: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 1
     assert f": {text}\n" in result.stdout
     assert any(line.startswith(why) for line in result.stdout.splitlines()), result.stdout
 
 
-def test_a_text_that_is_no_property(journal: Path, approve: Callable[..., None]) -> None:
-    def tell(text: str) -> str:
+def test_malformed_property_text_is_refused(journal: Path, approve: Callable[..., None]) -> None:
+    def refusal(text: str) -> str:
         with pytest.raises(BadProperty) as error:
             property_from(text)
         result = run(journal, "--property", text)
         assert (result.exit_code, str(error.value) in result.stderr) == (2, True)
         return str(error.value)
 
-    approve("transcripts/bad_properties.txt", tell)
+    approve("transcripts/bad_properties.txt", refusal)
 
 
-def test_a_name_that_the_journal_does_not_have(journal: Path) -> None:
+def test_unknown_name_in_a_property_suggests_the_nearest(journal: Path) -> None:
     result = run(journal, "--property", "never failed of mvoe")
     assert result.exit_code == 2
     assert "the journal has no message 'mvoe': did you mean 'move'?" in result.stderr
@@ -233,8 +231,8 @@ PROPERTIES = ["never stuck"]
 """
 
 
-def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: Path) -> None:
-    """The properties of a scenario are asked of a real run as they are."""
+def test_properties_of_a_scenario_apply_to_a_real_run(journal: Path, tmp_path: Path) -> None:
+    """The explorer and ``tca check`` accept the same property objects."""
     file = tmp_path / "properties.py"
     file.write_text(FILE)
     result = run(journal, file)
@@ -257,7 +255,7 @@ def test_properties_from_a_file_are_the_explorer_s_too(journal: Path, tmp_path: 
     assert "never ever recovering\n  move {8}\n  the story of move {8}" in result.stdout
 
 
-def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_path: Path) -> None:
+def test_property_file_imports_modules_beside_it(journal: Path, tmp_path: Path) -> None:
     (tmp_path / "walking_messages.py").write_text(
         "from tca_module import Goal\nSTEP = Goal('step', int)\n"
     )
@@ -279,7 +277,9 @@ def test_a_file_of_properties_imports_what_lies_beside_it(journal: Path, tmp_pat
         ("PROPERTIES = ['never']", "property 'never': unknown form"),
     ],
 )
-def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: str) -> None:
+def test_invalid_property_file_is_refused(
+    journal: Path, tmp_path: Path, content: str, why: str
+) -> None:
     file = tmp_path / "properties.py"
     file.write_text(content)
     result = run(journal, file)
@@ -287,7 +287,7 @@ def test_a_file_that_is_wrong(journal: Path, tmp_path: Path, content: str, why: 
     assert why in result.stderr
 
 
-def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
+def test_predicate_that_raises_is_refused(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         "from tca_tools.properties import never\nP = never(lambda world: world.nothing)\nP.words = 'it'"
@@ -298,7 +298,7 @@ def test_a_predicate_that_can_t_be_asked(journal: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("found", ["3", "'move'", "['move']", "1.5"])
-def test_a_predicate_gives_messages_or_a_truth_value(
+def test_predicate_result_of_another_type_is_refused(
     journal: Path, tmp_path: Path, found: str
 ) -> None:
     file = tmp_path / "properties.py"
@@ -317,7 +317,9 @@ def test_a_predicate_gives_messages_or_a_truth_value(
     "found",
     ["{t for t in world.tasks if t.message == 'walk'}", "world.tasks[0]", "iter(world.tasks)"],
 )
-def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str) -> None:
+def test_predicate_may_return_a_set_message_or_iterator(
+    journal: Path, tmp_path: Path, found: str
+) -> None:
     file = tmp_path / "properties.py"
     file.write_text(
         f"from tca_tools.properties import never\ndef f(world): return {found} if world.tasks else None\nP = never(f)"
@@ -325,13 +327,11 @@ def test_messages_may_come_in_any_form(journal: Path, tmp_path: Path, found: str
     assert "never f\n  walk {3}\n  the story of walk {3}" in run(journal, file).stdout
 
 
-# --- what is counted, and whose story is told -----------------------------------------------------
+# --- counting and stories -------------------------------------------------------------------------
 
 
 def chopping(tmp_path: Path) -> Path:
-    """Three times chop for a cook with one hand: each is begun with the event that ends the one
-    before.
-    """
+    """Three chops for one slot. The event that ends a chop also begins the next one."""
     player = Player.of("cook: command chop", "user")
     for _ in range(3):
         player.task("user", "chop")
@@ -349,7 +349,7 @@ PROPERTIES = ["at most 1 begun of chop", "at most 1 handled of chop", "at most 0
 """
 
 
-def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path: Path) -> None:
+def test_at_most_counts_ends_before_starts_of_the_same_event(tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(BEGUN_FILE)
     lines = run(chopping(tmp_path), file).stdout.splitlines()
@@ -360,13 +360,13 @@ def test_what_has_ended_makes_room_for_what_begins_with_the_same_event(tmp_path:
     ]
     assert "  here 1: chop {1}" in lines
     ended = run(tmp_path / "chop.tcaj", "--property", "at most 0 achieved of chop").stdout
-    assert "here 1: chop {1}" in ended  # what is said of the end itself is still counted
+    assert "here 1: chop {1}" in ended  # ends themselves are counted, too
 
 
-def test_the_story_is_that_of_a_message_that_is_named(
+def test_story_shown_is_that_of_a_named_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "200")  # nothing is cut
+    monkeypatch.setenv("COLUMNS", "200")  # wide enough for whole lines
     story = Story().module("user").at(1.0)
     for _ in range(10):
         story.queued(story.command("bake", "user"))
@@ -385,10 +385,10 @@ def test_the_story_is_that_of_a_message_that_is_named(
     assert "  the story of bake {10} until then:" in newest
 
 
-# --- journals that are not whole ------------------------------------------------------------------
+# --- incomplete journals --------------------------------------------------------------------------
 
 
-def test_a_journal_that_is_cut(tmp_path: Path) -> None:
+def test_unclosed_journal_is_good_and_reported_as_unclosed(tmp_path: Path) -> None:
     entries = walk()
     result = run(written(tmp_path / "cut.tcaj", entries[: len(entries) // 2], closed=False))
     assert result.exit_code == 0
@@ -396,7 +396,7 @@ def test_a_journal_that_is_cut(tmp_path: Path) -> None:
     assert f"\ngood: {len(RULES)} rules\n" in result.stdout
 
 
-def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_path: Path) -> None:
+def test_torn_last_entry_is_not_damage(tmp_path: Path) -> None:
     torn = tmp_path / "torn.tcaj"
     torn.write_bytes(encoded(walk())[:-7])
     result = run(torn)
@@ -406,7 +406,7 @@ def test_the_last_entry_of_a_central_that_was_killed_is_torn_and_no_damage(tmp_p
     assert "are not a complete entry" in result.stderr
 
 
-def test_a_journal_that_is_damaged(journal: Path) -> None:
+def test_damaged_journal_is_never_called_good(journal: Path) -> None:
     content = bytearray(journal.read_bytes())
     content[len(content) // 2] ^= 1
     journal.write_bytes(content)
@@ -417,7 +417,7 @@ def test_a_journal_that_is_damaged(journal: Path) -> None:
     assert f"{journal}, byte " in result.stderr
 
 
-def test_a_segment_of_the_middle(tmp_path: Path) -> None:
+def test_middle_segment_reports_the_missing_segment(tmp_path: Path) -> None:
     entries = walk()
     first: Any = entries[0].facts[0]
     middle = len(entries) // 2
@@ -432,7 +432,7 @@ def test_a_segment_of_the_middle(tmp_path: Path) -> None:
     assert "no breach in the readable part: " in result.stdout
 
 
-def test_wrong_usage(journal: Path, tmp_path: Path) -> None:
+def test_check_refuses_wrong_arguments(journal: Path, tmp_path: Path) -> None:
     assert run(tmp_path / "x.tcaj").exit_code == 2
     assert run(journal, tmp_path / "x.py").exit_code == 2
     assert run(journal, journal).exit_code == 2

@@ -1,6 +1,4 @@
-"""What properties say of data, held against the declarations in the journal; and properties that
-say nothing.
-"""
+"""Properties with data, checked against declared formats; vacuous properties; lost entries."""
 
 import struct
 import zlib
@@ -45,9 +43,7 @@ def journal(tmp_path: Path) -> Path:
         "move leg": {"leg": 2, "at": {"x": 1.5}, "mode": "slow", "why": None, "more": b"xyz"},
         "fry": "dish 0b",
         "count": [1, 2],
-        "give up": {
-            "reason": "tired"
-        },  # a failure's data, for an exception handler that wants none
+        "give up": {"reason": "tired"},  # a failure's data, for an exception handler without data
     }
     for name, data in sent.items():
         story.at(story.entries[-1].time + 1.0).acted(
@@ -72,20 +68,22 @@ BEGUN = [
 
 
 @pytest.mark.parametrize("text", BEGUN)
-def test_what_was_begun_with_these_data_is_found(journal: Path, text: str) -> None:
+def test_property_finds_messages_begun_with_given_data(journal: Path, text: str) -> None:
     result = run(journal, "--property", f"never begun of {text}")
     assert (result.exit_code, "BROKEN at " in result.stdout) == (1, True), result.output
     assert run(journal, "--property", f"eventually begun of {text}").exit_code == 0
 
 
-def test_data_are_asked_of_what_a_module_handles(journal: Path) -> None:
+def test_handled_by_property_compares_data(journal: Path) -> None:
     assert run(journal, "--property", "never handled by legs with leg=2").exit_code == 1
     assert run(journal, "--property", "never handled by legs with leg=3").exit_code == 0
 
 
-def test_what_no_data_can_be_is_refused(journal: Path, approve: Callable[..., None]) -> None:
-    def tell(text: str) -> str:
-        said = set()
+def test_data_that_no_message_can_have_is_refused(
+    journal: Path, approve: Callable[..., None]
+) -> None:
+    def refusal_of(text: str) -> str:
+        refusals = set()
         for shape in (
             "never begun of {}",
             "at most 1 begun of {}",
@@ -94,11 +92,11 @@ def test_what_no_data_can_be_is_refused(journal: Path, approve: Callable[..., No
             asked = shape.format(text)
             result = run(journal, "--property", asked)
             assert (result.exit_code, result.stdout) == (2, "")
-            said.add(result.stderr.splitlines()[-1].replace(asked, text))
-        (told,) = said
-        return told
+            refusals.add(result.stderr.splitlines()[-1].replace(asked, text))
+        (refusal,) = refusals
+        return refusal
 
-    approve("transcripts/bad_data.txt", tell)
+    approve("transcripts/bad_data.txt", refusal_of)
 
 
 SAYS_NOTHING = [
@@ -110,9 +108,7 @@ SAYS_NOTHING = [
 
 
 @pytest.mark.parametrize(("text", "what"), SAYS_NOTHING)
-def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothing(
-    journal: Path, text: str, what: str
-) -> None:
+def test_vacuous_property_is_reported_as_vacuous(journal: Path, text: str, what: str) -> None:
     result = run(journal, "--property", text)
     assert result.exit_code == 0
     assert (
@@ -122,7 +118,7 @@ def test_a_property_that_nothing_in_the_run_put_to_the_test_is_said_to_say_nothi
     assert result.stdout.count("says nothing") == 1
 
 
-def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Path) -> None:
+def test_tested_property_is_not_called_vacuous(journal: Path) -> None:
     for text in (
         "never failed of fry",
         "at most 1 begun of fry",
@@ -131,7 +127,7 @@ def test_of_a_property_that_was_put_to_the_test_nothing_more_is_said(journal: Pa
         assert run(journal, "--property", text).stdout.endswith(f"good: {text}\n")
 
 
-def test_quotes_keep_what_would_be_words_of_the_language() -> None:
+def test_quotes_protect_words_of_the_property_language() -> None:
     head, wanted = split_data(
         """begun   of 'x with a=1' with b="two,  c=3", c='four with d=5', d=[1, 2], e="\\"" """
     )
@@ -158,19 +154,18 @@ MINE = never(begun(Command("fry", str), "dish 0b"))
 """
 
 
-def test_properties_of_the_explorer_say_when_they_say_nothing_too(
-    journal: Path, tmp_path: Path
-) -> None:
+def test_vacuous_explorer_property_is_reported_as_vacuous(journal: Path, tmp_path: Path) -> None:
     file = tmp_path / "properties.py"
     file.write_text(FILE)
-    told = run(journal, file).stdout
+    output = run(journal, file).stdout
     assert (
-        "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')" in told
+        "good: at most 1 fly begun (which says nothing: in this run there never was 'fly')"
+        in output
     )
-    assert "never fry begun with data='dish 0b'\n  fry {2}\n" in told
+    assert "never fry begun with data='dish 0b'\n  fry {2}\n" in output
 
 
-# --- journals of which something is lost, or not known: nothing is claimed that may not be so -----
+# --- journals with lost or unknown parts: no uncertain claim --------------------------------------
 
 
 PROPERTIES = [
@@ -194,14 +189,12 @@ NONE = properties.never(lambda world: not world.modules and world.now > 1)
 """
 
 
-def said(text: str, path: Path) -> str:
+def output_of(text: str, path: Path) -> str:
     return run(path, "--property", text).stdout
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(
-    tmp_path: Path, seed: int
-) -> None:
+def test_holding_property_is_not_broken_by_lost_entries(tmp_path: Path, seed: int) -> None:
     entries, chance = walk(), Random(seed)
     whole, path, file = (
         written(tmp_path / "whole.tcaj", entries),
@@ -209,19 +202,19 @@ def test_what_holds_of_the_run_is_not_said_to_be_broken_where_entries_are_lost(
         tmp_path / "mine.py",
     )
     file.write_text(LOST_FILE)
-    holding = [text for text in PROPERTIES if "BROKEN" not in said(text, whole)]
+    holding = [text for text in PROPERTIES if "BROKEN" not in output_of(text, whole)]
     assert "BROKEN" not in run(whole, file).stdout
     holes = sorted(chance.sample(range(len(entries)), chance.choice([1, 2, 8])))
     path.write_bytes(with_holes(entries, holes))
-    told = run(path, *(part for text in holding for part in ("--property", text)), file).stdout
-    assert "BROKEN" not in told
-    assert "good: never" not in told
+    output = run(path, *(part for text in holding for part in ("--property", text)), file).stdout
+    assert "BROKEN" not in output
+    assert "good: never" not in output
     for text in holding:
-        assert f"no breach in the readable part: {text}" in told
+        assert f"no breach in what can be read: {text}" in output
 
 
 def with_unknown(place: int) -> bytes:
-    """The walk, with a fact in the midst of one entry that nobody knows."""
+    """The walk, with an unknown fact inside one entry."""
     content = [record(entry) for entry in walk()]
     entry = msgpack.unpackb(content[place][10:], strict_map_key=False)
     entry[2].insert(0, ["brand new", 1])
@@ -231,7 +224,7 @@ def with_unknown(place: int) -> bytes:
 
 
 @pytest.mark.parametrize("place", range(0, 70, 6))
-def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
+def test_unknown_fact_breaks_no_property_and_is_reported(tmp_path: Path, place: int) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_unknown(place))
     result = run(path, "--property", "step begun before move begun", "--property", "never stuck")
@@ -242,7 +235,7 @@ def test_an_unknown_fact_may_mean_anything(tmp_path: Path, place: int) -> None:
     assert "a fact that this version does not know is left out" in result.stderr
 
 
-def test_what_is_still_certain_is_still_found(tmp_path: Path) -> None:
+def test_certain_breaches_are_found_despite_an_unknown_fact(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_unknown(2))
     result = run(
@@ -251,11 +244,11 @@ def test_what_is_still_certain_is_still_found(tmp_path: Path) -> None:
     assert result.stdout.count("BROKEN") == 2
 
 
-def test_many_places_that_cant_be_read_are_counted(tmp_path: Path) -> None:
+def test_unreadable_places_after_the_fifth_are_counted(tmp_path: Path) -> None:
     entries = walk()
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))
-    told = run(path).stdout
-    assert told.count("can't be read: the messages under way then are unknown") == 5
-    assert "more gaps" in told
-    assert "BROKEN" not in told
+    output = run(path).stdout
+    assert output.count("can't be read: what was under way then is not known") == 5
+    assert "more places like these" in output
+    assert "BROKEN" not in output

@@ -1,4 +1,4 @@
-"""Rules by themselves: a few facts, whatever others they break, of which the last breaks one."""
+"""Each rule of the checker with a minimal journal, whose last fact breaks that rule."""
 
 from typing import Any
 
@@ -58,12 +58,10 @@ def after(one: int, moment: Moment, other: int, then: Moment, delay: float = 0) 
     return Constraint(Point(TaskId(one), moment), Point(TaskId(other), then), delay)
 
 
-def broken(*told: Fact | float) -> set[str]:
-    """The rules that the last of these facts, each an event, is against; a number is the time from
-    then on.
-    """
+def broken(*events: Fact | float) -> set[str]:
+    """The rules broken by the last fact. Each fact is an event; a number sets the clock."""
     world, now = JournalWorld([], is_whole=True), 0.0
-    for number, one in enumerate(told):
+    for number, one in enumerate(events):
         if isinstance(one, int | float):
             now = one
         else:
@@ -73,75 +71,75 @@ def broken(*told: Fact | float) -> set[str]:
 
 
 INFORM, COMMAND = MessageClass.INFORM, MessageClass.COMMAND
-Told = list[Fact | float]
-CHILD: Told = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
-TWO: Told = [born(1), born(2)]
-LOCKED: Told = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
-RESERVED: Told = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
+Events = list[Fact | float]
+CHILD: Events = [born(1), given(1), reached(1, SH, SP), born(2, parent=1)]
+TWO: Events = [born(1), born(2)]
+LOCKED: Events = [Claimed(9, "legs", "legs", False, "planner", 0), Granted(9)]
+RESERVED: Events = [Claimed(9, "legs", "legs", True, "planner", 0), Granted(9)]
 
-BROKEN: dict[str, tuple[Told, rules.Rule]] = {
-    "a child's achieving starts before its parent's": (
+BROKEN: dict[str, tuple[Events, rules.Rule]] = {
+    "child achieving before parent": (
         [*CHILD, reached(2, SA)], rules.FAMILY),
-    "a child's planning starts before its parent's": (
+    "child planning before parent": (
         [born(1), born(2, parent=1), reached(2, SP)], rules.FAMILY),
-    "a parent's planning ends before its child's": (
+    "parent planned before child": (
         [*CHILD, reached(1, EP)], rules.FAMILY),
-    "a parent's achieving ends before its child's": (
+    "parent achieved before child": (
         [*CHILD, reached(2, EP), reached(1, EA)], rules.FAMILY),
-    "also where the parent was killed": (
+    "killed parent achieved before child": (
         [*CHILD, Killed(TaskId(1), "why"), reached(1, EA)], rules.FAMILY),
-    "a task ends before its handler": (
+    "task ends before its handler": (
         [born(1), given(1), reached(1, SH, EH, SP, EP, SA, EA)], rules.ONE_HANDLER),
-    "a constraint": (
+    "constraint": (
         [*TWO, Constrained([after(1, EA, 2, SA)]), reached(1, EP), reached(2, SA)], rules.CONSTRAINT),
-    "a constraint that came with the message": (
+    "constraint of the message": (
         [born(1), born(2, constraints=[after(1, EA, 2, SA)]), reached(2, SA)], rules.CONSTRAINT),
-    "a delay that has not begun": (
+    "delay not begun": (
         [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 9.0, reached(2, SA)], rules.CONSTRAINT),
-    "a delay that is not over": (
+    "delay not over": (
         [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), 1.0, reached(1, EA), 2.9, reached(2, SA)], rules.CONSTRAINT),
-    "a delay after what was killed when it had begun": (
+    "delay after a killed task": (
         [*TWO, Constrained([after(1, EA, 2, SA, 2.0)]), reached(1, SA), Killed(TaskId(1), "why"), reached(1, EA),
          reached(2, SA)], rules.CONSTRAINT),
-    "a delay from now that is not over": (
+    "delay from now not over": (
         [born(1, constraints=[after(ROOT, EA, 1, SA, 2.0)]), 1.5, reached(1, SA)], rules.CONSTRAINT),
-    "a handler comes before what its handling comes after": (
+    "delivery before its leader": (
         [*TWO, Constrained([after(1, EA, 2, SH)]), given(2)], rules.CONSTRAINT),
-    "a wiretap's listener is not waited for": (
+    "delivery before the listener": (
         [TapAdded(7, Condition.BEFORE_HANDLING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), given(1)], rules.CONSTRAINT),
-    "nor before the planning": (
+    "planning before the listener": (
         [TapAdded(7, Condition.BEFORE_PLANNING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), reached(1, SP)], rules.CONSTRAINT),
-    "nor before the achieving": (
+    "achieving before the listener": (
         [TapAdded(7, Condition.BEFORE_ACHIEVING, "m2", "m1", ROOT, "safety"), born(1), born(2, role=Role.LISTENER, about=1),
          TapFired(7, 1, 2), reached(1, SA)], rules.CONSTRAINT),
-    "somebody gets in where others have locked": (
+    "delivery despite a lock": (
         [*LOCKED, born(1), given(1)], rules.LOCKED),
-    "also he who has locked": (
+    "delivery to the lock holder": (
         [*LOCKED, born(1, sender="planner"), given(1)], rules.LOCKED),
-    "somebody gets in where others have reserved": (
+    "delivery despite a reservation": (
         [*RESERVED, born(1), given(1)], rules.LOCKED),
-    "somebody gets a message twice": (
+    "second delivery of a message": (
         [born(1), given(1), given(1, delivery=3)], rules.ONE_HANDLER),
-    "what is suspended is started": (
+    "suspended task started": (
         [born(1), SuspendedOrResumed(TaskId(1), True), given(1)], rules.SUSPENDED),
-    "what is under what is suspended is started": (
+    "descendant of a suspended task started": (
         [*CHILD, SuspendedOrResumed(TaskId(1), True), given(2)], rules.SUSPENDED),
-    "what is sent under what is suspended is started": (
+    "new child of a suspended task started": (
         [born(1), SuspendedOrResumed(TaskId(1), True), born(2, parent=1), given(2)], rules.SUSPENDED),
-    "what was killed is started": (
+    "killed task started": (
         [born(1), Killed(TaskId(1), "why"), given(1)], rules.KILLED),
-    "a handler ends twice": (
+    "second return of a delivery": (
         [born(1), given(1), ended(1), ended(1)], rules.RETURNED),
-    "a handler ends of what there is not": (
+    "return of an unknown delivery": (
         [ended(5)], rules.KNOWN),
-    "a handler ends of what only waits": (
+    "return of a queued message": (
         [born(1, kind=INFORM), Queued(1, 1, "legs", "legs"), ended(1)], rules.RETURNED),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_a_rule_that_is_broken(case: str) -> None:
-    told, rule = BROKEN[case]
-    assert rule.text in broken(*told)
+def test_breach_of_each_rule_is_found(case: str) -> None:
+    events, rule = BROKEN[case]
+    assert rule.text in broken(*events)

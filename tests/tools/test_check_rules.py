@@ -1,6 +1,4 @@
-"""The rules that a journal is held against: what central writes keeps them, and a single fact that
-is wrong is found.
-"""
+"""The rules of a journal: central keeps them, and one wrong fact is found."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -18,7 +16,7 @@ from msgspec.structs import replace
 from properties.life import Life, Operations, operations
 from properties.test_late_taps import CheckedLife
 from sampling import lives
-from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, lost, played, twice, walk
+from tools.runs import OPENED, TRANSCRIPTS, Change, changed, checked, duplicated, lost, played, walk
 from tools.story import stumbling
 
 from tca_central.order.holds import Holds
@@ -37,15 +35,13 @@ from tca_wire.vocabulary import MessageClass
 WALK = walk()
 
 WITHOUT_TRACE = {"opened", "format", "resource", "queued", "retried"}
-"""Kinds of facts of which one more or less breaks no rule: nothing else in the journal depends on
-it.
-"""
+"""Kinds of facts on which no other fact depends. One more or less breaks no rule."""
 
 
-# --- what central writes keeps the rules ----------------------------------------------------------
+# --- central keeps the rules ----------------------------------------------------------------------
 
 
-def test_a_walk_with_everything_keeps_all_rules() -> None:
+def test_full_walk_keeps_all_rules() -> None:
     kinds = {kind_of(fact) for entry in WALK for fact in entry.facts}
     wanted = {
         "caught",
@@ -63,12 +59,12 @@ def test_a_walk_with_everything_keeps_all_rules() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(TRANSCRIPTS.glob("*.txt")), ids=lambda path: path.stem)
-def test_transcripts_keep_them_from_any_entry_on(path: Path) -> None:
+def test_transcripts_keep_the_rules_from_any_entry_on(path: Path) -> None:
     entries = [OPENED, *played(path.stem).entries]
     assert [start for start in range(len(entries)) if checked(entries[start:])] == []
 
 
-def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them(
+def test_prefetched_message_begun_before_unregister_keeps_rules(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     trust_every_handler(monkeypatch)
@@ -85,15 +81,15 @@ def test_a_slot_that_began_what_was_ahead_before_its_handler_was_gone_keeps_them
 
 @given(operations)
 @settings(max_examples=lives(40, soak=500))
-def test_random_lives_keep_them(taken: Operations) -> None:
+def test_random_lives_keep_the_rules(taken: Operations) -> None:
     life = Life(Player(check=False)).live(taken)
     assert checked([OPENED, *life.player.entries]) == []
 
 
 @given(st.integers(0, 1 << 32))
-@example(80069)  # in the soak's length: a watcher of which nothing is known has ended
+@example(80069)  # in the soak's length: an unknown watcher ends
 @settings(max_examples=lives(3, soak=100))
-def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> None:
+def test_long_random_lives_keep_the_rules_from_any_entry_on(seed: int) -> None:
     life = Life(Player(check=False))
     life.go_on(seed, lives(700, soak=2_000))
     entries = life.player.entries
@@ -102,21 +98,20 @@ def test_longer_lives_keep_them_from_wherever_the_journal_begins(seed: int) -> N
         assert checked(entries[start:]) == []
 
 
-# --- what is wrong is found -----------------------------------------------------------------------
+# --- wrong facts are found ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("change", [lost, twice])
-def test_a_fact_that_is_lost_or_told_twice_is_found(change: Change) -> None:
+@pytest.mark.parametrize("change", [lost, duplicated])
+def test_lost_or_duplicated_fact_is_found(change: Change) -> None:
     missed = [what for what, entries in changed(WALK, change) if not checked(entries)]
     kinds = Counter(what.partition(" ")[0] for what in missed)
     for kind in WITHOUT_TRACE:
         del kinds[kind]
-    # That a copy came back, and that it was by a kill that a task ended, is not always known from
-    # anything else.
+    # A returned copy and a kill as the cause of an end leave no other trace.
     assert kinds <= Counter({"returned": 1, "killed": 1})
 
 
-def test_a_fact_that_comes_an_event_later_is_found() -> None:
+def test_fact_one_event_late_is_found() -> None:
     for number in range(1, len(WALK) - 1):
         entry, following = WALK[number : number + 2]
         if kind_of(entry.facts[-1]) in ("reached", "answered", "caught"):
@@ -125,17 +120,19 @@ def test_a_fact_that_comes_an_event_later_is_found() -> None:
             assert checked([*WALK[:number], late, after, *WALK[number + 2 :]]), entry.facts[-1]
 
 
-def test_an_event_in_the_wrong_place_is_found() -> None:
+def test_swapped_entries_are_found() -> None:
     for number in range(1, len(WALK) - 1):
         assert checked([*WALK[:number], WALK[number + 1], WALK[number], *WALK[number + 2 :]])
 
 
 @pytest.mark.parametrize("missing", [facts.WaitBegan, facts.WaitEnded])
-def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
+def test_wait_without_its_begin_or_end_is_found(missing: type[facts.Fact]) -> None:
     player = Player.of("legs: command move", "user")
     task = player.task("user", "move")
     player.receive("user", Observe(number := player.number("user"), TaskId(task)))
-    player.receive("user", headers.Await(number, seen=2))  # how it stands, and that this is all
+    player.receive(
+        "user", headers.Await(number, seen=2)
+    )  # the current state, and the end of the list
     player.reply("legs/1")
     entries = [OPENED, *player.entries]
     assert checked(entries) == []
@@ -146,7 +143,7 @@ def test_a_wait_for_changes_begins_and_ends(missing: type[facts.Fact]) -> None:
     assert {violation.rule for violation in checked(left)} == {rules.WAITS.text}
 
 
-def test_a_monitor_that_keeps_what_it_watches_over() -> None:
+def test_monitor_that_outlasts_its_watched_task_is_found() -> None:
     player = Player.of("planner: goal walk", "eye: query seen", "user")
     watch = MessageFormat("watch", MessageClass.POLLING_MONITOR, ANY, "", ["seen", ""])
     player.request("user", headers.Register, [watch])
@@ -163,7 +160,7 @@ def test_a_monitor_that_keeps_what_it_watches_over() -> None:
     assert (broken.rule, broken.what) == (rules.KEPT.text, text)
 
 
-# --- journals of which something is missing -------------------------------------------------------
+# --- journals with missing parts ------------------------------------------------------------------
 
 
 def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
@@ -174,7 +171,7 @@ def _gaps(entries: list[Entry]) -> tuple[list[str], list[str]]:
     return checker.gaps, [violation.what for violation in checker.violations]
 
 
-def test_a_journal_that_begins_in_the_middle() -> None:
+def test_journal_from_mid_segment_reports_a_gap_and_no_breach() -> None:
     for start in range(2, len(WALK), 9):
         assert _gaps(WALK[start:]) == (
             ["it starts in the middle of a segment: messages sent before are unknown"],
@@ -182,7 +179,7 @@ def test_a_journal_that_begins_in_the_middle() -> None:
         )
 
 
-def test_a_segment_that_is_missing() -> None:
+def test_missing_segment_reports_a_gap_and_no_breach() -> None:
     opened = facts.Opened(facts.JOURNAL_VERSION, "epoch", 3, 0.0, "0.1.0")
     middle = len(WALK) // 2
     entries = [*WALK[:9], Entry(WALK[middle].number, WALK[middle].time, [opened]), *WALK[middle:]]
@@ -193,14 +190,14 @@ def test_a_segment_that_is_missing() -> None:
     assert found == []
 
 
-def test_two_runs_one_after_the_other() -> None:
+def test_second_run_in_a_journal_reports_a_gap_and_no_breach() -> None:
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "other", 1, 0.0, "0.1.0")])
     gaps, found = _gaps([*WALK, other, *WALK[1:]])
     assert gaps == ["at 0.00 s another run starts (other)"]
     assert found == []
 
 
-def test_an_event_of_several_records_is_one() -> None:
+def test_event_split_into_several_records_breaks_no_rule() -> None:
     halves = [
         half
         for entry in WALK
@@ -212,12 +209,12 @@ def test_an_event_of_several_records_is_one() -> None:
     assert checked(halves) == []
 
 
-def test_a_story_told_by_hand_is_seen_through() -> None:
-    """The builders of stories leave out what does not matter to them; here it would."""
+def test_handmade_journal_is_found_to_break_rules() -> None:
+    """Builders of stories leave out facts that matter to the checker."""
     assert checked(stumbling().entries)
 
 
-def test_what_ended_is_forgotten() -> None:
+def test_checker_forgets_ended_messages() -> None:
     checker = CheckedRun()
     life = Life(Player(check=False))
     life.go_on(7, 1_500)
@@ -239,7 +236,7 @@ Patch = pytest.MonkeyPatch
 
 
 class PlayedLife(CheckedLife):
-    """Such lives without the reference scheduler."""
+    """Lives with late wiretaps, without the reference scheduler."""
 
     def __init__(self) -> None:
         self.timers = 0
@@ -248,7 +245,7 @@ class PlayedLife(CheckedLife):
 
 @given(st.integers(0, 1 << 32))
 @settings(max_examples=40)
-def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_journal_begins(
+def test_late_wiretaps_keep_the_rules_from_any_entry_on(
     seed: int,
 ) -> None:
     life = PlayedLife()
@@ -258,15 +255,15 @@ def test_lives_full_of_wiretaps_that_come_late_keep_the_rules_from_wherever_the_
         assert checked(life.player.entries[start:]) == []
 
 
-def what_waits_is_left_alone(patch: Patch) -> None:
+def skip_waiting_messages(patch: Patch) -> None:
     patch.setattr(taps, "_apply_to_waiting", lambda *_: None)
 
 
-def what_was_passed_over_is_forgotten(patch: Patch) -> None:
-    patch.setattr(joining, "on_listeners_added", lambda *_: None)
+def forget_passed_over_messages(patch: Patch) -> None:
+    patch.setattr(joining, "listeners_come", lambda *_: None)
 
 
-def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
+def leave_retried_tasks_unheld(patch: Patch) -> None:
     hold = Holds.hold
 
     def hold_less(
@@ -281,31 +278,43 @@ def what_is_handled_once_more_is_not_held(patch: Patch) -> None:
 @pytest.mark.parametrize(
     ("mistake", "transcript", "what"),
     [
-        (what_waits_is_left_alone, "taps_late_and_queued_messages",
-         "move {3} went on, and wiretap {5} (check before handling) was not fired"),
-        (what_waits_is_left_alone, "taps_late_and_locked_or_suspended_messages",
-         "move {2} went on, and wiretap {4} (check before handling) was not fired"),
-        (what_was_passed_over_is_forgotten, "taps_whose_listener_is_handled_late",
-         "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it"),
-        (what_is_handled_once_more_is_not_held, "taps_late_and_messages_handled_again",
-         "move {1} was given to a handler once more before end handling of check {3}"),
+        (
+            skip_waiting_messages,
+            "taps_that_come_late_hold_what_waits_for_a_slot",
+            "move {3} went on, and wiretap {5} (check before handling) was not fired",
+        ),
+        (
+            skip_waiting_messages,
+            "taps_that_come_late_on_what_is_locked_out_or_suspended",
+            "move {2} went on, and wiretap {4} (check before handling) was not fired",
+        ),
+        (
+            forget_passed_over_messages,
+            "taps_whose_listener_is_handled_late",
+            "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it",
+        ),
+        (
+            leave_retried_tasks_unheld,
+            "taps_that_come_late_on_what_is_handled_once_more",
+            "move {1} was given to a handler once more before end handling of check {3}",
+        ),
     ],
-)  # fmt: skip
-def test_what_goes_on_unchecked_is_found(
+)
+def test_skipped_wiretap_is_found(
     monkeypatch: Patch, mistake: Callable[[Patch], None], transcript: str, what: str
 ) -> None:
     mistake(monkeypatch)
-    told = Transcript()
-    told.player.check = False
+    replayed = Transcript()
+    replayed.player.check = False
     blocks = (TRANSCRIPTS / f"{transcript}.txt").read_text().strip().split("\n\n")[1:]
     for command in (
         blocks[0].split("\n----")[0].splitlines() + blocks[1].split("\n----")[0].splitlines()
     ):
-        told.play(command)
+        replayed.play(command)
     for block in blocks[2:]:
         for command in block.split("\n----")[0].splitlines():
             if command.startswith(("legs/1: reply", "module", "user: resume")):
-                told.play(command)
-    found = checked([OPENED, *told.player.entries])
+                replayed.play(command)
+    found = checked([OPENED, *replayed.player.entries])
     assert what in [one.what for one in found]
     assert {one.rule for one in found} == {rules.TAPPED.text}

@@ -34,7 +34,7 @@ def hello(how: str) -> None:
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two commands are installed, one of which can't be imported."""
+    """Three commands are installed. Two of them cannot be imported."""
     found = [
         EntryPoint("hello", f"{__name__}:hello", command_line.COMMANDS),
         EntryPoint("lost", "no_such_package.commands:lost", command_line.COMMANDS),
@@ -47,14 +47,14 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command_line, "entry_points", entry_points)
 
 
-def test_the_help_lists_every_command_in_a_line(tca: Tca) -> None:
+def test_help_lists_every_command_with_one_line(tca: Tca) -> None:
     lines = tca("--help").stdout.splitlines()
     assert "  hello       Say hello." in lines
     assert "  lost        (can't be loaded)" in lines
     assert "  completion  Print the shell code that completes 'tca' commands." in lines
 
 
-def test_a_command_runs_without_importing_the_others(
+def test_command_runs_without_importing_the_others(
     tca: Tca, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loaded: list[str] = []
@@ -69,14 +69,14 @@ def test_a_command_runs_without_importing_the_others(
     assert set(loaded) == {"hello"}
 
 
-def test_an_unknown_command_suggests_the_nearest(tca: Tca) -> None:
+def test_unknown_command_suggests_the_nearest(tca: Tca) -> None:
     result = tca("helo")
     assert result.exit_code == 2
     assert result.stderr.endswith("Error: no command 'helo': did you mean 'hello'?\n")
     assert tca("xyzzy").exit_code == 2
 
 
-def test_a_command_that_cant_be_imported(tca: Tca) -> None:
+def test_command_that_cannot_be_imported_names_the_reason(tca: Tca) -> None:
     result = tca("lost", "--anything", "goes")
     assert result.exit_code == 1
     assert result.stderr.startswith(
@@ -84,12 +84,12 @@ def test_a_command_that_cant_be_imported(tca: Tca) -> None:
     )
 
 
-def test_an_error_of_a_command_is_one_line_and_an_exit_code(tca: Tca) -> None:
+def test_tool_error_prints_one_line_and_exits_1(tca: Tca) -> None:
     refused = tca("hello", "badly")
     assert (refused.exit_code, refused.stderr) == (1, "Error: hello: nobody is here: come again\n")
 
 
-def test_wrong_usage_says_where_help_is(tca: Tca) -> None:
+def test_wrong_usage_points_to_help(tca: Tca) -> None:
     for arguments in (["--loudly"], ["README"], ["a", "b"]):
         wrong = tca("hello", *arguments)
         assert wrong.exit_code == 2
@@ -98,19 +98,19 @@ def test_wrong_usage_says_where_help_is(tca: Tca) -> None:
     assert tca().stderr.startswith("Usage: tca")
 
 
-def test_the_version_and_completion(tca: Tca) -> None:
+def test_version_and_completion_are_printed(tca: Tca) -> None:
     assert tca("--version").stdout.startswith("tca, version ")
     for shell in ("bash", "zsh", "fish"):
         assert "_TCA_COMPLETE" in tca("completion", shell).stdout
 
 
-def test_called_from_python_it_raises() -> None:
+def test_call_from_python_raises_usage_error() -> None:
     with pytest.raises(click.UsageError):
         command_line.main.main(["helo"], standalone_mode=False)
     assert command_line.main.main(["hello"], standalone_mode=False) is None
 
 
-def test_tools_run_as_modules_too(
+def test_tools_run_as_modules(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import runpy
@@ -123,7 +123,7 @@ def test_tools_run_as_modules_too(
     assert capsys.readouterr().out.startswith("run: ")
 
 
-def test_each_command_that_is_installed_is_called_so_and_stands_in_a_group() -> None:
+def test_installed_command_has_its_entry_point_name_and_group() -> None:
     config = ConfigParser()
     config.read(Path(__file__).parents[2] / "setup.cfg")
     lines = config["options.entry_points"]["tca.commands"].strip().splitlines()
@@ -135,15 +135,15 @@ def test_each_command_that_is_installed_is_called_so_and_stands_in_a_group() -> 
         )
 
 
-def test_missing_packages_are_named_in_one_form() -> None:
+def test_missing_package_text_has_one_source() -> None:
     root = Path(command_line.__file__).parents[1]
-    said_by = [
+    sources = [
         file.name
         for folder in ("tca_tools", "tca_tools.live", "tca_wire", "tca_module", "tca_tools.explore")
         for file in (root / folder).rglob("*.py")
         if "pip install" in file.read_text()
     ]
-    assert said_by == ["missing.py"]
+    assert sources == ["missing.py"]
     assert missing_package("a .png", "rich", "top", "ask for .svg") == (
         "a .png needs the Python package 'rich': pip install 'tca-central[top]', or ask for .svg"
     )

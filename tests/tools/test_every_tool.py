@@ -1,6 +1,4 @@
-"""What all tools have in common: how they refuse moments that are none, and what they say when
-nobody takes their output.
-"""
+"""Common to all tools: invalid moments, output that cannot be written, damaged journals."""
 
 import os
 import resource
@@ -29,8 +27,8 @@ from tca_wire.points import Moment
 
 Tca = Callable[..., Result]
 
-SOME = ["log show", "gantt", "replay --text"]
-"""Tools that print each in its own way."""
+PRINTING_TOOLS = ["log show", "gantt", "replay --text"]
+"""Tools with different ways to print."""
 MOMENTS = [
     *(("gantt", option) for option in ("--from", "--to", "--at")),
     *(("tree", option) for option in ("--from", "--to", "--at")),
@@ -84,10 +82,8 @@ def process(*arguments: object, **options: Any) -> "subprocess.CompletedProcess[
 
 
 @contextmanager
-def little_room() -> Iterator[None]:
-    """No file of this process may be larger than 100 bytes; nor is one compiled, or it were cut off
-    for all.
-    """
+def file_size_limit() -> Iterator[None]:
+    """Limit the files of this process to 100 bytes. Bytecode is not written, or it would be cut."""
     before, sys.dont_write_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), True
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -99,7 +95,7 @@ def little_room() -> Iterator[None]:
 
 @pytest.mark.parametrize(("command", "option"), MOMENTS)
 @pytest.mark.parametrize("moment", ["nan", "-1e308", "soon"])
-def test_a_moment_that_is_none_is_refused(
+def test_invalid_moment_is_refused(
     tca: Tca, run: Path, command: str, option: str, moment: str
 ) -> None:
     result = tca(command, run, option, moment)
@@ -108,8 +104,8 @@ def test_a_moment_that_is_none_is_refused(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SOME)
-def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
+@pytest.mark.parametrize("command", PRINTING_TOOLS)
+def test_full_disk_is_reported_in_one_line(run: Path, command: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = process(*command.split(), run, stdout=full)
     assert (done.returncode, done.stderr) == (
@@ -119,8 +115,8 @@ def test_a_full_disk_is_said_in_a_line(run: Path, command: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SOME)
-def test_a_reader_that_went_away_ends_a_tool_quietly(run: Path, command: str) -> None:
+@pytest.mark.parametrize("command", PRINTING_TOOLS)
+def test_closed_pipe_ends_a_tool_quietly(run: Path, command: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     done = process(*command.split(), run, stdout=writer)
@@ -129,28 +125,28 @@ def test_a_reader_that_went_away_ends_a_tool_quietly(run: Path, command: str) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", SOME)
-def test_who_closed_the_output_wants_none(run: Path, command: str) -> None:
+@pytest.mark.parametrize("command", PRINTING_TOOLS)
+def test_closed_stdout_is_no_error(run: Path, command: str) -> None:
     done = process(*command.split(), run, preexec_fn=lambda: os.close(1))
     assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "code"), [("log show", 0), ("central --bind", 2)])
-def test_closed_stderr_harms_no_command(run: Path, command: str, code: int) -> None:
+def test_closed_stderr_keeps_the_exit_code(run: Path, command: str, code: int) -> None:
     done = process(*command.split(), run, stdout=subprocess.PIPE, preexec_fn=lambda: os.close(2))
     assert (done.returncode, done.stderr) == (code, "")
     assert "Traceback" not in done.stdout
 
 
 @pytest.mark.parametrize(("command", "name"), TO_FILES[2:])
-def test_a_file_that_finds_no_room_leaves_what_was_there(
+def test_old_output_is_kept_when_the_new_one_does_not_fit(
     tca: Tca, run: Path, tmp_path: Path, command: str, name: str
 ) -> None:
     output = tmp_path / name
     if "csv" not in command and "parquet" not in command:
         output.write_text("precious")
-    with little_room():
+    with file_size_limit():
         done = tca(*command.split(), run, "-o", output, "--force")
     assert done.exit_code == 1
     assert done.stderr.count("\n") == 1
@@ -161,15 +157,15 @@ def test_a_file_that_finds_no_room_leaves_what_was_there(
 
 
 def with_holes(entries: list[facts.Entry], holes: list[int]) -> bytes:
-    """The entries as a journal, of which some are damaged."""
+    """The entries as a journal, with the entries at *holes* damaged."""
     data = [record(entry) for entry in entries]
     for place in holes:
         data[place] = data[place][:-1] + bytes([data[place][-1] ^ 1])
     return b"".join(data)
 
 
-def every_tool_reads(path: Path, folder: Path) -> None:
-    """Each command does what it can, and says in a line that something was left out."""
+def assert_every_tool_reads(path: Path, folder: Path) -> None:
+    """Check that each command shows the readable part, and reports the rest in one line."""
     to_files = [
         f"{command} -o {folder}/{place}{name}" for place, (command, name) in enumerate(TO_FILES)
     ]
@@ -179,7 +175,7 @@ def every_tool_reads(path: Path, folder: Path) -> None:
             command,
             result.exception,
         )
-        if "--story" not in command:  # that task may be among what is not known
+        if "--story" not in command:  # that task may be lost
             assert (result.exit_code, result.stderr.count("left out")) == (1, 1), (
                 command,
                 result.stderr,
@@ -189,20 +185,18 @@ def every_tool_reads(path: Path, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.soak)])
-def test_every_tool_goes_on_behind_damaged_entries(tmp_path: Path, seed: int) -> None:
+def test_every_tool_reads_past_damaged_entries(tmp_path: Path, seed: int) -> None:
     entries, chance = (
         walk(),
         Random(seed),
-    )  # drawn by hand: making failures smaller would take minutes
+    )  # not Hypothesis: shrinking would take minutes
     holes = sorted(chance.sample(range(1, len(entries) - 1), chance.choice([1, 3, 12])))
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, holes))
-    every_tool_reads(path, tmp_path)
+    assert_every_tool_reads(path, tmp_path)
 
 
-def test_a_task_whose_beginning_is_lost_may_be_handled_all_the_same(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_report_accepts_a_task_whose_first_entry_is_lost(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("planner", "step").module("legs", "move").at(1.0)
     step = story.goal("step", "user")
     lost = len(story.entries) - 1
@@ -231,7 +225,7 @@ WIDTHS = [
 
 @pytest.mark.parametrize(("command", "columns"), WIDTHS)
 @pytest.mark.parametrize("name", ["move", "机器人" * 60, "a b " * 2500])
-def test_no_line_is_wider_than_the_terminal_whatever_the_names(
+def test_no_line_is_wider_than_the_terminal_for_any_name(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, columns: int, name: str
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -253,7 +247,7 @@ def test_no_line_is_wider_than_the_terminal_whatever_the_names(
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), -1.0, 1e300])
-def test_an_entry_at_a_time_that_is_none_is_left_out(tca: Tca, tmp_path: Path, time: float) -> None:
+def test_entry_with_an_invalid_time_is_left_out(tca: Tca, tmp_path: Path, time: float) -> None:
     path = tmp_path / "run.tcaj"
     path.write_bytes(encoded(walk()) + encoded([facts.Entry(10**6, time, [])]))
     result = tca("stats", path)
@@ -263,8 +257,8 @@ def test_an_entry_at_a_time_that_is_none_is_left_out(tca: Tca, tmp_path: Path, t
     )
 
 
-def broken(entries: list[facts.Entry], how: str) -> bytes:
-    """The entries as a journal that is damaged in one way."""
+def damaged(entries: list[facts.Entry], how: str) -> bytes:
+    """The entries as a journal with one kind of damage."""
     data = [record(entry) for entry in entries]
     third = len(data) // 3
     whole = b"".join(data)
@@ -286,17 +280,17 @@ def broken(entries: list[facts.Entry], how: str) -> bytes:
 
 
 @pytest.mark.parametrize("how", ["hole", "zeros", "first", "later version"])
-def test_every_tool_shows_what_can_be_read_of_a_damaged_or_later_journal(
-    tmp_path: Path, how: str
-) -> None:
+def test_every_tool_reads_a_damaged_or_later_journal(tmp_path: Path, how: str) -> None:
     path = tmp_path / "walk.tcaj"
-    path.write_bytes(broken(walk(), how))
-    every_tool_reads(path, tmp_path)
+    path.write_bytes(damaged(walk(), how))
+    assert_every_tool_reads(path, tmp_path)
 
 
 @pytest.mark.parametrize("command", ["tree", "gantt"])
 @pytest.mark.parametrize("task", ["", "0", "-1", "nobody's"])
-def test_a_task_that_there_is_not_is_said(tca: Tca, run: Path, command: str, task: str) -> None:
+def test_unknown_task_is_refused_by_tree_and_gantt(
+    tca: Tca, run: Path, command: str, task: str
+) -> None:
     result = tca(command, run, "--task", task)
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr.startswith(f"Error: no task '{task}' in this journal")
@@ -304,7 +298,7 @@ def test_a_task_that_there_is_not_is_said(tca: Tca, run: Path, command: str, tas
 
 @pytest.mark.parametrize("command", ["tree", "gantt"])
 @pytest.mark.parametrize("length", [252, 300])
-def test_a_file_name_that_is_too_long_is_said_in_a_line(
+def test_too_long_picture_name_is_reported_in_one_line(
     tca: Tca, run: Path, tmp_path: Path, command: str, length: int
 ) -> None:
     output = tmp_path / ("a" * length + ".svg")

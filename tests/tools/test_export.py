@@ -1,4 +1,4 @@
-"""``tca export``, its tables, and what all commands that write files have in common."""
+"""``tca export``, its tables, and the rules for output files of all commands."""
 
 import csv
 import io
@@ -44,7 +44,7 @@ def rows(history: History, name: str) -> list[dict[str, Any]]:
     return [dict(zip(table.columns, row, strict=True)) for row in table.rows(history)]
 
 
-def test_all_tables(expect: Callable[[str, str], None]) -> None:
+def test_tables_match_their_transcript(expect: Callable[[str, str], None]) -> None:
     direct = facts.HandledDirectly(
         "where", "arm", "arm", "user", 0, 8, 1.5, 0.25, Outcome.FAILED, "dark"
     )
@@ -57,7 +57,7 @@ def test_all_tables(expect: Callable[[str, str], None]) -> None:
 
 
 def odd() -> History:
-    """Names and texts that are hard on a format."""
+    """Names and texts with quotes, line ends and control characters."""
     story = Story().at(1.0)
     task = story.goal('a "quoted", name\nof lines', "süß\x1b[31m", data={"text": 'x,"y"\n'})
     return story.at(2.0).say(facts.Killed(TaskId(task), "")).reached(task, *Moment).fold()
@@ -80,8 +80,8 @@ def test_csv_and_parquet_hold_the_same_rows(history: History) -> None:
         ]
 
 
-def test_what_has_no_room_in_a_typed_column_becomes_the_largest_number() -> None:
-    """A module may say that it sent from any handler, with any priority."""
+def test_parquet_clamps_integers_beyond_63_bits() -> None:
+    """A module may send any origin and any priority."""
     story, most = Story().module("legs", "move").at(1.0), (1 << 64) - 1
     move = story.command("move", "user", origin=most)
     for table, column in (("messages", "origin"), ("queueings", "priority")):
@@ -92,7 +92,7 @@ def test_what_has_no_room_in_a_typed_column_becomes_the_largest_number() -> None
 
 
 def read(kind: ColumnType, text: str) -> Any:
-    """What a program makes of a cell."""
+    """The value of a CSV cell."""
     make: dict[ColumnType, Callable[[str], Any]] = {
         ColumnType.INTEGER: int,
         ColumnType.SECONDS: float,
@@ -101,7 +101,7 @@ def read(kind: ColumnType, text: str) -> Any:
     return make.get(kind, str)(text) if text else None
 
 
-def test_the_documentation_names_every_table_and_column() -> None:
+def test_exports_page_names_every_table_and_column() -> None:
     text = DOCS.read_text()
     for table in TABLES:
         part = text.split(f"### {table.name}\n", 1)[1].split("\n### ", 1)[0]
@@ -109,14 +109,14 @@ def test_the_documentation_names_every_table_and_column() -> None:
             assert f"`{column}`" in part, f"{table.name}: {column}"
 
 
-# --- formats, folders, and what is said when it can't be done -------------------------------------
+# --- formats, folders and errors ------------------------------------------------------------------
 
 
 def exported(*arguments: object) -> Result:
     return CliRunner().invoke(export, [str(argument) for argument in arguments])
 
 
-def test_the_name_tells_the_format(run: Path, tmp_path: Path) -> None:
+def test_format_follows_from_the_output_suffix(run: Path, tmp_path: Path) -> None:
     assert exported(run, "-o", tmp_path / "run.jsonl").exit_code == 0
     shown = CliRunner().invoke(log, ["show", str(run), "--json"]).output
     assert (tmp_path / "run.jsonl").read_text() == shown
@@ -127,13 +127,13 @@ def test_the_name_tells_the_format(run: Path, tmp_path: Path) -> None:
     for name in ("csv", "parquet"):
         result = exported(run, "-o", tmp_path / f"x.{name}")
         assert result.exit_code == 2
-        said = f"{name} is a folder of tables, not a file: name the folder: --to {name} -o {tmp_path / 'x'}\n"
-        assert said in result.stderr
+        refusal = f"{name} is a folder of tables, not a file: name the folder: --to {name} -o {tmp_path / 'x'}\n"
+        assert refusal in result.stderr
         assert not (tmp_path / f"x.{name}").exists()
     assert "'xml' is not one of" in exported(run, "--to", "xml", "-o", tmp_path / "x").stderr
 
 
-def test_what_cant_be_written_is_said(run: Path, tmp_path: Path) -> None:
+def test_unwritable_output_is_reported(run: Path, tmp_path: Path) -> None:
     for name in ("jsonl", "csv"):
         result = exported(run, "--to", name, "-o", tmp_path / "nowhere" / "out")
         assert result.exit_code == 1
@@ -149,10 +149,8 @@ def test_what_cant_be_written_is_said(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["jsonl", "csv"])
-def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> None:
-    """Of a device the export would become the file; what is tried here is a name that leads to
-    one.
-    """
+def test_export_refuses_to_replace_a_device(run: Path, tmp_path: Path, name: str) -> None:
+    """The export would replace the device by a file. The test uses a link to one."""
     output = tmp_path / "device"
     output.symlink_to("/dev/null")
     result = exported(run, "--to", name, "-o", output, "--force")
@@ -163,17 +161,15 @@ def test_a_device_is_not_written_over(run: Path, tmp_path: Path, name: str) -> N
 
 @given(st.lists(FACTS, max_size=60))
 @settings(max_examples=6)
-def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> None:
-    """What a foreign program has written as a journal: nonsense perhaps, but exported without a
-    stumble.
-    """
-    told = [
-        fact for fact in told if not isinstance(fact, facts.Opened)
-    ]  # where another run begins reading ends
+def test_arbitrary_facts_are_exported_and_measured(arbitrary: list[facts.Fact]) -> None:
+    """A foreign program may have written the journal."""
+    arbitrary = [
+        fact for fact in arbitrary if not isinstance(fact, facts.Opened)
+    ]  # reading ends where another run begins
     opening = facts.Opened(JOURNAL_VERSION, "e", 1, 0.0, "0.1.0")
     entries = [
         Entry(0, 0.0, [opening]),
-        *(Entry(number, number // 3, [fact]) for number, fact in enumerate(told, 1)),
+        *(Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary, 1)),
     ]
     with TemporaryDirectory() as folder:
         run = Path(folder) / "00000001.tcaj"
@@ -190,7 +186,7 @@ def test_any_facts_at_all_are_exported_and_measured(told: list[facts.Fact]) -> N
 @pytest.mark.parametrize(
     ("name", "content", "complaint"), [("csv", b"", "empty"), ("mcap", b"foreign", "not a journal")]
 )
-def test_of_no_journal_nothing_is_written(
+def test_invalid_journal_leaves_no_output(
     tmp_path: Path, name: str, content: bytes, complaint: str
 ) -> None:
     path = tmp_path / "00000001.tcaj"
@@ -202,9 +198,7 @@ def test_of_no_journal_nothing_is_written(
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(
-    tmp_path: Path, name: str
-) -> None:
+def test_empty_and_partial_runs_export_in_every_format(tmp_path: Path, name: str) -> None:
     assert (
         exported(Story().write(tmp_path / "quiet"), "--to", name, "-o", tmp_path / "one").exit_code
         == 0
@@ -221,7 +215,7 @@ def test_a_run_in_which_nothing_happened_and_one_that_begins_in_the_middle(
         ("parquet", "parquet_files", "pyarrow", "parquet"),
     ],
 )
-def test_a_missing_package_is_named(
+def test_missing_export_package_is_named_with_its_extra(
     run: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -238,7 +232,7 @@ def test_a_missing_package_is_named(
     assert f"pip install 'tca-central[{extra}]'" in result.stderr
 
 
-def test_files_that_cant_be_finished_leave_nothing(
+def test_failed_export_leaves_no_partial_file(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> Callable[..., None]:
@@ -250,7 +244,7 @@ def test_files_that_cant_be_finished_leave_nothing(
     assert [found.name for found in tmp_path.iterdir()] == ["run"]
 
 
-# --- a run that goes on though nothing happens ----------------------------------------------------
+# --- live runs without new entries ----------------------------------------------------------------
 
 
 Tca = Callable[..., Result]
@@ -268,7 +262,7 @@ def table(folder: Path, name: str) -> list[dict[str, Any]]:
         return list(csv.DictReader(stream))
 
 
-def test_a_trace_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+def test_trace_of_a_live_run_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
     with silent_for(quiet, NOW - 4.0):
         assert not tca("export", quiet, "-o", tmp_path / "live.pftrace").exit_code
     (here,) = read_trace((tmp_path / "live.pftrace").read_bytes()).on("run")
@@ -279,7 +273,7 @@ def test_a_trace_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
     assert not read_trace((tmp_path / "over.pftrace").read_bytes()).on("run")
 
 
-def test_an_mcap_file_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+def test_mcap_file_of_a_live_run_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> None:
     with silent_for(quiet, NOW - 4.0):
         assert not tca("export", quiet, "-o", tmp_path / "run.mcap").exit_code
     with (tmp_path / "run.mcap").open("rb") as stream:
@@ -294,7 +288,7 @@ def test_an_mcap_file_lasts_until_now(tca: Tca, quiet: Path, tmp_path: Path) -> 
     ) / 1e9 >= NOW
 
 
-def test_tables_say_until_when(tca: Tca, quiet: Path, tmp_path: Path) -> None:
+def test_run_table_has_the_end_time_and_liveness(tca: Tca, quiet: Path, tmp_path: Path) -> None:
     with silent_for(quiet, NOW - 4.0):
         assert not tca("export", quiet, "--to", "csv", "-o", tmp_path / "live").exit_code
     (live,) = table(tmp_path / "live", "run")
@@ -306,7 +300,9 @@ def test_tables_say_until_when(tca: Tca, quiet: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["gantt", "tree"])
-def test_files_say_so_too(tca: Tca, quiet: Path, tmp_path: Path, command: str) -> None:
+def test_tree_and_gantt_files_mark_a_live_run(
+    tca: Tca, quiet: Path, tmp_path: Path, command: str
+) -> None:
     out = tmp_path / "run.txt"
     with silent_for(quiet, NOW - 4.0):
         assert not tca(command, quiet, "-o", out).exit_code
@@ -318,9 +314,7 @@ def test_files_say_so_too(tca: Tca, quiet: Path, tmp_path: Path, command: str) -
     assert "still running" not in out.read_text()
 
 
-def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was_done(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_chart_of_an_idle_live_run_ends_with_the_last_task(tca: Tca, tmp_path: Path) -> None:
     idle = Story().module("legs", "move").at(1.0)
     idle.acted(idle.command("move", "user"), "legs", 1.0)
     run = idle.write(tmp_path / "idle")
@@ -330,7 +324,9 @@ def test_the_chart_of_a_run_in_which_nothing_is_done_any_more_ends_with_what_was
 
 
 @pytest.mark.parametrize("tale", [partial(made, "wondering"), stuck, stumbling])
-def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path: Path) -> None:
+def test_closed_journal_is_shown_like_an_open_one(
+    tale: Callable[[], Story], tca: Tca, tmp_path: Path
+) -> None:
     logs = [
         tale().at(20.0).say(*ended).write(tmp_path / name / "run")
         for name, ended in (("open", ()), ("closed", [facts.Closed("interrupted")]))
@@ -350,7 +346,7 @@ def test_what_is_told_is_the_same(tale: Callable[[], Story], tca: Tca, tmp_path:
         ).read_text()
 
 
-def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
+def test_closed_run_still_shows_its_unmet_wait(tca: Tca, tmp_path: Path) -> None:
     log = made("wondering").at(80.0).say(facts.Closed("interrupted")).write(tmp_path / "run")
     assert (
         "waits for the reply to ask supplier {2} (no module handles it), for 78 s"
@@ -358,7 +354,7 @@ def test_why_it_stands_is_said(tca: Tca, tmp_path: Path) -> None:
     )
 
 
-# --- all commands write over what they have made themselves, and over nothing else ----------------
+# --- commands replace their own files only --------------------------------------------------------
 
 
 COMMANDS = [
@@ -380,27 +376,27 @@ def written(command: Any, run: Path, output: Path, *more: str) -> Result:
 
 
 @pytest.mark.parametrize(("command", "name"), COMMANDS)
-def test_what_a_command_has_made_it_makes_anew_and_what_is_of_others_stays(
+def test_command_replaces_only_files_it_has_made(
     command: Any, name: str, run: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / name
-    output.write_bytes(b"")  # nothing is lost with it
+    output.write_bytes(b"")  # an empty file may be replaced
     assert written(command, run, output).exit_code == 0
     first = output.read_bytes()
     assert written(command, run, output).exit_code == 0
-    assert abs(len(output.read_bytes()) - len(first)) < 200  # pictures may tell when they were made
+    assert abs(len(output.read_bytes()) - len(first)) < 200  # pictures may contain their date
     output.write_text("<html>precious</html>")
     result = written(command, run, output)
     assert result.exit_code == 1
-    said = "exists already, and was not made by this command: give another name, or --force"
-    assert said in str(result.exception) + result.stderr
+    refusal = "exists already, and was not made by this command: give another name, or --force"
+    assert refusal in str(result.exception) + result.stderr
     assert output.read_text() == "<html>precious</html>"
     assert written(command, run, output, "--force").exit_code == 0
     assert "precious" not in output.read_text(errors="replace")
 
 
 @pytest.mark.parametrize("name", ["csv", "parquet"])
-def test_tables_go_over_tables_and_beside_all_else(name: str, run: Path, tmp_path: Path) -> None:
+def test_table_export_replaces_only_its_own_tables(name: str, run: Path, tmp_path: Path) -> None:
     folder = tmp_path / "tables"
     for _ in range(2):
         assert written(export, run, folder, "--to", name).exit_code == 0
@@ -413,12 +409,12 @@ def test_tables_go_over_tables_and_beside_all_else(name: str, run: Path, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["csv", "jsonl"])
-def test_a_name_that_is_too_long_is_said(name: str, run: Path, tmp_path: Path) -> None:
+def test_too_long_export_name_is_reported(name: str, run: Path, tmp_path: Path) -> None:
     result = written(export, run, tmp_path / ("a" * 300), "--to", name)
     assert (result.exit_code, "can't be written: File name too long" in result.stderr) == (1, True)
 
 
-def test_a_journal_is_never_written_over(run: Path) -> None:
+def test_export_never_replaces_a_journal(run: Path) -> None:
     segment = run / "00000001.tcaj"
     before = segment.read_bytes()
     for output, name in ((segment, "jsonl"), (run, "csv"), (segment, "csv"), (run, "jsonl")):

@@ -1,4 +1,4 @@
-"""An MCAP file, read back by the real reader; its schemas are held to what viewers can read."""
+"""An MCAP file, read back by the real reader. Its schemas must be readable by viewers."""
 
 import io
 import json
@@ -22,7 +22,7 @@ BEGAN = 1_700_000_000 * SECOND
 
 
 class Topic:
-    """What the reader gives of a topic."""
+    """A topic as the reader returns it."""
 
     def __init__(self) -> None:
         self.schema: dict[str, Any] = {}
@@ -58,9 +58,7 @@ def topics_of(story: Story) -> dict[str, Topic]:
 
 
 def assert_readable(schema: dict[str, Any]) -> None:
-    """Whether Foxglove can read it: it refuses what is not of these forms (foxglove/studio,
-    parseJsonSchema.ts).
-    """
+    """Check for the only forms that Foxglove accepts (foxglove/studio, parseJsonSchema.ts)."""
     assert schema["type"] == "object"
     for field in schema["properties"].values():
         assert "oneOf" not in field
@@ -73,7 +71,7 @@ def assert_readable(schema: dict[str, Any]) -> None:
 
 
 def assert_fits(schema: dict[str, Any], value: Any) -> None:
-    """Whether a value is what its schema says."""
+    """Check a value against its schema."""
     kinds: dict[str, Any] = {
         "boolean": bool,
         "string": str,
@@ -107,7 +105,7 @@ def declared(story: Story, message: str, kind: MessageClass, data: Any, reply: A
     return story.say(facts.FormatDefined(message, kind, schema_text(data), schema_text(reply), "x"))
 
 
-def test_a_topic_for_each_message_with_the_schema_of_its_data() -> None:
+def test_topic_of_a_message_has_the_schema_of_its_data() -> None:
     story = declared(
         Story().module("legs", "move leg"), "move leg", MessageClass.GOAL, Stance, reply=Foot
     )
@@ -127,7 +125,7 @@ def test_a_topic_for_each_message_with_the_schema_of_its_data() -> None:
     assert result.schema["properties"]["data"]["properties"]["leg"] == {"type": "integer"}
 
 
-def test_messages_that_are_named_nearly_alike_have_topics_of_their_own() -> None:
+def test_similar_message_names_get_distinct_topics() -> None:
     story = Story().at(1.0)
     for name in ("move leg", "move_leg", "move!leg"):
         story.goal(name, "user")
@@ -141,7 +139,7 @@ def test_messages_that_are_named_nearly_alike_have_topics_of_their_own() -> None
     ]
 
 
-def test_tasks_and_resources_over_time() -> None:
+def test_task_and_resource_topics_follow_their_states() -> None:
     topics = topics_of(stumbling())
     states = [(content["id"], content["state"]) for content in topics["/tca/tasks"].contents]
     assert [state for task, state in states if task == 7] == ["held", "handling", "failed"]
@@ -160,10 +158,10 @@ def test_tasks_and_resources_over_time() -> None:
 
 
 @pytest.mark.parametrize("top_fails", [False, True])
-def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> None:
+def test_failure_tells_whether_it_was_handled(*, top_fails: bool) -> None:
     topics = topics_of(made("not_replaced" if top_fails else "replaced"))
-    told = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
-    assert set(told) == {not top_fails}
+    handled = [row["handled"] for row in topics["/tca/tasks"].contents if row["failure"]]
+    assert set(handled) == {not top_fails}
     assert all("handled" not in row for row in topics["/tca/tasks"].contents if not row["failure"])
     levels = [
         row["level"] for row in topics["/tca/log"].contents if row["message"].startswith("failed: ")
@@ -171,7 +169,7 @@ def test_a_failure_says_whether_the_run_went_on_after_it(*, top_fails: bool) -> 
     assert levels == [4 if top_fails else 3]  # Foxglove's error, or warning
 
 
-def test_all_facts_are_there_as_rows_and_as_a_log() -> None:
+def test_each_fact_is_a_row_and_a_log_message() -> None:
     story = stumbling()
     topics = topics_of(story)
     number = sum(len(entry.facts) for entry in story.entries)
@@ -183,7 +181,7 @@ def test_all_facts_are_there_as_rows_and_as_a_log() -> None:
     assert topics["/tca/facts"].contents[0]["kind"] == "opened"
 
 
-def test_the_progress_of_a_task_has_a_topic() -> None:
+def test_progress_of_a_task_has_a_topic() -> None:
     story = Story().module("arm", "grasp").at(1.0)
     grasp = TaskId(story.command("grasp", "planner", to="arm"))
     for force in (2, 3):
@@ -192,11 +190,11 @@ def test_the_progress_of_a_task_has_a_topic() -> None:
             grasp, "result available", "running", force, Party.SERVER, "arm", "", body
         )
         story.at(float(force)).say(step)
-    told = topics_of(story)["/progress/grasp"]
-    assert (told.times, [one["data"]["force"] for one in told.contents]) == ([2.0, 3.0], [2, 3])
+    topic = topics_of(story)["/progress/grasp"]
+    assert (topic.times, [one["data"]["force"] for one in topic.contents]) == ([2.0, 3.0], [2, 3])
 
 
-def test_entries_of_one_time_keep_their_order() -> None:
+def test_entries_of_equal_time_keep_their_order() -> None:
     story = Story()
     for _ in range(3):
         story.at(1.0).received("note", MessageClass.INFORM, "x")
@@ -204,7 +202,7 @@ def test_entries_of_one_time_keep_their_order() -> None:
     assert [content["id"] for content in topics_of(story)["/messages/note"].contents] == [1, 2, 3]
 
 
-def test_a_reader_finds_what_it_looks_for_without_reading_all(tmp_path: Path) -> None:
+def test_mcap_reader_finds_topics_times_and_metadata(tmp_path: Path) -> None:
     story, path = walking(), tmp_path / "run.mcap"
     with path.open("wb") as stream:
         write_mcap(story.fold(), story.entries, stream)
@@ -255,7 +253,7 @@ def test_a_reader_finds_what_it_looks_for_without_reading_all(tmp_path: Path) ->
         (Any, None),
     ],
 )
-def test_schemas_are_made_plain(kind: Any, expected: Any) -> None:
+def test_plain_schema_reduces_each_type_for_viewers(kind: Any, expected: Any) -> None:
     assert plain_schema(schema_text(kind)) == expected
 
 
@@ -264,7 +262,7 @@ class Node(msgspec.Struct):
     below: "Node | None" = None
 
 
-def test_schemas_that_hold_themselves_and_bad_ones() -> None:
+def test_plain_schema_accepts_recursive_and_invalid_schemas() -> None:
     assert plain_schema(schema_text(Node)) == {
         "type": "object",
         "properties": {"value": {"type": "integer"}},
@@ -279,7 +277,7 @@ def test_schemas_that_hold_themselves_and_bad_ones() -> None:
     }
 
 
-def test_a_schema_of_a_few_lines_does_not_become_endless() -> None:
+def test_plain_schema_of_exponential_references_stays_small() -> None:
     below = {
         f"T{n}": {
             "type": "object",

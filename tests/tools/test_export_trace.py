@@ -1,6 +1,4 @@
-"""A Perfetto trace: its tracks, slices, arrows and counters, read back by the rules of Perfetto's
-trace processor.
-"""
+"""A Perfetto trace, read back by the rules of Perfetto's trace processor."""
 
 import os
 import shutil
@@ -9,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tools.story import QUERY, Story, locking, stumbling, walking
-from tools.telling import all_of_a_trace, trace_of
+from tools.telling import trace_of, track_lines
 
 from tca_tools.export.trace.events import TraceSpan, in_lanes
 from tca_wire.journal import facts
@@ -18,12 +16,12 @@ from tca_wire.vocabulary import MessageClass
 SECOND = 1_000_000_000
 
 
-def test_all_of_a_trace(tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_traces_match_their_transcript(tmp_path: Path, expect: Callable[[str, str], None]) -> None:
     traces = [trace_of(story.fold()) for story in (walking(), stumbling(), locking())]
-    expect("trace", "\n".join(line for trace in traces for line in all_of_a_trace(trace)) + "\n")
+    expect("trace", "\n".join(line for trace in traces for line in track_lines(trace)) + "\n")
 
 
-def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: Path) -> None:
+def test_trace_lists_resources_in_order_of_appearance(tmp_path: Path) -> None:
     story = Story().module("oven", "heat").at(1.0)
     for resource in ("meter", "chamber"):
         story.delivered(story.command("bake", "user"), "oven", resource)
@@ -37,7 +35,7 @@ def test_resources_stand_in_the_order_in_which_they_came_as_in_charts(tmp_path: 
     ]
 
 
-def test_handlings_that_overlap_have_lanes_that_are_shown_as_one_track(tmp_path: Path) -> None:
+def test_overlapping_handlings_share_one_track_in_lanes(tmp_path: Path) -> None:
     story = Story().module("map", "where")
     ids = [story.received("where", QUERY, "x") for _ in range(4)]
     for time, number in enumerate(ids):
@@ -51,8 +49,8 @@ def test_handlings_that_overlap_have_lanes_that_are_shown_as_one_track(tmp_path:
     assert list(lanes.values()) == [[0, 2], [1, 3]]
 
 
-def test_a_thousand_waits_at_a_time(tmp_path: Path) -> None:
-    """A handler that gathers a thousand answers, the first asked being the last to come."""
+def test_trace_holds_a_thousand_simultaneous_waits(tmp_path: Path) -> None:
+    """A handler gathers a thousand answers. The last one answers the first question."""
     story = Story().module("planner", "plan")
     plan = story.goal("plan", "user", to="planner")
     for number in range(1000):
@@ -65,7 +63,7 @@ def test_a_thousand_waits_at_a_time(tmp_path: Path) -> None:
     assert len([one for one in read.slices if one.category == "waiting"]) == 1000
 
 
-def test_a_thousand_messages_of_one_moment_are_one_event(tmp_path: Path) -> None:
+def test_thousand_simultaneous_sends_become_one_instant(tmp_path: Path) -> None:
     """Perfetto stacks instants of one time, and refuses a stack of more than 512."""
     story = Story().module("a", "note").at(1.0)
     for _ in range(1000):
@@ -74,7 +72,7 @@ def test_a_thousand_messages_of_one_moment_are_one_event(tmp_path: Path) -> None
     assert [one.name for one in read.on("central > sent")] == ["sends 1000 messages"]
 
 
-def test_large_data_is_text_and_odd_data_are_told(tmp_path: Path) -> None:
+def test_large_data_is_cut_text_and_special_values_are_kept(tmp_path: Path) -> None:
     odd = {
         "many": list(range(500)),
         "big": 2**64 - 1,
@@ -99,11 +97,11 @@ def test_large_data_is_text_and_odd_data_are_told(tmp_path: Path) -> None:
     }
 
 
-def test_the_wall_clock_is_told(tmp_path: Path) -> None:
+def test_trace_has_a_wall_clock_snapshot(tmp_path: Path) -> None:
     assert trace_of(walking().fold()).clocks == {6: 0, 1: 1_700_000_000 * SECOND}
 
 
-def test_lanes() -> None:
+def test_in_lanes_separates_crossing_spans() -> None:
     crossing = [
         (TraceSpan(0, 5), "a"),
         (TraceSpan(1, 3), "b"),
@@ -125,7 +123,7 @@ SHELL = os.environ.get("TRACE_PROCESSOR_SHELL") or shutil.which("trace_processor
 @pytest.mark.skipif(
     SHELL is None, reason="no trace_processor_shell (name one in $TRACE_PROCESSOR_SHELL)"
 )
-def test_perfettos_own_trace_processor_finds_no_error(tmp_path: Path) -> None:
+def test_trace_processor_finds_no_error(tmp_path: Path) -> None:
     from perfetto.trace_processor import TraceProcessor, TraceProcessorConfig
 
     path = tmp_path / "run.pftrace"
@@ -139,7 +137,7 @@ def test_perfettos_own_trace_processor_finds_no_error(tmp_path: Path) -> None:
         assert next(iter(processor.query("select count(*) as n from flow"))).n == len(read.arrows())
 
 
-def test_a_deep_tree_shares_its_last_track(tmp_path: Path) -> None:
+def test_tasks_below_the_deepest_track_share_it(tmp_path: Path) -> None:
     story, parent = Story().at(1.0), 0
     for _ in range(2000):
         parent = story.goal("step", "x", parent)

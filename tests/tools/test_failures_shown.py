@@ -1,4 +1,4 @@
-"""Failures in all tools: in one word whether the run went on, who raised them, and their data."""
+"""Failures in all tools: handled or not, their origin, and their data."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -50,10 +50,10 @@ YELLOW, RED = "\x1b[33m", "\x1b[31m"
 
 
 @pytest.mark.parametrize("top_fails", [False, True])
-def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> None:
-    told = made("not_replaced" if top_fails else "replaced")
+def test_failure_is_amber_if_handled_and_red_if_not(*, top_fails: bool) -> None:
+    story = made("not_replaced" if top_fails else "replaced")
     run, word, colour = (
-        told.fold(),
+        story.fold(),
         "failed" if top_fails else HANDLED,
         RED if top_fails else YELLOW,
     )
@@ -63,9 +63,7 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
     assert summary(run).tasks[word] == 1
     assert [line for line in tree_lines(at, rows) if f"step {{2}}  {colour}{word}" in line]
     assert next(story_lines(run, STEP)) == f"step {{2}}: {colour}{word}\x1b[0m"
-    grown = growth_lines(
-        Recording(told.entries), 0.0, None
-    )  # when it failed nobody knew what would become of that
+    grown = growth_lines(Recording(story.entries), 0.0, None)  # its fate was unknown when it failed
     assert [line for line in grown if f"{RED}failed\x1b[0m, blind" in line]
     assert colour_of(word) == ("red" if top_fails else "yellow")
     for picture in (dot_source(at, rows, ""), outline_svg(at, rows, "")):
@@ -78,13 +76,13 @@ def test_what_failed_and_was_handled_is_amber_everywhere(*, top_fails: bool) -> 
     ]
 
 
-def test_a_report_shows_it_too(tca: Tca, tmp_path: Path) -> None:
+def test_report_counts_handled_failures_as_handled(tca: Tca, tmp_path: Path) -> None:
     out = tmp_path / "run.html"
     assert not tca("report", made("replaced").write(tmp_path / "walk"), "-o", out).exit_code
     assert '<span class="r-tag s-handled">1 failed (handled)</span>' in out.read_text()
 
 
-def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: Path) -> None:
+def test_recovering_task_names_its_exception_handler_and_wait(tca: Tca, tmp_path: Path) -> None:
     folder = made("in_recovery").write(tmp_path / "walk")
     line = tca("tree", folder).stdout.splitlines()[2]
     assert line.endswith(
@@ -102,7 +100,7 @@ def test_who_recovers_says_who_works_on_it_and_for_how_long(tca: Tca, tmp_path: 
 
 
 @pytest.mark.parametrize("width", [10, 40, 49, 79])
-def test_on_a_narrow_terminal_the_tree_has_room(tca: Tca, tmp_path: Path, width: int) -> None:
+def test_tree_fits_a_narrow_terminal_and_keeps_names(tca: Tca, tmp_path: Path, width: int) -> None:
     folder, columns = made("replaced").write(tmp_path / "walk"), {"COLUMNS": str(width)}
     lines = tca("tree", folder, **columns).stdout.splitlines()
     assert max(map(len, lines)) <= width
@@ -114,19 +112,19 @@ def test_on_a_narrow_terminal_the_tree_has_room(tca: Tca, tmp_path: Path, width:
     assert max(map(len, story)) <= max(width, 20)
 
 
-def test_deep_trees_keep_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) -> None:
-    told, parent = Story().at(1.0), 0
+def test_deep_tree_keeps_names_on_a_narrow_terminal(tca: Tca, tmp_path: Path) -> None:
+    story, parent = Story().at(1.0), 0
     for _ in range(12):
-        parent = told.goal("step", "user", parent)
-    lines = tca("tree", told.write(tmp_path / "deep"), COLUMNS="40").stdout.splitlines()
+        parent = story.goal("step", "user", parent)
+    lines = tca("tree", story.write(tmp_path / "deep"), COLUMNS="40").stdout.splitlines()
     assert max(map(len, lines)) <= 40
     assert all("step {" in line for line in lines[2:])
 
 
-# --- failures that are raised beside the handler --------------------------------------------------
+# --- failures raised beside the handler -----------------------------------------------------------
 
 
-def test_charts_mark_the_moment() -> None:
+def test_chart_marks_failures_raised_beside_the_handler() -> None:
     drawn = chart(made("failed_beside").fold())
     (row,) = drawn.rows
     assert [mark.time for bar in row.handled for mark in bar.marks] == [3.0]
@@ -144,7 +142,7 @@ def test_charts_mark_the_moment() -> None:
     assert handled != queued
 
 
-def test_exports_and_the_page_tell_the_data_of_a_failure_apart(run: Path) -> None:
+def test_failure_data_is_not_shown_as_a_result(run: Path) -> None:
     history, force = stumbling().fold(), {"force": 812.0}
     task = history.tasks[TaskId(7)]
     for details in (of_task(history, task), of_handling(history, task.handlings[0])):
@@ -157,7 +155,7 @@ def test_exports_and_the_page_tell_the_data_of_a_failure_apart(run: Path) -> Non
     assert (answer["result"], answer["failureData"]) == ("", json.dumps(force))
 
 
-# --- A run of five programs that fails: a failure that was only observed, and two that were resolve
+# --- a run with two resolved failures and one that was only observed ------------------------------
 
 
 RESOLVED, FAILED, KILLED, ACHIEVED = (
@@ -170,9 +168,7 @@ RESOLVED, FAILED, KILLED, ACHIEVED = (
 
 @pytest.fixture(scope="module")
 def resolved_entries() -> list[Entry]:
-    """A walk whose step was mended, a step of the user's that was, and a walk whose step somebody
-    only looked at.
-    """
+    """A walk with a mended step, a mended step of the user, and a walk with an observed failure."""
     robot = Player.of(
         "planner: goal walk",
         "legs: command step, command swing",
@@ -219,7 +215,7 @@ def states(resolved_run: History, name: str) -> list[TaskState]:
     return [task.state for task in resolved_run.tasks.values() if task.name == name]
 
 
-def test_states_are_green_only_where_all_went_well(resolved_run: History) -> None:
+def test_resolved_task_differs_from_achieved_and_failed(resolved_run: History) -> None:
     assert states(resolved_run, "step") == [RESOLVED, RESOLVED, FAILED]
     assert states(resolved_run, "walk") == [ACHIEVED, KILLED]
     assert states(resolved_run, "swing") == [ACHIEVED, KILLED]
@@ -234,11 +230,11 @@ def test_states_are_green_only_where_all_went_well(resolved_run: History) -> Non
         assert len({looks[state] for state in (ACHIEVED, RESOLVED, FAILED)}) == 3
 
 
-def test_outcome_counts_a_resolved_top_level_task_apart(resolved_entries: list[Entry]) -> None:
+def test_outcome_counts_resolved_top_level_tasks_separately(resolved_entries: list[Entry]) -> None:
     assert outcome_of(resolved_entries).top == {ACHIEVED: 1, RESOLVED: 1, KILLED: 1}
 
 
-def test_every_tool_says_done_after_a_failure(path: Path, tca: Any) -> None:
+def test_every_tool_shows_done_after_a_failure(path: Path, tca: Any) -> None:
     for command in ("tree", "gantt", "stats"):
         assert Outcome.RESOLVED in tca(command, path).stdout, command
     tree = [line for line in tca("tree", path).stdout.splitlines() if "step {" in line]
@@ -254,13 +250,15 @@ def test_every_tool_says_done_after_a_failure(path: Path, tca: Any) -> None:
 
 
 def changed(resolved_entries: list[Entry], kind: type, becomes: Any) -> Iterator[Entry]:
-    """The journal with the facts of one kind as others, or without them."""
+    """The journal with the facts of one kind replaced or removed."""
     for entry in resolved_entries:
         kept = [becomes(fact) if isinstance(fact, kind) else fact for fact in entry.facts]
         yield msgspec.structs.replace(entry, facts=[fact for fact in kept if fact is not None])
 
 
-def test_check_finds_what_was_only_observed_and_recovered(resolved_entries: list[Entry]) -> None:
+def test_check_finds_missing_resolved_and_false_recovered_facts(
+    resolved_entries: list[Entry],
+) -> None:
     assert checked(resolved_entries) == []
     unsaid = checked(changed(resolved_entries, facts.Resolved, lambda _: None))
     assert {one.rule for one in unsaid} == {rules.RESOLVED.text}

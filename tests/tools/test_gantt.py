@@ -1,6 +1,4 @@
-"""``tca gantt``: which bars a chart has, what they tell, from when until when it goes, and the
-chart as text.
-"""
+"""``tca gantt``: the bars of a chart, their texts, its time span, and the chart as text."""
 
 import re
 from collections.abc import Callable
@@ -9,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 from tools.story import COMMAND, THIS, Story, locking, made, silent_for, stumbling, walking
-from tools.telling import all_of_a_chart
+from tools.telling import bar_lines
 
 from tca_tools.gantt.axis import ticks
 from tca_tools.gantt.blocks import in_blocks, queue_lengths, share_of
@@ -39,7 +37,7 @@ def row_of(story: Story, label: str, pick: Pick = ALL) -> ResourceRow:
 # --- approved -------------------------------------------------------------------------------------
 
 
-def test_all_bars(expect: Expect) -> None:
+def test_bars_match_their_transcript(expect: Expect) -> None:
     drawings = [
         chart(stumbling().fold()),
         chart(locking().fold()),
@@ -47,11 +45,13 @@ def test_all_bars(expect: Expect) -> None:
     ]
     expect(
         "gantt_bars",
-        "\n".join(line for drawing in drawings for line in all_of_a_chart(drawing)) + "\n",
+        "\n".join(line for drawing in drawings for line in bar_lines(drawing)) + "\n",
     )
 
 
-def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) -> None:
+def test_text_charts_match_their_transcript(
+    tca: Tca, run: Path, tmp_path: Path, expect: Expect
+) -> None:
     walk, locks = walking().write(tmp_path / "walk"), locking().write(tmp_path / "locks")
     shown = [
         tca("gantt", run, COLUMNS="100"),
@@ -66,9 +66,7 @@ def test_the_chart_as_text(tca: Tca, run: Path, tmp_path: Path, expect: Expect) 
 # --- rows and bars --------------------------------------------------------------------------------
 
 
-def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_there(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_idle_module_has_a_row_from_its_connection_on(tca: Tca, tmp_path: Path) -> None:
     story = (
         Story()
         .module("legs", "move")
@@ -90,7 +88,7 @@ def test_a_module_that_handled_nothing_has_a_row_that_says_since_when_it_was_the
     assert asked[3] == "user  " + "_" * 46
 
 
-def test_a_part_of_the_time_keeps_the_colours() -> None:
+def test_part_of_a_run_keeps_the_message_colours() -> None:
     whole, part = chart(stumbling().fold()), chart(stumbling().fold(), 3.0, 4.0)
     assert (
         part.names
@@ -100,8 +98,8 @@ def test_a_part_of_the_time_keeps_the_colours() -> None:
     assert [len(row.handled) for row in part.rows] == [1, 0, 0, 2]
 
 
-def test_a_suspended_task_is_in_the_row_of_its_module() -> None:
-    """That would have handled it, even when it has left."""
+def test_suspended_task_is_in_the_row_of_its_module() -> None:
+    """The module that would have handled it counts, even after it has left."""
     run = made("suspended_for_wheels").fold()
 
     def suspended(*modules: str) -> list[float]:
@@ -111,7 +109,7 @@ def test_a_suspended_task_is_in_the_row_of_its_module() -> None:
     assert (suspended(), suspended("wheels"), suspended("legs")) == ([1.0, 4.0], [1.0], [])
 
 
-def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
+def test_each_hold_reason_is_a_bar_in_the_lane_of_its_task() -> None:
     drawing = chart(made("two_waiting").fold(), pick=Pick(held={3, 4}))
     (row,) = (row for row in drawing.rows if row.held)
     assert sorted((bar.lane, bar.start, bar.end, bar.reason(200)) for bar in row.held) == [
@@ -124,32 +122,32 @@ def test_each_cause_has_a_bar_of_its_own_in_the_lane_of_the_task() -> None:
     assert [line.count("╎ until look {2} is achieved ·") for line in lines] == [1, 1]
 
 
-# --- what is asked for ----------------------------------------------------------------------------
+# --- selection ------------------------------------------------------------------------------------
 
 
-def test_only_some_modules(tca: Tca, run: Path) -> None:
+def test_module_option_limits_the_rows(tca: Tca, run: Path) -> None:
     drawing = chart(walking().fold(), pick=Pick(frozenset({"controller", "perception"})))
     assert labels(drawing) == ["perception", "controller"]
     wrong = tca("gantt", run, "--module", "controler").stderr
     assert "no module 'controler' in this journal: did you mean 'controller'?" in wrong
 
 
-def test_only_a_subtree_with_what_its_handlers_ask(tca: Tca, run: Path) -> None:
+def test_task_option_keeps_the_subtree_and_its_queries(tca: Tca, run: Path) -> None:
     shown = tca("gantt", run, "--task", 3).stdout
     assert [line.split("  ")[0] for line in shown.splitlines()[3:6]] == [
         "gait planner",
         "",
         "perception",
     ]
-    assert "controller" not in shown  # take steps {3} never got as far
-    assert "held" not in shown  # only a story tells that
+    assert "controller" not in shown  # take steps {3} sent it nothing
+    assert "held" not in shown  # only a story shows holds
     assert (
         "controller" in tca("gantt", run, "--task", "take steps").stdout
     )  # all tasks of that name
 
 
-def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
-    for asked, said in (
+def test_unusable_task_or_story_option_is_explained(tca: Tca, run: Path) -> None:
+    for asked, reason in (
         (
             ("--task", "take step"),
             "no task 'take step' in this journal: did you mean 'take steps'?",
@@ -166,25 +164,25 @@ def test_tasks_that_are_not_there(tca: Tca, run: Path) -> None:
     ):
         result = tca("gantt", run, *asked)
         assert result.exit_code == 1
-        assert said in result.stderr
+        assert reason in result.stderr
     assert tca("gantt", run, "--task", 1, "--story", 1).exit_code == 2
 
 
-def test_a_span_that_is_none(tca: Tca, run: Path) -> None:
+def test_gantt_refuses_a_span_that_ends_before_it_begins(tca: Tca, run: Path) -> None:
     result = tca("gantt", run, "--from", 3, "--to", 2)
     assert (result.exit_code, "3 is not before the end, 2" in result.stderr) == (2, True)
 
 
-def test_as_it_was(tca: Tca, run: Path) -> None:
+def test_at_option_shows_the_chart_as_it_was(tca: Tca, run: Path) -> None:
     then = tca("gantt", run, "--at", 2.0, COLUMNS="100").stdout
     assert then.splitlines()[0] == "run: 0.47 to 2.00 s"
     assert "move body" not in then
     part = tca("gantt", run, "--from", 1.0, "--to", 4.0, COLUMNS="100").stdout
     assert part.splitlines()[0] == "run: 1.00 to 4.00 s"
-    assert "█!" in part  # what went on at 4.0 s failed later
+    assert "█!" in part  # open at 4.0 s, failed later
 
 
-# --- from when until when it goes by itself -------------------------------------------------------
+# --- default time span ----------------------------------------------------------------------------
 
 
 def now_of(story: Story, *, is_live: bool = True) -> History:
@@ -201,14 +199,14 @@ def moved() -> Story:
 
 
 @pytest.mark.parametrize("is_live", [True, False])
-def test_the_chart_of_a_run_in_which_all_has_ended_ends_with_that(is_live: bool) -> None:
+def test_chart_of_an_ended_run_ends_with_the_last_bar(is_live: bool) -> None:
     history = now_of(moved(), is_live=is_live)
     drawing = chart(history)
     assert (drawing.start, drawing.end) == pytest.approx((9.8, 20.2))
     assert (chart(history, 5.0, 900.0).start, chart(history, 5.0, 900.0).end) == (5.0, 900.0)
 
 
-def test_the_default_of_the_command_and_of_a_report(tca: Tca, tmp_path: Path) -> None:
+def test_gantt_and_report_of_a_quiet_run_end_with_the_last_bar(tca: Tca, tmp_path: Path) -> None:
     folder = moved().write(tmp_path / "run")
     with silent_for(folder, 600.0):
         assert tca("gantt", folder).stdout.startswith("run: 9.80 to 20.20 s\n")
@@ -218,18 +216,18 @@ def test_the_default_of_the_command_and_of_a_report(tca: Tca, tmp_path: Path) ->
     assert (marks[0], marks[-1]) == ("10", "20")
 
 
-def test_what_goes_on_reaches_until_now() -> None:
+def test_chart_of_a_live_run_with_open_work_extends_to_now() -> None:
     moving, waiting, monitored = Story().module("legs", "move").at(10.0), moved(), moved()
     moving.delivered(moving.command("move", "user"), "legs")
     waiting.queued(waiting.command("fly", "user"))
     monitored.at(30.0).received(
         "watch", MessageClass.POINT_MONITOR, "user"
-    )  # nobody has begun to watch
+    )  # a monitor that has not begun to watch
     for story in (walking(), moving, waiting, monitored):
         assert chart(now_of(story)).end == NOW
 
 
-def test_a_task_that_is_held_has_no_bar_but_goes_on() -> None:
+def test_held_task_extends_a_live_chart_to_now() -> None:
     story = moved()
     arm = story.at(21.0).command("grip", "user")
     story.command("move", "user", 0, sequential_achievement(TaskId(arm), THIS))
@@ -238,7 +236,7 @@ def test_a_task_that_is_held_has_no_bar_but_goes_on() -> None:
     assert chart(now_of(story, is_live=False)).end < 30.0
 
 
-def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_there() -> None:
+def test_held_lock_and_open_monitor_do_not_extend_the_chart() -> None:
     story = (
         moved()
         .at(25.0)
@@ -253,38 +251,36 @@ def test_a_lock_that_somebody_still_has_and_a_monitor_that_watches_are_just_ther
     assert 40.0 < chart(now_of(story)).end < 41.0
 
 
-def test_the_story_of_a_task_goes_from_its_birth_to_its_end_though_others_go_on(
-    tmp_path: Path, tca: Tca
-) -> None:
+def test_story_chart_spans_the_life_of_its_task(tmp_path: Path, tca: Tca) -> None:
     story = Story().module("legs", "move").module("user").at(1.0)
     first, second = story.command("move", "user"), story.command("move", "user")
     story.queued(second, "legs").acted(first, "legs", 1.0).acted(second, "legs", 1.0)
     story.at(50.0).say(facts.WaitBegan("user", 0, TaskId(first), Moment.END_ACHIEVING)).at(60.0)
     story.say(facts.WaitEnded("user", 0, TaskId(first))).at(70.0)
     folder = story.write(tmp_path / "late")
-    for asked, said in (
+    for asked, title in (
         ((second,), "story of 2: 1.00 to 3.04 s"),
         ((second, "--to", 9), "story of 2: 1.00 to 9.00 s"),
         ((second, "--from", 0), "story of 2: 0.00 to 3.04 s"),
         ((first,), "story of 1: 1.00 to 2.02 s"),
         ((first, "--at", 1.5), "story of 1: 1.00 to 1.50 s"),
     ):
-        assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {said}"
+        assert tca("gantt", folder, "--story", *asked).stdout.splitlines()[0] == f"late, {title}"
 
 
-# --- very many, very short, and odd ---------------------------------------------------------------
+# --- many, short and unusual bars -----------------------------------------------------------------
 
 
-def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
+def test_gantt_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
     for width in (20, 40, 133):
         assert max(map(len, tca("gantt", run, COLUMNS=str(width)).stdout.splitlines())) <= width
 
 
-def test_an_empty_run() -> None:
+def test_text_chart_of_an_empty_run_has_four_lines() -> None:
     assert len(list(chart_lines(chart(Story().fold()), 80))) == 4
 
 
-def test_narrow_bars_are_put_together_only_with_neighbours() -> None:
+def test_narrow_bars_merge_only_with_neighbours() -> None:
     story = Story().module("legs", "step")
     for number in range(3):
         story.at(float(number)).acted(story.command("step", "x"), "legs", 0.01)
@@ -298,7 +294,7 @@ def test_narrow_bars_are_put_together_only_with_neighbours() -> None:
 
 
 @pytest.mark.parametrize("is_suspended", [True, False])
-def test_of_many_that_wait_the_number_is_shown(
+def test_long_queue_shows_the_number_of_waiting_messages(
     tca: Tca, tmp_path: Path, *, is_suspended: bool
 ) -> None:
     story = Story().module("legs", "step")
@@ -319,8 +315,8 @@ def test_of_many_that_wait_the_number_is_shown(
     assert ("┄ 40 ┄" if is_suspended else "░ 40 ░") in shown
 
 
-def test_a_short_wait_looks_like_one() -> None:
-    """However little room it has: what a program waits for is not handled."""
+def test_short_wait_is_not_drawn_as_handling() -> None:
+    """A wait of 1 ms takes less than one column, but it must not become a block of handling."""
     story = Story().module("legs", "move").module("guest").at(1.0)
     story.say(facts.Claimed(90, "legs", "legs", False, "guest", TaskId(0))).at(1.001).say(
         facts.Granted(90)
@@ -343,5 +339,5 @@ def test_a_short_wait_looks_like_one() -> None:
         (2, 2, ["2 s"]),
     ],
 )
-def test_ticks_are_round(start: float, end: float, labels: list[str]) -> None:
+def test_ticks_are_at_round_times(start: float, end: float, labels: list[str]) -> None:
     assert [label for _, label in ticks(start, end, 5)] == labels

@@ -1,4 +1,4 @@
-"""``tca gantt -o``: what can be seen in the picture, as files, and of very many bars."""
+"""``tca gantt -o``: shapes and colours, file formats, and very many bars."""
 
 import math
 import re
@@ -34,7 +34,7 @@ def drawn(story: Story, pick: Pick | None = None) -> str:
 
 
 def shapes(picture: str) -> str:
-    """What is drawn, a line each: its look, where it begins and ends, and what it tells."""
+    """One line for each shape: its look, its place and its title."""
     lines = []
     for one in ET.fromstring(picture).iter():
         look = one.get("class") or one.get("fill", "")
@@ -50,14 +50,14 @@ def shapes(picture: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def test_the_picture(expect: Callable[[str, str], None]) -> None:
+def test_gantt_picture_matches_its_transcript(expect: Callable[[str, str], None]) -> None:
     expect("gantt_picture", shapes(drawn(stumbling())) + shapes(drawn(locking())))
 
 
 def shop(
     *failing: int, outcome: Outcome = Outcome.FAILED, steps: int = 1000, rows: int = 1
 ) -> Story:
-    """Many short steps, each in the next row, of which some end otherwise."""
+    """Many short steps, spread over the rows. The *failing* ones have another outcome."""
     story = Story()
     for number in range(rows):
         story.module(f"legs {number}", "step")
@@ -68,40 +68,40 @@ def shop(
     return story
 
 
-# --- what means what ------------------------------------------------------------------------------
+# --- looks and meanings ---------------------------------------------------------------------------
 
 
-def test_failures_in_narrow_bars_have_flags_above_their_row() -> None:
+def test_narrow_failed_bars_have_flags_above_their_row() -> None:
     found = re.findall(
         r'class="flag ink-failed" d="M([\d.]+) .*?<title>(.*?)</title>',
         drawn(shop(100, 500, 501, 502)),
     )
-    [(first, told), (second, merged)] = [(float(left), title) for left, title in found]
-    assert told.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
-    assert merged.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
+    [(first, first_title), (second, second_title)] = [(float(left), title) for left, title in found]
+    assert first_title.startswith("step {101} handled by legs 0 from 100.000 s to 100.500 s")
+    assert second_title.startswith("3 failures from 500.500 s to 502.500 s, first: step {501}")
     assert second - first == pytest.approx((501.5 - 100.5) / 999.5 * 1700, abs=1)
 
 
-def test_flags_are_in_the_legend_in_their_colours() -> None:
+def test_legend_lists_flags_in_their_colours() -> None:
     looks = ('class="flag-failed"', 'class="flag-coped"')
     for story, seen in ((made("asking"), (0, 1)), (shop(3), (1, 0)), (shop(), (0, 0))):
         assert tuple(map(drawn(story).count, looks)) == seen
 
 
 @pytest.mark.parametrize(("steps", "look"), [(3, 'class="end"'), (1000, 'class="ink-killed"')])
-def test_what_was_killed_has_a_dark_end(steps: int, look: str) -> None:
-    """A narrow one, or a block of many, has a foot."""
+def test_killed_bar_has_a_dark_end(steps: int, look: str) -> None:
+    """A narrow bar, or a block of many bars, has a foot instead."""
     plain, killed = (drawn(shop(*bad, outcome=Outcome.KILLED, steps=steps)) for bad in ((), (2,)))
     assert killed.count(look) > plain.count(look)
     assert (">killed</text>" in killed, ">killed</text>" in plain) == (True, False)
 
 
-def test_what_failed_is_seen_in_a_block() -> None:
+def test_failed_bar_is_visible_in_a_block() -> None:
     whole, failed = (drawn(shop(*bad)) for bad in ((), (999,)))
-    assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # its foot and flag
+    assert failed.count("ink-failed") == whole.count("ink-failed") + 2  # a foot and a flag
 
 
-def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca: Tca) -> None:
+def test_story_picture_shows_awaited_bars_paler(tmp_path: Path, tca: Tca) -> None:
     folder = locking().write(tmp_path / "locking")
     assert tca("gantt", folder, "--story", 4, "-o", tmp_path / "story.svg").exit_code == 0
     picture = ET.fromstring((tmp_path / "story.svg").read_text())
@@ -110,17 +110,17 @@ def test_the_story_of_a_task_shows_paler_what_it_waited_for(tmp_path: Path, tca:
         for rectangle in picture.iter(f"{SVG}rect")
     }
     assert titled["move {4} handled by legs"] is None
-    assert titled["move {2} handled by legs"] == "beside"  # had the legs
+    assert titled["move {2} handled by legs"] == "beside"  # used the legs
     assert titled["look {3} handled by eyes"] == "beside"  # had locked them
     assert "adjust {5} handled by legs" not in titled
     written = {
         one.text: one.get("class", "").partition(" ")[0] for one in picture.iter(f"{SVG}text")
     }
-    assert written["look"] == "in"  # dark: white could not be read there
+    assert written["look"] == "in"  # dark: white is illegible there
 
 
 def distance(one: str, other: str) -> float:
-    """How different two colours look: 1 from black to white (B. Ottosson, Oklab, 2020)."""
+    """The visible difference of two colours: 1 from black to white (Ottosson, Oklab, 2020)."""
     return math.dist(oklab(one), oklab(other))
 
 
@@ -136,8 +136,8 @@ def oklab(colour: str) -> list[float]:
     ]
 
 
-def test_no_colour_of_a_message_is_that_of_something_else() -> None:
-    """Not red or amber, which mean a failure; no grey; dark to write on, or light."""
+def test_message_colours_differ_from_colours_with_a_meaning() -> None:
+    """No colour looks red, amber or grey, and each one leaves its text legible."""
     amber = re.findall(r"\.ink-coped[^#]*(#\w+)", STYLE)[0]
     assert len({dark(number) for number in range(40)}) == 40
     for number in range(200):
@@ -150,7 +150,7 @@ def test_no_colour_of_a_message_is_that_of_something_else() -> None:
         assert all(int(light(number)[place : place + 2], 16) > 150 for place in (1, 3, 5))
 
 
-def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
+def test_long_label_has_the_full_name_as_tooltip() -> None:
     name = "controller of the left " * 3
     picture = drawn(Story().module(name, "move").module("legs", "step"))
     assert re.findall(r'class="label"[^>]*>(.*?)</text>', picture) == [
@@ -159,7 +159,7 @@ def test_the_label_of_a_long_name_has_all_of_it_at_the_mouse() -> None:
     ]
 
 
-def test_hostile_names_are_escaped() -> None:
+def test_gantt_picture_escapes_hostile_names() -> None:
     story = Story().module("<&>\x1b\x00", 'a "b"')
     goal = story.goal("</svg>\x07", "x")
     story.queued(goal, "<&>\x1b\x00").at(1.0).delivered(goal, "<&>\x1b\x00").at(2.0)
@@ -169,7 +169,7 @@ def test_hostile_names_are_escaped() -> None:
 
 @pytest.mark.parametrize(
     ("words", "pixels"),
-    [  # as a browser measures them in the letters of our pictures
+    [  # measured by a browser in the font of the pictures
         ("waiting for a reply, task or lock", 160),
         ("failed, and handled", 101),
         ("traverse path", 70),
@@ -177,7 +177,7 @@ def test_hostile_names_are_escaped() -> None:
         ("plan body move", 85),
     ],
 )
-def test_the_width_of_a_text(words: str, pixels: float) -> None:
+def test_width_of_is_close_to_the_browser_width(words: str, pixels: float) -> None:
     assert pixels <= width_of(words) <= 1.25 * pixels + 4
 
 
@@ -187,7 +187,7 @@ SCALE = Scale(1000.0, 0.0, 1000.0)
 
 
 def queue(*bars: tuple[float, float], is_without_module: bool = False) -> ResourceRow:
-    """A row of what waits, each bar in its lane, on a plot of 1000 pixels and seconds."""
+    """A row of queued bars, one a lane, on a plot of 1000 pixels and seconds."""
     waiting = [
         Bar("step", start, end, kind=BarKind.QUEUED, lane=lane)
         for lane, (start, end) in enumerate(bars)
@@ -195,12 +195,14 @@ def queue(*bars: tuple[float, float], is_without_module: bool = False) -> Resour
     return ResourceRow("legs", queued=waiting, is_without_module=is_without_module)
 
 
-def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
+def test_queue_is_a_curve_when_its_bars_are_narrow_or_many() -> None:
     assert not is_curve(queue((0, 40), (10, 50), (20, 25)), SCALE)
     assert is_curve(queue((0, 4), (10, 15), (20, 25)), SCALE)
     assert is_curve(queue(*[(0, 40)] * 7), SCALE)
     assert not is_curve(queue(*[(0, 40)] * 3, is_without_module=True), SCALE)
-    assert is_curve(queue(*[(0, 40)] * 4, is_without_module=True), SCALE)  # they take little room
+    assert is_curve(
+        queue(*[(0, 40)] * 4, is_without_module=True), SCALE
+    )  # rows without a module take less room
 
 
 @pytest.mark.parametrize(
@@ -211,7 +213,7 @@ def test_a_queue_is_hatched_where_that_can_be_seen_and_else_a_curve() -> None:
         ([(0, 1000)] * 7, 0, 1001),  # over it, in the row
     ],
 )
-def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
+def test_curve_number_is_beside_its_highest_step(
     bars: list[tuple[float, float]], left: float, right: float
 ) -> None:
     *_, words = curve(queue(*bars), SCALE, 1.0, 0.0)
@@ -221,13 +223,13 @@ def test_the_number_of_a_curve_is_beside_its_highest_step_and_in_the_row(
     assert left <= begin <= right - width_of("up to 7 queued")
 
 
-def test_where_never_more_than_one_waits_no_number_is_needed() -> None:
+def test_curve_of_one_waiting_message_has_no_number() -> None:
     row = queue((0, 4), is_without_module=True)
     assert len(list(curve(row, SCALE, 1.0, 0.0))) == 1
     assert queue_height(row, is_curve=True) == queue_height(row, is_curve=False)
 
 
-def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
+def test_legend_lists_only_patterns_in_the_picture() -> None:
     story = Story().module("legs", "step").at(1.0)
     tasks = [TaskId(story.command("step", "user")) for _ in range(5)]
     picture = drawn(story.say(*(facts.SuspendedOrResumed(task, True) for task in tasks)).at(9.0))
@@ -240,16 +242,18 @@ def test_a_legend_tells_of_curves_and_hatchings_that_there_are() -> None:
 
 
 @pytest.mark.parametrize("steps", [4, 300])
-def test_what_is_held_is_said_and_does_not_grow_without_end(steps: int) -> None:
+def test_held_tasks_beyond_the_limit_are_summarised(steps: int) -> None:
     picture = drawn(stepping(steps=steps), Pick(held=range(1, 2 + steps)))
-    said = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
-    assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # with the legend's
+    texts = [one.text or "" for one in ET.fromstring(picture).iter(f"{SVG}text")]
+    assert picture.count('stroke-dasharray="4 3"') <= 1 + 6  # six tasks and the legend
     assert ("more are held" in picture) == (steps > 7)
-    assert ("step {4}: until step {3} is achieved" in said) == (steps < 7)  # narrow bars say less
+    assert ("step {4}: until step {3} is achieved" in texts) == (
+        steps < 7
+    )  # narrow bars have no words
 
 
 @pytest.mark.soak
-def test_a_long_run_is_a_picture_of_bounded_size() -> None:
+def test_picture_of_a_long_run_has_bounded_size() -> None:
     picture = drawn(shop(steps=7_000, rows=10))
     assert float(ET.fromstring(picture).get("width", 0)) <= 2_000
     assert picture.count("<rect") < 6_000
@@ -261,7 +265,7 @@ def test_a_long_run_is_a_picture_of_bounded_size() -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_gantt_writes_each_kind_of_file(tca: Tca, run: Path, tmp_path: Path) -> None:
     beginnings = {
         "svg": b"<svg",
         "txt": b"run: 0.42",
@@ -279,7 +283,7 @@ def test_files(tca: Tca, run: Path, tmp_path: Path) -> None:
     )
 
 
-def test_a_picture_that_needs_a_package_says_which(
+def test_png_without_its_package_names_the_extra(
     tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "vl_convert", None)
@@ -288,7 +292,7 @@ def test_a_picture_that_needs_a_package_says_which(
     assert not (tmp_path / "chart.png").exists()
 
 
-def test_a_page_fetches_nothing_and_stays_well_formed(tca: Tca, tmp_path: Path) -> None:
+def test_gantt_page_is_self_contained_and_well_formed(tca: Tca, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "</script>")
     tca("gantt", folder, "-o", tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
@@ -296,4 +300,4 @@ def test_a_page_fetches_nothing_and_stays_well_formed(tca: Tca, tmp_path: Path) 
     assert page.count("</script>") == 1
     for drawing in re.findall(r"<svg .*?</svg>", page, re.DOTALL):
         ET.fromstring(drawing)
-    assert "z16" in page  # what shows only when it is zoomed
+    assert "z16" in page  # the class of shapes shown only when zoomed

@@ -1,7 +1,7 @@
-"""Journals of former days, which every later version reads as what they were.
+"""Journals of former versions, which every later version must read.
 
-A journal of a version that is released never changes. While it is not, whoever changes a fact
-removes the file and runs this with ``--rewrite``: then it is made anew.
+The journal of a released version never changes. If a fact changes before the release, remove the
+file and run this test with ``--rewrite``, which creates a new one.
 """
 
 import json
@@ -23,17 +23,17 @@ from tca_wire.journal.records import record
 from tca_wire.points import Moment, Point, TaskId
 
 GOLDEN = Path(__file__).parent / "golden"
-SOME = 40
-"""Entries of a walk."""
+WALK_ENTRIES = 40
+"""The number of entries taken from a walk."""
 TOOLS = ("tree", "gantt", "stats", "log show", "replay --text")
 
 
-def some(kind: Any) -> Any:
-    """A value of a type, none of which is the default one."""
+def sample_value(kind: Any) -> Any:
+    """A value of a type that differs from the default."""
     if isinstance(kind, type) and issubclass(kind, Enum):
         return list(kind)[-1]
     if get_origin(kind) is list:
-        return [some(get_args(kind)[0])]
+        return [sample_value(get_args(kind)[0])]
     values: dict[Any, Any] = {
         int: 7,
         TaskId: 7,
@@ -44,19 +44,20 @@ def some(kind: Any) -> Any:
     }
     values |= {Point: Point(TaskId(7), Moment.END_PLANNING)}
     values |= {Constraint: Constraint(values[Point], Point(TaskId(8), Moment.START_ACHIEVING), 1.5)}
-    return values[kind] if kind in values else some(get_args(kind)[0])
+    return values[kind] if kind in values else sample_value(get_args(kind)[0])
 
 
 def one_of_each() -> Iterator[Entry]:
-    """An entry for each kind of fact and cause, all fields filled."""
-    last, time = walk()[SOME - 1].number, walk()[SOME - 1].time
+    """An entry for each kind of fact and cause, with all fields filled."""
+    last, time = walk()[WALK_ENTRIES - 1].number, walk()[WALK_ENTRIES - 1].time
     kinds = [kind for kind in get_args(facts.Fact) if kind is not facts.Opened]
     made: list[Any] = [
-        kind(**{name: some(what) for name, what in get_type_hints(kind).items()}) for kind in kinds
+        kind(**{name: sample_value(what) for name, what in get_type_hints(kind).items()})
+        for kind in kinds
     ]
     for number, fact in enumerate(made, last + 1):
         kind = get_args(causes.Cause)[number % 3]
-        cause = kind(**{name: some(what) for name, what in get_type_hints(kind).items()})
+        cause = kind(**{name: sample_value(what) for name, what in get_type_hints(kind).items()})
         yield Entry(number, time + number, [fact], cause)
 
 
@@ -65,17 +66,17 @@ def current(rewrite: bool) -> Path:
     path = GOLDEN / f"{JOURNAL_VERSION}.tcaj"
     if rewrite and not path.exists():
         opened = facts.Opened(JOURNAL_VERSION, "golden", 1, 1_700_000_000.0, "0.1.0")
-        entries = [Entry(0, 0.0, [opened]), *walk()[1:SOME], *one_of_each()]
+        entries = [Entry(0, 0.0, [opened]), *walk()[1:WALK_ENTRIES], *one_of_each()]
         path.write_bytes(b"".join(map(record, entries)))
     return path
 
 
-def test_this_version_has_one(current: Path) -> None:
+def test_current_version_has_a_golden_journal(current: Path) -> None:
     assert current.exists(), "format of the journal changed: run this test with --rewrite"
 
 
 @pytest.mark.parametrize("version", range(OLDEST_READ, JOURNAL_VERSION + 1))
-def test_it_is_read_as_what_it_was(
+def test_golden_journal_is_read_as_when_written(
     tca: Callable[..., Result], expect: Callable[[str, str], None], current: Path, version: int
 ) -> None:
     path = current.with_name(f"{version}.tcaj")
@@ -90,6 +91,6 @@ def test_it_is_read_as_what_it_was(
     assert log.remarks == []
     expect(f"golden-{version}", "\n".join(rows) + "\n")
     for tool in TOOLS:
-        told = tca(*tool.split(), path)
-        assert (told.exit_code, told.stderr) == (0, ""), tool
+        result = tca(*tool.split(), path)
+        assert (result.exit_code, result.stderr) == (0, ""), tool
     assert tca("check", path).exit_code in (0, 1)

@@ -36,7 +36,7 @@ def reasons(history: History, task: int) -> list[str]:
     )
 
 
-def test_the_tree_and_its_handlers() -> None:
+def test_fold_builds_the_tree_and_handlings() -> None:
     history = walking().fold()
     assert history.top == [1]
     assert [*history.tasks[TaskId(1)].children] == [2, 3, 4]
@@ -44,7 +44,7 @@ def test_the_tree_and_its_handlers() -> None:
     assert history.tasks[6].handlings[0].module == "controller"
 
 
-def test_who_handles_what_in_which_format() -> None:
+def test_fold_keeps_offers_and_the_first_format() -> None:
     story = Story().module("one", "walk").module("two", "walk", resource="legs")
     first = facts.FormatDefined("walk", MessageClass.GOAL, '{"type":"number"}', "", "one")
     story.say(first, facts.FormatDefined("walk", MessageClass.GOAL, "{}", "", "two"))
@@ -54,7 +54,7 @@ def test_who_handles_what_in_which_format() -> None:
     assert history.formats == {"walk": first}
 
 
-def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
+def test_lost_module_ends_its_handlings() -> None:
     story = Story().module("legs", "walk")
     goal = story.goal("walk", "x", to="legs")
     story.at(2.0).say(
@@ -67,18 +67,18 @@ def test_a_module_that_is_lost_handles_nothing_any_more() -> None:
     assert history.modules["legs"].left == "killed"
 
 
-def test_a_journal_may_begin_in_the_middle() -> None:
+def test_fold_accepts_a_journal_from_any_entry_on() -> None:
     whole = walking().entries
     for first in range(len(whole)):
         history = History.until(whole[first:])
         assert all(task.parent < task.id for task in history.tasks.values())
     history = History.until(whole[8:])
     assert str(history.tasks[2]) == "? {2}"
-    assert history.top == [2, 3]  # what was sent before hangs under the root
+    assert history.top == [2, 3]  # earlier tasks are unknown: their children are under the root
 
 
-def everything_about(history: History) -> None:
-    """Ask a history all that the tools ask; nothing may fail."""
+def ask_everything(history: History) -> None:
+    """Ask a history all that the tools ask. No question may raise."""
     for task in history.tasks.values():
         reasons(history, task.id)
         life_at(history, task)
@@ -92,16 +92,16 @@ def everything_about(history: History) -> None:
 
 
 @pytest.mark.parametrize("story", [walking(), stumbling(), arcs()])
-def test_every_prefix_folds_and_shows(story: Story) -> None:
+def test_every_prefix_of_a_journal_can_be_shown(story: Story) -> None:
     for length in range(len(story.entries) + 1):
-        everything_about(History.until(story.entries[:length]))
+        ask_everything(History.until(story.entries[:length]))
 
 
 IDS = st.integers(-2, 9)
 NAMES = st.sampled_from(["a", "b", "<&\x1b", ""])
 
 
-def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
+def random_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     numbers = [name for name, what in get_type_hints(kind).items() if what in (int, TaskId)]
     fields: dict[str, Any] = dict.fromkeys(numbers, IDS | st.integers(-(1 << 63), (1 << 64) - 1))
     fields |= dict.fromkeys(("id", "message_id", "task", "parent", "origin"), IDS)
@@ -115,22 +115,22 @@ def a_fact(kind: Any) -> st.SearchStrategy[facts.Fact]:
     )
 
 
-FACTS = st.one_of([a_fact(kind) for kind in get_args(facts.Fact)])
+FACTS = st.one_of([random_fact(kind) for kind in get_args(facts.Fact)])
 
 
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=lives(40, soak=500))
-def test_any_facts_at_all_fold_and_show(told: list[facts.Fact]) -> None:
+def test_arbitrary_facts_can_be_folded_and_shown(arbitrary: list[facts.Fact]) -> None:
     wording = Wording()
     history = History.until(
-        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary)
     )
-    everything_about(history)
-    assert all(isinstance(wording.words(fact), str) for fact in told)
+    ask_everything(history)
+    assert all(isinstance(wording.words(fact), str) for fact in arbitrary)
     assert all(task.parent < task.id for task in history.tasks.values())
 
 
-def test_a_parent_that_cant_be_is_none() -> None:
+def test_impossible_parent_becomes_the_root() -> None:
     story = Story()
     for parent in (1, 7, -3):
         story.goal("walk", "x", parent)
@@ -139,7 +139,7 @@ def test_a_parent_that_cant_be_is_none() -> None:
     assert history.top == [1, 2, 3]
 
 
-def test_a_tree_may_be_as_deep_as_it_likes() -> None:
+def test_tree_of_depth_2000_is_drawn() -> None:
     story, parent = Story(), 0
     for _ in range(2_000):
         parent = story.goal("take steps", "planner", parent)
@@ -155,21 +155,21 @@ def test_a_tree_may_be_as_deep_as_it_likes() -> None:
 
 
 @given(st.lists(st.floats(0, 3), min_size=6, max_size=6))
-def test_runs_of_a_slot_never_overlap_whatever_it_says(said: list[float]) -> None:
+def test_handlings_of_a_slot_never_overlap_for_any_times(times: list[float]) -> None:
     story = made("told_late")
-    told = story.entries[-1].facts
-    told.clear()
+    last_facts = story.entries[-1].facts
+    last_facts.clear()
     for number in (1, 2, 3):
         if number > 1:
-            told.append(facts.Delivered(number, number, "ear", "ear", 1, began=said[number]))
-        told.append(facts.Returned(number, Outcome.DONE, b"", said[number + 2]))
+            last_facts.append(facts.Delivered(number, number, "ear", "ear", 1, began=times[number]))
+        last_facts.append(facts.Returned(number, Outcome.DONE, b"", times[number + 2]))
     runs = story.fold().handlings
     assert all(before.until <= after.start for before, after in pairwise(runs))
     assert all(run.start <= run.until <= 2.0 for run in runs)
 
 
-def test_a_task_that_went_well_takes_little_room() -> None:
-    """A run may have millions of them."""
+def test_achieved_task_takes_less_than_1500_bytes() -> None:
+    """A run may have millions of achieved tasks."""
     many, story = 500, Story().module("legs", "move")
     for number in range(many):
         move = story.at(float(number)).command("move", "user")
@@ -179,4 +179,4 @@ def test_a_task_that_went_well_takes_little_room() -> None:
     size, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(history.tasks) == many
-    assert size / many < 1500  # bytes; with a list for all that a task may have twice as many
+    assert size / many < 1500  # bytes; lists for all optional parts would double it

@@ -1,5 +1,6 @@
-"""A journal that somebody else has written: whatever its names and texts hold, no tool lets them
-steer a terminal, add lines to a line, or become part of a page or picture.
+"""Hostile names and texts in a foreign journal.
+
+No tool lets them control a terminal, add lines to a line, or become part of a page or picture.
 """
 
 import html.parser
@@ -37,7 +38,7 @@ HOSTILE = (
 
 
 def poisoned(value: Any) -> Any:
-    """The same with every text, and all data, made hostile; what was different still is."""
+    """The value with all texts and data made hostile. Different texts stay different."""
     if isinstance(value, msgspec.Struct):
         fields = {name: poisoned(getattr(value, name)) for name in value.__struct_fields__}
         return type(value)(**fields)
@@ -63,26 +64,24 @@ def journal(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def is_calm(text: str) -> bool:
-    """Whether a text is lines of characters that a terminal shows, and no line is one of the
-    journal's.
-    """
+def is_harmless(text: str) -> bool:
+    """Whether a text has printable characters only, and no line that the journal has added."""
     return all(line.isprintable() for line in text.split("\n")) and "\nALL IS WELL" not in text
 
 
 @pytest.mark.parametrize("command", TO_STDOUT)
-def test_nothing_steers_a_terminal(journal: Path, command: str) -> None:
+def test_hostile_text_never_controls_the_terminal(journal: Path, command: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), str(journal)], prog_name="tca")
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     assert r"\x1b" in result.stdout or "\\u001b" in result.stdout
-    assert is_calm(result.stdout), [
+    assert is_harmless(result.stdout), [
         line for line in result.stdout.split("\n") if not line.isprintable()
     ][:3]
-    assert is_calm(result.stderr), result.stderr
+    assert is_harmless(result.stderr), result.stderr
 
 
 class Tags(html.parser.HTMLParser):
-    """The tags of a page that nobody who writes one here would make."""
+    """Collects tags and scripts that only a hostile text can have added."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -98,7 +97,7 @@ class Tags(html.parser.HTMLParser):
 
 
 @pytest.mark.parametrize(("command", "name"), [one for one in TO_FILES if one[1] != "out.png"])
-def test_nothing_becomes_part_of_a_page_or_picture(
+def test_hostile_text_stays_text_in_pages_and_pictures(
     journal: Path, tmp_path: Path, command: str, name: str
 ) -> None:
     out = tmp_path / name
@@ -106,13 +105,13 @@ def test_nothing_becomes_part_of_a_page_or_picture(
         main, [*command.split(), str(journal), "-o", str(out)], prog_name="tca"
     )
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert is_calm(result.stdout + result.stderr)
+    assert is_harmless(result.stdout + result.stderr)
     assert out.exists()
     assert sorted(tmp_path.iterdir()) == [out]
     if name.endswith(".txt"):
-        assert is_calm(out.read_text())
+        assert is_harmless(out.read_text())
     if name.endswith(".svg"):
-        ET.fromstring(out.read_text())  # well formed
+        ET.fromstring(out.read_text())  # must be well formed
         assert "<img" not in out.read_text()
         assert "<script" not in out.read_text()
     if name.endswith(".html"):
@@ -122,7 +121,7 @@ def test_nothing_becomes_part_of_a_page_or_picture(
         assert "{{7*7}}" in out.read_text()
 
 
-# --- A failure may be called anything that can be printed, also with colons: all tools name the who
+# --- failure names with colons --------------------------------------------------------------------
 
 
 Tca = Callable[..., Result]
@@ -149,8 +148,8 @@ NAMED_IN_FILES = [
 ]
 
 
-def broken() -> Story:
-    """A walk {1} whose move {2} fails; nobody handles that."""
+def failing_walk() -> Story:
+    """A walk {1} whose move {2} fails with an unhandled failure."""
     story = Story().module("planner", "walk").module("legs", "move").at(1.0)
     walk = story.goal("walk", "user", to="planner", begins=True)
     move = story.command("move", "planner", walk, to="legs")
@@ -161,57 +160,61 @@ def broken() -> Story:
     return story.reached(walk, *Moment).at(4.0).say(facts.Closed("interrupted"))
 
 
-def assert_whole(text: str) -> None:
+def assert_whole_name(text: str) -> None:
     halves = re.findall(r"knee.{0,20}", text)
     assert halves
     assert all(half.startswith(NAME) for half in halves), halves
 
 
 @pytest.mark.parametrize("command", NAMED_IN_PRINT)
-def test_what_is_printed_names_it(tca: Tca, tmp_path: Path, command: str) -> None:
+def test_printed_output_keeps_a_failure_name_with_colons(
+    tca: Tca, tmp_path: Path, command: str
+) -> None:
     name, *options = command.split()
     words = [name, options.pop(0)] if name == "log" else [name]
-    result = tca(*words, broken().write(tmp_path / "run"), *options)
+    result = tca(*words, failing_walk().write(tmp_path / "run"), *options)
     assert not result.exit_code, result.output
-    assert_whole(result.stdout)
+    assert_whole_name(result.stdout)
 
 
 @pytest.mark.parametrize("command", NAMED_IN_FILES)
-def test_what_is_written_names_it(tca: Tca, tmp_path: Path, command: str) -> None:
+def test_written_files_keep_a_failure_name_with_colons(
+    tca: Tca, tmp_path: Path, command: str
+) -> None:
     name, *options, out = command.split()
-    result = tca(name, broken().write(tmp_path / "run"), *options, tmp_path / out)
+    result = tca(name, failing_walk().write(tmp_path / "run"), *options, tmp_path / out)
     assert not result.exit_code, result.output
     files = (tmp_path / out).rglob("*") if (tmp_path / out).is_dir() else [tmp_path / out]
-    assert_whole("\n".join(file.read_bytes().decode("utf-8", "replace") for file in files))
+    assert_whole_name("\n".join(file.read_bytes().decode("utf-8", "replace") for file in files))
 
 
-def test_the_page_names_it(tmp_path: Path) -> None:
-    log = open_log(broken().write(tmp_path / "run"))
+def test_page_keeps_a_failure_name_with_colons(tmp_path: Path) -> None:
+    log = open_log(failing_walk().write(tmp_path / "run"))
     reading = Reading(log)
     for entry in log:
         reading.feed.apply(entry)
     for task in (1, 2):
-        assert_whole(str(message_answer(reading, task, 4.0)))
-    assert_whole(reading.feed.columns.frame({}, {}).decode("utf-8", "replace"))
+        assert_whole_name(str(message_answer(reading, task, 4.0)))
+    assert_whole_name(reading.feed.columns.frame({}, {}).decode("utf-8", "replace"))
 
 
-def test_data_have_the_name_alone() -> None:
-    run = broken().fold()
+def test_failure_name_with_colons_is_separate_from_its_text() -> None:
+    run = failing_walk().fold()
     (kind,) = failures(run)
     assert (kind.failure, run.tasks[2].failure.name) == (NAME, NAME)
     (table,) = [one for one in TABLES if one.name == "failures"]
     (row,) = table.rows(run)
     assert dict(zip(table.columns, row, strict=True))["failure"] == NAME
     with io.BytesIO() as stream:
-        write_mcap(run, broken().entries, stream)
+        write_mcap(run, failing_walk().entries, stream)
         messages = make_reader(io.BytesIO(stream.getvalue())).iter_messages()
-        assert_whole("".join(message.data.decode() for _, _, message in messages))
+        assert_whole_name("".join(message.data.decode() for _, _, message in messages))
 
 
-# --- Facts that contradict each other: a fold takes any -------------------------------------------
+# --- contradictory facts --------------------------------------------------------------------------
 
 
-def test_a_failure_may_be_caught_by_what_is_no_task() -> None:
+def test_fold_accepts_a_failure_caught_by_task_0() -> None:
     history = History()
     caught = facts.Caught(TaskId(1), TaskId(0), TaskId(0), 1)
     history.apply(facts.Entry(1, 1.0, [caught, facts.Recovered(TaskId(1))]))

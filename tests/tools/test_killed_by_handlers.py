@@ -1,6 +1,4 @@
-"""A failure, step by step: who was killed for it, what a deadline ran out on, and who could not
-decide.
-"""
+"""Failures of exception handlers: outer handlers, and handlers that could not decide."""
 
 import msgspec
 import pytest
@@ -15,7 +13,7 @@ from tca_wire.journal import facts
 from tca_wire.points import ROOT, TaskId
 
 
-def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
+def test_failure_handled_by_an_outer_handler_is_dealt_with() -> None:
     cases = {
         kind.failure: kind.cases[0]
         for kind in failures(History.until(played("failures_of_nested_exception_handlers").entries))
@@ -31,16 +29,14 @@ def test_a_failure_that_somebody_further_out_dealt_with_was_overcome() -> None:
     ]
 
 
-def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from_there_to_the_others() -> (
-    None
-):
+def test_undecided_failure_story_starts_from_the_first_failure() -> None:
     lines = list(
         story_lines(
             History.until(played("failures_undecided_by_all_handlers").entries), TaskId(3), 200
         )
     )
-    told = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
-    assert [line for line in told if " failed: " in line] == [
+    steps = [line[11:] for line in lines[lines.index("its failure, step by step:") + 1 :]]
+    assert [line for line in steps if " failed: " in line] == [
         "  move {4} failed: slip: why",
         "    recover {5} failed: module lost: module 'expert' was lost: its connection closed",
         "    report {6} failed: handler error: why",
@@ -48,13 +44,11 @@ def test_where_nobody_could_decide_the_story_leads_to_the_first_failure_and_from
 
 
 @pytest.mark.parametrize("undecided", [ROOT, 4, 6])
-def test_an_exception_handler_that_could_not_decide_must_be_the_nearest_and_end(
+def test_check_finds_a_wrong_undecided_exception_handler(
     undecided: int,
 ) -> None:
-    """Task 5 is that of the exception handler that fails, 4 the one that it deals with, 6 another
-    exception handler.
-    """
-    entries = [OPENED, *played("failures_undecided_by_all_handlers").entries]
+    """Task 4 fails, its exception handler 5 fails, too, and 6 is another exception handler."""
+    entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
     assert checked(entries) == []
     first = next(
         one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts)

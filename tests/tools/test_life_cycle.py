@@ -1,6 +1,4 @@
-"""``tca lifecycle``: the table and the diagram of a built-in life cycle, of those in a file, and of
-a message's.
-"""
+"""``tca lifecycle``: tables and diagrams of life cycles: built in, in a file, of a message."""
 
 import shutil
 from collections.abc import Callable
@@ -45,27 +43,27 @@ def robot(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_tables(tca: Tca, robot: Path, expect: Callable[[str, str], None]) -> None:
+def test_life_cycle_tables_match_their_transcripts(
+    tca: Tca, robot: Path, expect: Callable[[str, str], None]
+) -> None:
     expect("life_cycle_general", tca("lifecycle").stdout)
     expect("life_cycle_basic", tca("lifecycle", "basic").stdout)
     expect("life_cycle_pausable", tca("lifecycle", robot).stdout)
 
 
-def test_a_narrow_terminal_cuts_the_table(tca: Tca) -> None:
+def test_life_cycle_table_is_cut_to_the_terminal(tca: Tca) -> None:
     assert all(len(line) <= 40 for line in tca("lifecycle", COLUMNS="40").stdout.splitlines())
 
 
-def test_the_diagrams(expect: Callable[[str, str], None]) -> None:
-    """What leaves all active states is drawn once, from their frame; "paused" has no results, so
-    nothing is there.
-    """
+def test_life_cycle_diagrams_match_their_transcripts(expect: Callable[[str, str], None]) -> None:
+    """A transition from all active states is drawn once, from their frame."""
     expect("life_cycle_general_dot", dot_source(GENERAL))
     expect("life_cycle_pausable_dot", dot_source(PAUSABLE))
 
 
 @needs_dot
 @pytest.mark.parametrize("life_cycle", [BASIC, GENERAL, PAUSABLE], ids=str)
-def test_a_diagram_has_every_state_and_transition(
+def test_diagram_has_every_state_and_transition(
     tca: Tca, tmp_path: Path, robot: Path, life_cycle: LifeCycle
 ) -> None:
     picture = tmp_path / "picture.svg"
@@ -82,7 +80,7 @@ def test_a_diagram_has_every_state_and_transition(
     assert ("dashed, blue: by client" in words) == (life_cycle != BASIC)
 
 
-def test_names_of_states_cant_break_the_diagram() -> None:
+def test_diagram_quotes_hostile_state_names() -> None:
     own = LifeCycle('a "b" \\', [Transition('go"', "initiated", 'x"];'), *ending('x"];')])
     source = dot_source(own)
     assert r'label="x\"];"' in source
@@ -90,14 +88,14 @@ def test_names_of_states_cant_break_the_diagram() -> None:
 
 
 @needs_dot
-def test_files_of_every_kind(tca: Tca, tmp_path: Path) -> None:
+def test_life_cycle_is_written_in_each_format(tca: Tca, tmp_path: Path) -> None:
     for suffix in (".svg", ".png", ".pdf", ".html", ".dot", ".txt"):
         assert tca("lifecycle", "basic", "-o", tmp_path / f"basic{suffix}").exit_code == 0
     assert (tmp_path / "basic.txt").read_text().startswith("life cycle 'basic'\n")
     assert (tmp_path / "basic.html").read_text().startswith("<!doctype html>")
 
 
-def test_without_graphviz_the_table_remains(
+def test_life_cycle_svg_without_graphviz_fails_and_dot_works(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "")
@@ -111,7 +109,7 @@ def test_without_graphviz_the_table_remains(
     assert tca("lifecycle", "-o", tmp_path / "general.dot").exit_code == 0
 
 
-def test_the_life_cycle_of_a_message_of_a_run(tca: Tca, tmp_path: Path) -> None:
+def test_life_cycle_of_a_message_is_read_from_a_run(tca: Tca, tmp_path: Path) -> None:
     story = Story()
     story.say(facts.FormatDefined("walk", COMMAND, "null", "null", "planner", PAUSABLE.text))
     story.say(facts.FormatDefined("rest", COMMAND, "null", "null", "planner"))
@@ -128,7 +126,7 @@ def test_the_life_cycle_of_a_message_of_a_run(tca: Tca, tmp_path: Path) -> None:
         assert (result.exit_code, result.stderr) == (1, f"Error: {words}\n")
 
 
-def test_what_is_no_life_cycle(tca: Tca, tmp_path: Path, robot: Path) -> None:
+def test_unusable_life_cycle_source_is_refused(tca: Tca, tmp_path: Path, robot: Path) -> None:
     empty, broken = tmp_path / "empty.py", tmp_path / "broken.py"
     empty.write_text("X = 1\n")
     broken.write_text("\nfrom tca_module import LifeCycle\nX = LifeCycle('x', [])\n")

@@ -1,6 +1,4 @@
-"""What waits because of a lock is told so: in all copies of a module, and from when on somebody
-waits for the lock.
-"""
+"""Waits because of a lock, which holds for all copies of a module; queues that only grow."""
 
 from itertools import pairwise
 from random import Random
@@ -42,9 +40,10 @@ def all_texts(found: Contents) -> str:
     return "\n".join(texts)
 
 
-def two_arms() -> Contents:
-    """An arm grips, its copy is idle. Who asks the map has to wait, for the map is to lock both;
-    and so has the lift that is sent after it.
+def two_copies() -> Contents:
+    """One of two copies of the legs moves; the other is idle.
+
+    The map's handler waits for a lock of both copies. The move that is sent after it waits, too.
     """
     player = Player.of("legs: command move")
     join(player, "new")
@@ -64,20 +63,20 @@ def two_arms() -> Contents:
     return contents(History.until(player.entries))
 
 
-def test_a_lock_of_all_copies_is_no_bottleneck_of_one() -> None:
-    found = two_arms()
-    told = advised(found)
-    assert (told[Topic.LOCK].title, Topic.CAPACITY in told) == (
+def test_lock_of_all_copies_is_not_a_capacity_bottleneck() -> None:
+    found = two_copies()
+    advice_of = advised(found)
+    assert (advice_of[Topic.LOCK].title, Topic.CAPACITY in advice_of) == (
         "legs is locked while others wait",
         False,
     )
-    assert "map held it" in told[Topic.LOCK].example
-    assert told[Topic.LOCK].saving > 30
-    assert Topic.OVERLAP not in told, "behind a lock nothing is planned"
+    assert "map had it" in advice_of[Topic.LOCK].example
+    assert advice_of[Topic.LOCK].saving > 30
+    assert Topic.OVERLAP not in advice_of, "behind a lock nothing is planned"
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
 
 
-def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
+def test_reservation_does_not_keep_out_its_holder() -> None:
     story = Story().module("m").module("legs", "move")
     run = (
         story.at(1.0)
@@ -93,7 +92,7 @@ def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     ]
 
 
-# --- any life -------------------------------------------------------------------------------------
+# --- random runs ----------------------------------------------------------------------------------
 
 
 @given(
@@ -102,24 +101,24 @@ def test_what_somebody_has_reserved_does_not_keep_out_what_he_sends() -> None:
     )
 )
 @settings(max_examples=60)
-def test_what_keeps_out_is_known_of_all_copies(life: list[tuple[str, int]]) -> None:
-    """A stay in a queue was because of a lock for as long as there was one, by the facts."""
-    run = lived(life)
+def test_kept_out_time_matches_the_claims_of_all_copies(life: list[tuple[str, int]]) -> None:
+    """Compare with a sum over the facts: a queueing is due to a claim while one is in force."""
+    run = random_run(life)
     for queueing in run.queueings:
         if queueing.module:
             sender = run.messages[queueing.message_id].sender
             end = run.time if queueing.end is None else queueing.end
-            said, _ = locked_out(
+            seconds, _ = kept_out(
                 run, (queueing.module, queueing.resource), queueing.start, end, sender=sender
             )
-            assert -1e-6 <= said <= end - queueing.start + 1e-6
-            assert said == pytest.approx(
-                by_facts(run, queueing.module, queueing.start, end, sender)
+            assert -1e-6 <= seconds <= end - queueing.start + 1e-6
+            assert seconds == pytest.approx(
+                kept_out_by_facts(run, queueing.module, queueing.start, end, sender)
             )
     assert "?" not in all_texts(contents(run))
 
 
-def lived(life: list[tuple[str, int]]) -> Run:
+def random_run(life: list[tuple[str, int]]) -> Run:
     player = Player()
     wanted: list[tuple[str, int]] = []
     copies: list[str] = []
@@ -145,8 +144,8 @@ def lived(life: list[tuple[str, int]]) -> Run:
     return History.until(player.entries)
 
 
-def by_facts(run: Run, module: str, start: float, end: float, sender: str) -> float:
-    """Looked up between every two entries."""
+def kept_out_by_facts(run: Run, module: str, start: float, end: float, sender: str) -> float:
+    """The kept-out time, summed over the intervals between entries."""
     times = sorted({start, end, *(time for time in run.times if start < time < end)})
     return sum(
         after - time
@@ -162,7 +161,7 @@ def by_facts(run: Run, module: str, start: float, end: float, sender: str) -> fl
     )
 
 
-# --- queues that only grow, and queues that do not ------------------------------------------------
+# --- growing queues -------------------------------------------------------------------------------
 
 
 def served(
@@ -173,7 +172,7 @@ def served(
     *,
     closes: bool = False,
 ) -> Run:
-    """Informs that come at these times to a resource that handles each for so long."""
+    """Informs that arrive at given times at a resource that handles each for *took* seconds."""
     story = Story().at(0.5).module("camera").module("eye", "frame")
     story.say(facts.ResourceChanged("eye", "eye", capacity))
     events = sorted((time, 1) for time in arrivals)
@@ -211,27 +210,27 @@ def served(
     return story.fold()
 
 
-def every(period: float, until: float = 100.0) -> list[float]:
+def periodic(period: float, until: float = 100.0) -> list[float]:
     return [1.0 + period * number for number in range(int((until - 1.0) / period))]
 
 
 @pytest.mark.parametrize("closes", [False, True])
-def test_a_queue_that_only_grows_is_named_with_its_rates(closes: bool) -> None:
-    run = served(every(0.5), took=0.8, closes=closes)
+def test_growing_queue_is_reported_with_its_rates(closes: bool) -> None:
+    run = served(periodic(0.5), took=0.8, closes=closes)
     (queue,) = growing(run, *span_of(run))
     assert (queue.key, queue.message, queue.needed) == (("eye", "eye"), "frame", 2)
     assert queue.rate_in == pytest.approx(2.0, rel=0.05)
     assert queue.rate_out == pytest.approx(1.25, rel=0.05)
     assert queue.length == pytest.approx(75, abs=3)
-    (told,) = advice(run, Causes(run), None, [], [], [], 0.5)
-    assert (told.topic, told.title) == (Topic.CAPACITY, "eye is a bottleneck")
-    assert "2.01 arrive per second, 1.25 are handled" in told.text
-    assert "let it handle 2 at a time instead of 1" in told.remedy
-    assert contents(run).advice[0].title == told.title
+    (growth_advice,) = advice(run, Causes(run), None, [], [], [], 0.5)
+    assert (growth_advice.topic, growth_advice.title) == (Topic.CAPACITY, "eye is a bottleneck")
+    assert "2.01 a second come, 1.25 are handled" in growth_advice.text
+    assert "let it handle 2 at a time instead of 1" in growth_advice.remedy
+    assert contents(run).advice[0].title == growth_advice.title
 
 
-def test_a_queue_that_grows_for_two_slots() -> None:
-    run = served(every(0.25), took=1.0, capacity=2)
+def test_growing_queue_of_two_slots_needs_four() -> None:
+    run = served(periodic(0.25), took=1.0, capacity=2)
     (queue,) = growing(run, *span_of(run))
     assert (queue.capacity, queue.needed) == (2, 4)
 
@@ -239,27 +238,27 @@ def test_a_queue_that_grows_for_two_slots() -> None:
 @pytest.mark.parametrize(
     ("name", "run"),
     [
-        ("it keeps up", served(every(1.0), took=0.8)),
+        ("keeps up", served(periodic(1.0), took=0.8)),
         (
-            "a burst that is worked off",
+            "handled burst",
             served([1.0 + number / 100 for number in range(60)], took=1.0),
         ),
         (
-            "a burst that is not worked off yet",
+            "unfinished burst",
             served([1.0 + number / 100 for number in range(200)], took=1.0),
         ),
-        ("it grew, and was empty again", served(every(0.5, 40.0), took=0.8, end=120.0)),
-        ("it grew, and is worked off at the end", served(every(0.5, 60.0), took=0.8)),
-        ("two that wait for one that hangs", served(every(10.0), took=1e6)),
-        ("a handler hangs, and all that comes waits", served(every(0.5), took=1e6)),
+        ("grew and emptied", served(periodic(0.5, 40.0), took=0.8, end=120.0)),
+        ("shrinking at the end", served(periodic(0.5, 60.0), took=0.8)),
+        ("hung handler, few messages", served(periodic(10.0), took=1e6)),
+        ("hung handler, many messages", served(periodic(0.5), took=1e6)),
     ],
 )
-def test_queues_that_give_no_alarm(name: str, run: Run) -> None:
+def test_bounded_queue_gives_no_alarm(name: str, run: Run) -> None:
     assert growing(run, *span_of(run)) == [], name
 
 
-def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
-    """Nine tenths busy, forty runs: long queues come and go."""
+def test_random_arrivals_below_capacity_give_no_alarm() -> None:
+    """At a load of 0.9, long queues come and go. Forty runs give no false alarm."""
     alarms = 0
     for seed in range(40):
         random, time, arrivals = Random(seed), 0.0, []
@@ -270,7 +269,7 @@ def test_a_busy_resource_whose_messages_come_at_random_gives_no_alarm() -> None:
     assert alarms == 0
 
 
-def test_what_is_locked_needs_shorter_locks_and_no_more_slots() -> None:
+def test_queue_behind_a_lock_is_not_called_growing() -> None:
     story = (
         Story()
         .module("eye", "frame")

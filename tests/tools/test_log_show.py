@@ -26,7 +26,9 @@ def run(tmp_path: Path) -> Path:
     return stumbling().write(tmp_path / "run", segments=2)
 
 
-def test_a_line_for_each_fact(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+def test_log_has_a_line_for_each_fact(
+    tca: Tca, run: Path, expect: Callable[[str, str], None]
+) -> None:
     result = tca("log", "show", run)
     assert result.exit_code == 0
     expect("log_stumbling", result.stdout)
@@ -40,27 +42,38 @@ def test_every_kind_of_fact_has_words(
     expect("log_every_kind", tca("log", "show", story.write(tmp_path / "run")).stdout)
 
 
-def test_lines_are_cut_to_the_terminal(tca: Tca, run: Path) -> None:
+def test_log_lines_are_cut_to_the_terminal(tca: Tca, run: Path) -> None:
     whole = tca("log", "show", run).stdout.splitlines()
     narrow = tca("log", "show", run, COLUMNS="60").stdout.splitlines()
     assert max(map(len, narrow)) == 60
     assert [line if len(line) <= 60 else line[:59] + "…" for line in whole] == narrow
 
 
-def test_json_has_a_fact_a_line(tca: Tca, tmp_path: Path) -> None:
+def test_json_log_has_a_line_for_each_fact(tca: Tca, tmp_path: Path) -> None:
     result = tca("log", "show", made("every_kind").write(tmp_path / "run"), "--json")
     rows = [json.loads(line) for line in result.stdout.splitlines()]
     assert {row["kind"] for row in rows} == set(KINDS)
     first = next(row for row in rows if row["kind"] == "received")
     assert first.pop("cause")["message"] == "Send"
     assert first == {
-        "t": 0.0, "entry": 1, "kind": "received", "id": 1, "message": "walk", "message_class": "goal",
-        "sender": "script", "parent": 0, "origin": 0, "blocking": False, "constraints": [], "role": "", "about": 0,
+        "t": 0.0,
+        "entry": 1,
+        "kind": "received",
+        "id": 1,
+        "message": "walk",
+        "message_class": "goal",
+        "sender": "script",
+        "parent": 0,
+        "origin": 0,
+        "blocking": False,
+        "constraints": [],
+        "role": "",
+        "about": 0,
         "data": {"metres": 2.5},
-    }  # fmt: skip
+    }
 
 
-def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
+def test_log_shows_the_cause_of_each_entry(tca: Tca, tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(encoded(walk()))
     lines = tca("log", "show", path).stdout.splitlines()
@@ -75,12 +88,12 @@ def test_what_entries_came_from_is_told(tca: Tca, tmp_path: Path) -> None:
     )
 
 
-def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
+def test_log_task_option_accepts_number_or_name(tca: Tca, run: Path) -> None:
     by_number = tca("log", "show", run, "--task", 3).stdout
     assert tca("log", "show", run, "--task", "{3}").stdout == by_number
     all_steps = tca("log", "show", run, "--task", "take steps").stdout.splitlines()
     each = [tca("log", "show", run, "--task", number).stdout.splitlines() for number in (2, 3, 4)]
-    # a cause stands at the first line of its entry that is shown
+    # a cause is on the first shown line of its entry
     each_line = [line for lines in each for line in lines]
     without_causes = [
         {line.partition("  (")[0] for line in lines} for lines in (all_steps, each_line)
@@ -88,13 +101,11 @@ def test_tasks_are_named_by_number_or_name(tca: Tca, run: Path) -> None:
     assert without_causes[0] == without_causes[1]
     maps = tca(
         "log", "show", run, "--task", "elevation map", "--kind", "returned"
-    ).stdout  # queries have names, too
+    ).stdout  # also the name of a query
     assert [line.split()[2:4] for line in maps.splitlines()] == [["elevation", "map"]] * 2
 
 
-def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_log_of_a_message_includes_all_its_deliveries(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("guard").module("arm", "status").module("legs", "status")
     status = story.received("status", MessageClass.MULTI_QUERY, "guard")
     copies = [facts.Delivered(70, status, "arm", "arm"), facts.Queued(71, status, "legs", "legs")]
@@ -104,22 +115,22 @@ def test_what_comes_of_copies_and_of_other_tries_is_told_of_a_message(
     run = story.write(tmp_path / "run")
     for task in ("1", "status"):
         lines = tca("log", "show", run, "--task", task).stdout.splitlines()
-        told = [line.split()[1] for line in lines if line.startswith("     1")]
-        assert told == ["delivered", "queued", "returned", "unqueued"]
+        kinds = [line.split()[1] for line in lines if line.startswith("     1")]
+        assert kinds == ["delivered", "queued", "returned", "unqueued"]
 
 
 @pytest.mark.parametrize("task", ["99999", "take stpes", ""])
-def test_a_task_that_is_not_there_is_an_error_as_elsewhere(tca: Tca, run: Path, task: str) -> None:
+def test_log_refuses_an_unknown_task_like_tree(tca: Tca, run: Path, task: str) -> None:
     result = tca("log", "show", run, "--task", task)
     assert (result.exit_code, result.stdout) == (1, "")
     assert f"no task '{task}' in this journal" in result.stderr
     assert result.stderr == tca("tree", run, "--task", task).stderr
     assert (
         tca("log", "show", run, "--task", 2, "--kind", "opened").exit_code == 0
-    )  # it is there, only not that kind
+    )  # the task exists, without a fact of that kind
 
 
-def test_only_one_kind_and_no_control_characters(tca: Tca, run: Path) -> None:
+def test_log_kind_option_filters_and_text_is_printable(tca: Tca, run: Path) -> None:
     line = tca("log", "show", run, "--kind", "failed").stdout
     assert line.split()[1] == "failed"
     assert tca("log", "show", run, "--kind", "fialed").exit_code == 2
@@ -127,7 +138,7 @@ def test_only_one_kind_and_no_control_characters(tca: Tca, run: Path) -> None:
     assert r"leg 4 met\x1b[31m rock" in line
 
 
-def test_following_shows_what_is_there_and_ends_when_interrupted(
+def test_log_follow_shows_the_journal_and_ends_on_interrupt(
     tca: Tca, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(_seconds: float) -> None:
@@ -153,18 +164,18 @@ def test_following_shows_what_is_there_and_ends_when_interrupted(
         ("\u202e", r'"\u202e"'),
     ],
 )
-def test_data_as_text(value: Any, text: str) -> None:
+def test_data_text_is_json_for_each_type(value: Any, text: str) -> None:
     assert data_text(msgspec.msgpack.encode(value)) == text
 
 
-def test_an_array_is_shown_by_its_kind_and_shape() -> None:
+def test_array_is_shown_by_dtype_and_shape() -> None:
     array = msgspec.msgpack.Ext(1, msgspec.msgpack.encode(["<f8", (2, 3), bytes(48)]))
     assert plain_data(msgspec.msgpack.encode({"map": array})) == {
         "map": {"dtype": "<f8", "shape": [2, 3]}
     }
 
 
-def test_data_that_is_none_or_odd() -> None:
+def test_data_text_accepts_empty_malformed_long_and_deep_data() -> None:
     assert data_text(b"") == data_text(b"\xc0") == ""
     assert (
         data_text(b"\xc1")
@@ -177,7 +188,7 @@ def test_data_that_is_none_or_odd() -> None:
     assert "…" in data_text(msgspec.msgpack.encode(deep))
 
 
-def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path) -> None:
+def test_dropped_delivery_names_its_message(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("map", "pose")
     pose = story.received("pose", MessageClass.VARIABLE, "legs")
     story.say(
@@ -189,7 +200,7 @@ def test_a_copy_that_is_dropped_has_its_message_s_name(tca: Tca, tmp_path: Path)
     )
 
 
-def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
+def test_json_log_has_constraints_as_points(tca: Tca, run: Path) -> None:
     rows = map(
         json.loads,
         tca("log", "show", run, "--json", "--task", 3, "--kind", "received").stdout.splitlines(),
@@ -202,14 +213,14 @@ def test_json_has_constraints_as_points(tca: Tca, run: Path) -> None:
     ]
 
 
-def test_the_classic_log(expect: Callable[[str, str], None]) -> None:
+def test_classic_logs_match_their_transcripts(expect: Callable[[str, str], None]) -> None:
     expect("classic_stumbling", "\n".join(classic_lines(stumbling().entries)) + "\n")
     expect("classic_walk", "\n".join(classic_lines(walk())) + "\n")
-    for start in range(1, len(walk()) - 20, 5):  # it begins anywhere
+    for start in range(1, len(walk()) - 20, 5):  # from any entry on
         assert list(classic_lines(walk()[start:]))
 
 
-def test_in_the_classic_log_data_are_indented_and_cut_after_five_lines() -> None:
+def test_classic_log_indents_data_and_cuts_after_five_lines() -> None:
     story = Story().module("user").module("map", "note")
     note = story.received("note", MessageClass.INFORM, "user", data={"text": "a word " * 100})
     story.say(facts.Delivered(note, note, "map", "map"), facts.Returned(note, Outcome.DONE, b""))
@@ -221,7 +232,7 @@ def test_in_the_classic_log_data_are_indented_and_cut_after_five_lines() -> None
     assert lines[-1].split()[:3] == ["Done", "note", "{1}:"]
 
 
-def test_the_classic_log_on_the_command_line(tca: Tca, tmp_path: Path) -> None:
+def test_classic_option_prints_the_classic_log(tca: Tca, tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(encoded(walk()))
     assert tca("log", "show", path, "--classic").stdout.splitlines() == list(classic_lines(walk()))

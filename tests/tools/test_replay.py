@@ -1,6 +1,4 @@
-"""``tca replay``: the real application, driven by keys, without a screen; and the growth of the
-tree as text.
-"""
+"""``tca replay``: the real application, driven by keys without a screen; and its text form."""
 
 import asyncio
 import signal
@@ -35,7 +33,7 @@ TRACEBACK = "ZeroDivisionError: division by zero\nTraceback (most recent call la
 
 
 class Player:
-    """The application, and what is seen of it."""
+    """The application with its visible texts."""
 
     def __init__(self, app: Replay, pilot: Pilot[None]) -> None:
         self.app = app
@@ -68,7 +66,7 @@ class Player:
 
     @property
     def story(self) -> str:
-        """The words that are seen of it."""
+        """The visible words of the story pane."""
         log = self.app.query_one(RichLog)
         lines = [log.render_line(line).text for line in range(log.size.height)]
         return " ".join(
@@ -97,7 +95,7 @@ def play(
     at: float | None = 0.0,
     speed: float = 1.0,
 ) -> Replay:
-    """Run the application from the start, and do something with it."""
+    """Run the application and an action on it."""
     app = Replay(Recording(entries), "walk", speed=speed, at=at)
     app.animation_level = "none"
 
@@ -110,7 +108,7 @@ def play(
     return app
 
 
-def test_forwards_and_backwards_message_by_message() -> None:
+def test_arrow_keys_step_forwards_and_backwards() -> None:
     async def act(player: Player) -> None:
         assert (player.app.place, player.tree) == (0, [])
         trees = []
@@ -130,7 +128,7 @@ def test_forwards_and_backwards_message_by_message() -> None:
     play(stumbling().entries, act)
 
 
-def test_the_next_failure_and_what_became_of_it() -> None:
+def test_f_key_selects_the_next_failure() -> None:
     async def act(player: Player) -> None:
         await player.press("f")
         assert (player.time, player.app.selected) == (4.5, 7)
@@ -145,8 +143,8 @@ def test_the_next_failure_and_what_became_of_it() -> None:
     play(stumbling().entries, act)
 
 
-def test_of_a_question_that_fails_who_asked_is_shown() -> None:
-    """Not what another fact of the same event names first."""
+def test_failed_query_selects_the_task_that_sent_it() -> None:
+    """Another fact of the same event names another task first."""
     story = Story().module("lab", "analyse").at(1.0)
     other, goal = story.goal("rest", "user"), story.goal("analyse", "user")
     story.delivered(goal, "lab").at(2.0)
@@ -163,15 +161,11 @@ def test_of_a_question_that_fails_who_asked_is_shown() -> None:
 
 
 @pytest.mark.parametrize(("top_fails", "colour"), [(False, "yellow"), (True, "red")])
-def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(
-    *, top_fails: bool, colour: str
-) -> None:
+def test_handled_failure_is_yellow_and_unhandled_is_red(*, top_fails: bool, colour: str) -> None:
     async def act(player: Player) -> None:
         await player.press("f")
         assert player.app.recording.failures == {player.app.place: top_fails}
-        assert player.coloured("blind") == {
-            "red"
-        }  # that the walk would be achieved is not known yet
+        assert player.coloured("blind") == {"red"}  # its fate is not known yet
         selected = player.app.selected
         await player.press("end")
         await player.ask("slash", str(selected))
@@ -182,7 +176,7 @@ def test_a_failure_after_which_the_run_went_on_has_a_colour_of_its_own(
     play(made("not_replaced" if top_fails else "replaced").entries, act)
 
 
-def test_a_story_tells_why_it_waits_how_long_so_far_and_not_yet_how_it_ends() -> None:
+def test_story_shows_the_wait_so_far_without_its_end() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "{10}")
         assert player.app.selected == 10
@@ -203,7 +197,7 @@ def test_a_story_tells_why_it_waits_how_long_so_far_and_not_yet_how_it_ends() ->
     play(stumbling().entries, act, at=2.5)
 
 
-def test_a_story_says_nothing_that_was_not_known_then() -> None:
+def test_story_omits_reasons_not_yet_known() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "{3}")
         for moment, why in (("1", "until move {1} is achieved"), ("2", "until look {2}")):
@@ -216,7 +210,7 @@ def test_a_story_says_nothing_that_was_not_known_then() -> None:
 
 
 @pytest.mark.soak
-def test_search_goes_from_one_to_the_next() -> None:
+def test_n_key_moves_between_search_results() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "STEPS")
         assert player.app.selected == 2
@@ -229,17 +223,17 @@ def test_search_goes_from_one_to_the_next() -> None:
         await player.ask("slash", "unheard")
         assert "no task or failure 'unheard'" in player.heading
         place = player.app.place
-        await player.ask("slash", "2")  # it is there: it is chosen as it is now
+        await player.ask("slash", "2")  # it exists at this moment: the moment stays
         assert (player.app.selected, player.app.place) == (2, place)
         await player.press("home")
-        await player.ask("slash", "{9}")  # it is not there yet
+        await player.ask("slash", "{9}")  # it comes later: the moment moves on
         assert (player.app.selected, player.app.place > 0) == (9, True)
 
     play(stumbling().entries, act)
 
 
 @pytest.mark.soak
-def test_search_finds_failures_and_goes_on_from_the_start() -> None:
+def test_search_finds_failures_and_wraps_around() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "Leg 4 met")
         assert (player.time, player.app.selected) == (4.5, 7)
@@ -251,7 +245,7 @@ def test_search_finds_failures_and_goes_on_from_the_start() -> None:
         await player.press("N")
         assert (player.app.selected, "search continued from the end" in player.heading) == (4, True)
         await player.press("home")
-        await player.ask("slash", "collision")  # of a name and a failure what comes first
+        await player.ask("slash", "collision")  # the earlier one of a name and a failure
         assert player.time == 4.5
         await player.press("n")
         assert player.time == 4.5
@@ -259,7 +253,7 @@ def test_search_finds_failures_and_goes_on_from_the_start() -> None:
     play(stumbling().entries, act)
 
 
-def test_a_run_is_opened_at_its_end_and_played_from_its_start() -> None:
+def test_run_opens_at_its_end_and_plays_from_its_start() -> None:
     async def act(player: Player) -> None:
         assert player.app.place == player.app.recording.last
         assert any("move body {7}" in line and "failed" in line for line in player.tree)
@@ -269,7 +263,7 @@ def test_a_run_is_opened_at_its_end_and_played_from_its_start() -> None:
     play(stumbling().entries, act, at=None, speed=0.01)
 
 
-def test_the_keys_of_the_page_work_here_and_all_are_named() -> None:
+def test_page_keys_and_help_panel_work_in_replay() -> None:
     async def act(player: Player) -> None:
         await player.press("right_square_bracket")
         assert player.time == 4.5
@@ -285,7 +279,7 @@ def test_the_keys_of_the_page_work_here_and_all_are_named() -> None:
     play(stumbling().entries, act)
 
 
-def test_a_traceback_has_lines_in_a_story_and_one_among_the_messages() -> None:
+def test_traceback_is_whole_in_a_story_and_one_line_elsewhere() -> None:
     async def act(player: Player) -> None:
         await player.press("end")
         log = player.app.query_one(RichLog)
@@ -301,7 +295,7 @@ def test_a_traceback_has_lines_in_a_story_and_one_among_the_messages() -> None:
     play(story.entries, act, (200, 40))
 
 
-def test_going_to_a_time() -> None:
+def test_g_key_and_mouse_go_to_a_time() -> None:
     async def act(player: Player) -> None:
         await player.ask("g", "2.3")
         assert player.time == 2.2
@@ -310,7 +304,7 @@ def test_going_to_a_time() -> None:
         assert "the journal ends at 5.000 s" in player.heading
         await player.ask("g", "soon")
         assert "'soon' is not a time" in player.heading
-        await player.press("g", "1", "left", "9")  # the arrow moves within what is typed
+        await player.press("g", "1", "left", "9")  # the arrow moves the cursor of the input
         assert player.app.query_one(Question).value == "91"
         await player.press("escape", "home")
         assert player.app.place == 0
@@ -320,7 +314,7 @@ def test_going_to_a_time() -> None:
     play(stumbling().entries, act)
 
 
-def test_a_task_is_chosen_with_the_mouse_closed_and_opened() -> None:
+def test_click_selects_a_task_and_enter_folds_it() -> None:
     async def act(player: Player) -> None:
         line = next(number for number, text in enumerate(player.tree) if "─ take steps {2}" in text)
         await player.pilot.click(TreePane, offset=(12, line + 1))
@@ -335,7 +329,7 @@ def test_a_task_is_chosen_with_the_mouse_closed_and_opened() -> None:
     play(stumbling().entries, act, at=3.0)
 
 
-def test_reasons_are_shown_where_names_are_long_and_what_is_cut_says_so() -> None:
+def test_reason_beside_a_long_name_is_cut_with_an_ellipsis() -> None:
     story = Story().module("cook", "dinner").at(1.0)
     dinner = story.goal("dinner for very many guests, with music", "waiter", to="cook")
     for number in range(60):
@@ -356,7 +350,7 @@ def test_reasons_are_shown_where_names_are_long_and_what_is_cut_says_so() -> Non
     play(story.entries, act)
 
 
-def test_it_plays_at_any_speed_and_backwards() -> None:
+def test_replay_plays_both_ways_and_changes_speed() -> None:
     async def act(player: Player) -> None:
         for keys, end in ((("space",), player.app.recording.last), (("r", "space"), 0)):
             await player.press(*keys)
@@ -380,7 +374,7 @@ def test_it_plays_at_any_speed_and_backwards() -> None:
         ["right", "f", "space", "up", "enter", "end", "q"],
     ],
 )
-def test_how_it_ends(keys: list[str]) -> None:
+def test_quit_keys_end_the_replay(keys: list[str]) -> None:
     async def act(player: Player) -> None:
         await player.press(*keys[:-1])
         assert player.app.return_code is None
@@ -389,7 +383,7 @@ def test_how_it_ends(keys: list[str]) -> None:
     assert play(Story().entries, act).return_code == 0
 
 
-def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
+def test_long_story_shows_its_end_and_scrolls_to_its_start() -> None:
     story = Story().module("cook", "bake").at(1.0)
     cake = story.command(
         "bake", "a waiter with a name that is far too long for one line of a pane", to="cook"
@@ -415,9 +409,7 @@ def test_all_of_a_long_story_can_be_read_and_the_newest_of_it_is_seen() -> None:
 
 
 @pytest.mark.parametrize(("width", "is_below"), [(60, True), (130, False)])
-def test_where_there_is_little_room_the_story_stands_below_the_tree(
-    width: int, is_below: bool
-) -> None:
+def test_story_is_below_the_tree_on_a_narrow_terminal(width: int, is_below: bool) -> None:
     async def act(player: Player) -> None:
         tree, story = player.app.query_one(TreePane).region, player.app.query_one(StoryPane).region
         assert (story.y >= tree.bottom, story.x >= tree.right) == (is_below, not is_below)
@@ -425,11 +417,11 @@ def test_where_there_is_little_room_the_story_stands_below_the_tree(
     play(stumbling().entries, act, (width, 20))
 
 
-# --- what is shown of many ------------------------------------------------------------------------
+# --- very many tasks ------------------------------------------------------------------------------
 
 
-def test_of_very_many_tasks_a_few_are_shown() -> None:
-    """Very many goals, of which one in a thousand lives on."""
+def test_replay_folds_most_of_5000_tasks() -> None:
+    """One goal in a thousand stays open."""
     story = Story().module("user").module("planner", "walk")
     for number in range(5_000):
         goal = story.at(1.0 + number).goal("walk", "user", to="planner", begins=True)
@@ -452,7 +444,7 @@ def test_of_very_many_tasks_a_few_are_shown() -> None:
     assert 2500 in {row.task.id for row in rows_at(at, 2500, {}) if row.task}
 
 
-def test_deep_trees_are_drawn() -> None:
+def test_replay_cuts_a_deep_tree_at_3000_rows() -> None:
     story, parent = Story().module("user").module("planner", "walk"), 0
     for _ in range(3_100):
         parent = story.goal("walk", "user", parent)
@@ -464,12 +456,12 @@ def test_deep_trees_are_drawn() -> None:
 # --- as text --------------------------------------------------------------------------------------
 
 
-def test_the_growth_as_text(expect: Callable[[str, str], None]) -> None:
+def test_replay_text_matches_its_transcript(expect: Callable[[str, str], None]) -> None:
     lines = growth_lines(Recording(stumbling().entries), 0.0, None)
     expect("replay_stumbling", "\n".join(lines) + "\n")
 
 
-def test_without_a_terminal_it_is_text_and_damage_is_left_out(tca: Tca, tmp_path: Path) -> None:
+def test_replay_without_a_terminal_prints_text(tca: Tca, tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(encoded(walk()))
     done = tca("replay", path, "--at", "40")
@@ -485,7 +477,7 @@ def test_without_a_terminal_it_is_text_and_damage_is_left_out(tca: Tca, tmp_path
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "fast"])
-def test_a_speed_that_is_none(tca: Tca, speed: str) -> None:
+def test_invalid_speed_is_refused(tca: Tca, speed: str) -> None:
     assert tca("replay", "--speed", speed).exit_code == 2
 
 
@@ -523,11 +515,11 @@ def run(tmp_path: Path) -> Path:
     "keys",
     [
         CONTROL_C,
-        "/nothing like it" + ENTER + "q",  # as fast as a program types
+        "/nothing like it" + ENTER + "q",  # typed without pauses
         pytest.param("gsoon" + LINE_END + "q", marks=pytest.mark.soak),
     ],
 )
-def test_keys_that_end_it(run: Path, keys: str) -> None:
+def test_quit_keys_end_the_replay_on_a_terminal(run: Path, keys: str) -> None:
     with replaying(run) as shown:
         shown.type(keys.encode())
         assert shown.ends() == 0
@@ -535,7 +527,7 @@ def test_keys_that_end_it(run: Path, keys: str) -> None:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_a_q_that_is_looked_for_does_not_end_it_and_an_interrupt_does(run: Path) -> None:
+def test_q_in_a_search_does_not_quit_but_sigint_does(run: Path) -> None:
     with replaying(run) as shown:
         shown.type(b"/quest\r")
         shown.shows("no task or failure 'quest'")
@@ -544,8 +536,8 @@ def test_a_q_that_is_looked_for_does_not_end_it_and_an_interrupt_does(run: Path)
 
 
 @pytest.mark.slow
-def test_it_ends_when_its_terminal_vanishes_and_nobody_tells_it(run: Path) -> None:
-    """It is of another session, so that no signal comes."""
+def test_replay_ends_when_its_terminal_vanishes(run: Path) -> None:
+    """The replay is in another session, so no signal arrives."""
     with replaying(run) as shown:
         shown.vanish()
         assert shown.process.wait(timeout=SOON) == -signal.SIGHUP

@@ -1,4 +1,4 @@
-"""The report: a page that tells a stranger how a run went, whatever the journal holds."""
+"""The report: a page about a run for readers new to the robot."""
 
 import re
 import sys
@@ -32,7 +32,7 @@ HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}\x1b[31m\x00\u202e"
 
 
 class Page(HTMLParser):
-    """Checks that every element is closed where it should be; keeps texts, tags and attributes."""
+    """Checks that elements are properly nested, and collects texts, tags and attributes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -69,11 +69,9 @@ class Page(HTMLParser):
 
     @property
     def approved(self) -> str:
-        """What stands on the page, a line a paragraph, row or heading; without styles and
-        drawings.
-        """
+        """The text of the page, one line for each paragraph, row or heading."""
         return (
-            "\n".join(line for said in self.blocks if (line := re.sub(r"\s+", " ", said).strip()))
+            "\n".join(line for block in self.blocks if (line := re.sub(r"\s+", " ", block).strip()))
             + "\n"
         )
 
@@ -87,7 +85,7 @@ Reported = Callable[[Story], Page]
 
 @pytest.fixture
 def reported(tmp_path: Path) -> Reported:
-    """The page of the report of a story."""
+    """Makes the report of a story."""
 
     def run(story: Story) -> Page:
         out = tmp_path / "run.html"
@@ -110,7 +108,7 @@ def tca_report(*arguments: object) -> Result:
         ("recovering", partial(made, "recovering"), "bad"),
     ],
 )
-def test_all_that_a_report_says(
+def test_report_matches_its_transcript(
     name: str,
     made: Callable[[], Story],
     verdict: str,
@@ -122,13 +120,13 @@ def test_all_that_a_report_says(
     expect(f"report_{name}", shown.approved)
 
 
-def test_a_run_that_is_not_over(reported: Reported) -> None:
+def test_report_marks_an_open_run(reported: Reported) -> None:
     shown = reported(walking())
     assert ("class", "r-verdict open") in shown.attributes
     assert "The top-level task was not over when the journal ended." in shown.text
 
 
-def test_what_was_dropped_went_wrong(reported: Reported) -> None:
+def test_report_lists_dropped_messages_as_problems(reported: Reported) -> None:
     story = stepping()
     for number, name in enumerate(("pose", "level", "heat", "view", "sound"), 1):
         story.say(facts.LostDirectly("user", name, 10_000 // number))
@@ -139,7 +137,7 @@ def test_what_was_dropped_went_wrong(reported: Reported) -> None:
     assert "None: no failure was raised" not in shown.text
 
 
-def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
+def test_report_of_a_quiet_live_run_lasts_until_now(tmp_path: Path) -> None:
     out, run = tmp_path / "run.html", walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
         assert tca_report(run, "-o", out).exit_code == 0
@@ -152,17 +150,17 @@ def test_a_quiet_run_that_goes_on_is_reported_until_now(tmp_path: Path) -> None:
     assert "journal did" not in shown.text
 
 
-def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened(
+def test_report_shows_one_line_of_a_traceback_until_opened(
     reported: Reported,
 ) -> None:
-    said = (
+    traceback = (
         "KeyError: 'salt'\nTraceback (most recent call last):\n  File \"kitchen.py\", line 38, in fry\n"
         "    {}['salt']\n    ~~^^^^^^^^\nKeyError: 'salt'"
     )
     story = Story().module("user").module("stove", "fry")
     for _ in range(2):
         fry = story.at(1.0).command("fry", "user", to="stove")
-        story.at(2.0).failed(fry, "handler error", said).say(
+        story.at(2.0).failed(fry, "handler error", traceback).say(
             facts.Unhandled(TaskId(fry)),
             facts.Killed(
                 TaskId(fry), "failure 'handler error' of task 1 'fry' was not handled", "central"
@@ -175,14 +173,14 @@ def test_of_a_traceback_the_page_shows_one_line_and_all_of_it_where_it_is_opened
         "was not achieved: first fry {1} failed: handler error: KeyError: 'salt' ...."
         in shown.text.replace("were", "was")
     )
-    assert shown.text.count("~~^^^^^^^^") == 1  # of both the same, told once
-    whole = "\n".join(said.splitlines())
+    assert shown.text.count("~~^^^^^^^^") == 1  # the same for both, shown once
+    whole = "\n".join(traceback.splitlines())
     assert whole in "".join(shown.texts)
 
 
-def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: Reported) -> None:
+def test_report_explains_suspension_and_missing_handlers(reported: Reported) -> None:
     shown = reported(made("mopping"))
-    assert "fly : no handler" in shown.text  # where the time went
+    assert "fly : no handler" in shown.text  # in the table of times
     for words in (
         "No module handles 'fly'",
         "'mop floor' is suspended for a while",
@@ -193,7 +191,7 @@ def test_a_run_that_was_suspended_and_one_that_nobody_handles_say_so(reported: R
     assert "No advice would save" not in shown.text
 
 
-def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Reported) -> None:
+def test_report_fetches_nothing_and_runs_no_script(reported: Reported) -> None:
     shown = reported(stumbling())
     assert not {"script", "link", "img", "iframe", "object", "embed", "form", "base"} & set(
         shown.tags
@@ -212,7 +210,7 @@ def test_the_page_is_one_file_that_fetches_nothing_and_runs_nothing(reported: Re
     assert policy.startswith("default-src 'none'")
 
 
-def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Path) -> None:
+def test_report_escapes_hostile_names_and_texts(reported: Reported, tmp_path: Path) -> None:
     story = Story().module(HOSTILE).module("legs" + HOSTILE, "move" + HOSTILE)
     move = story.at(1.0).command("move" + HOSTILE, HOSTILE)
     story.queued(move, "legs" + HOSTILE).at(2.0).delivered(move, "legs" + HOSTILE)
@@ -229,7 +227,7 @@ def test_hostile_names_and_texts_are_only_text(reported: Reported, tmp_path: Pat
     assert "\\x1b[31m\\x00\\u202e" in shown.text
 
 
-def test_a_run_of_nothing(reported: Reported) -> None:
+def test_report_of_an_empty_run_says_so(reported: Reported) -> None:
     shown = reported(Story().at(5.0))
     for words in (
         "No task was sent.",
@@ -241,7 +239,7 @@ def test_a_run_of_nothing(reported: Reported) -> None:
 
 
 def many(tops: int, below: int, bad: int) -> History:
-    """So many walks of so many moves each; one move of walk *bad* failed."""
+    """*tops* walks of *below* moves each. A move of walk *bad* failed."""
     story = Story().module("legs", "move")
     for number in range(tops):
         walk = story.at(float(number)).goal("walk", "user")
@@ -253,19 +251,19 @@ def many(tops: int, below: int, bad: int) -> History:
     return story.fold()
 
 
-def test_a_large_tree_shows_what_failed_and_counts_the_rest() -> None:
+def test_report_tree_shows_failures_and_counts_the_rest() -> None:
     found = tree(many(tops=300, below=9, bad=250), shown_at_most=100)
     assert found.shown <= 100
     rows = [row for some in found.below.values() for row in some]
     tasks = [row.task for row in rows if row.task]
     states = [task.standing for task in tasks]
-    assert states.count(HANDLED) == 1  # the walk was achieved all the same
+    assert states.count(HANDLED) == 1  # its walk was achieved
     failed = next(task for task in tasks if task.standing == HANDLED)
     assert {task.id for task in tasks} & found.opened == {failed.id, failed.parent}
     assert sum(row.folded for row in rows) + len(states) == len(found.at.tasks) == 3000
 
 
-def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> None:
+def test_report_limits_the_nesting_of_a_deep_tree(reported: Reported) -> None:
     story = Story()
     parent = 0
     for _ in range(600):
@@ -275,7 +273,7 @@ def test_a_deep_tree_nests_no_further_than_browsers_can(reported: Reported) -> N
     assert "[depth " in shown.text
 
 
-def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
+def test_report_of_a_long_run_has_bounded_size(tmp_path: Path) -> None:
     story = Story().module("legs", "move")
     for number in range(3_000):
         move = story.at(float(number)).command("move", "user")
@@ -287,7 +285,7 @@ def test_a_long_run_is_a_page_of_bounded_size(tmp_path: Path) -> None:
     assert " of 3,000 tasks" in shown.text
 
 
-def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
+def test_report_of_a_cut_journal_shows_the_readable_part(tmp_path: Path) -> None:
     whole = stumbling().encoded()
     (tmp_path / "run.tcaj").write_bytes(whole[: len(whole) * 2 // 3])
     result = tca_report(tmp_path / "run.tcaj", "-o", tmp_path / "run.html")
@@ -301,14 +299,14 @@ def test_a_cut_journal_is_reported_as_far_as_it_goes(tmp_path: Path) -> None:
     assert "traverse arc {1}" in shown.text
 
 
-def test_wrong_usage(tmp_path: Path) -> None:
+def test_report_explains_wrong_paths(tmp_path: Path) -> None:
     run = stepping().write(tmp_path / "run")
     assert "must end in .html" in tca_report(run, "-o", tmp_path / "run.pdf").output
     assert "can't be written" in tca_report(run, "-o", tmp_path / "nowhere" / "run.html").output
     assert "no such file" in tca_report(tmp_path / "gone", "-o", tmp_path / "run.html").output
 
 
-def test_without_jinja_one_line_says_what_to_install(
+def test_report_without_jinja_names_the_extra(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "jinja2", None)
@@ -320,9 +318,9 @@ def test_without_jinja_one_line_says_what_to_install(
 
 @given(st.lists(FACTS, max_size=80))
 @settings(max_examples=8)
-def test_any_facts_at_all_make_a_page(told: list[facts.Fact]) -> None:
+def test_arbitrary_facts_make_a_well_formed_report(arbitrary: list[facts.Fact]) -> None:
     history = History.until(
-        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(told)
+        facts.Entry(number, number // 3, [fact]) for number, fact in enumerate(arbitrary)
     )
     found = contents(history)
     Page(page("run", "", found, tree(history), gantt(history, found), strips(history, found)))

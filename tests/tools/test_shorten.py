@@ -1,4 +1,4 @@
-"""``tca log prune`` of a run that continues: ended tasks go, and the rest reads as before."""
+"""``tca log prune``: of a continuing run the ended tasks are removed, and old runs as a whole."""
 
 import os
 import time
@@ -12,8 +12,8 @@ import pytest
 from click.testing import Result
 from processes import central
 from properties.life import Life
+from tools.segments import segment
 from tools.story import walking
-from tools.test_logs import segment
 
 from dev.fuzz.hostile_central import LINES, beginning
 from dev.fuzz.hostile_inputs import Daemon
@@ -35,15 +35,15 @@ Tca = Callable[..., Result]
 
 
 def journal_of(folder: Path, seed: int, events: int = 600, parts: int = 6) -> list[Path]:
-    """A random life in segments, the last of which is still written to."""
+    """The segments of a random life. The last one is still being written."""
     life = Life()
     life.go_on(seed, events)
-    told = [entry for entry in life.player.entries if entry.facts]
-    step = len(told) // parts
-    cuts = [*(step * part for part in range(parts)), len(told)]
+    nonempty = [entry for entry in life.player.entries if entry.facts]
+    step = len(nonempty) // parts
+    cuts = [*(step * part for part in range(parts)), len(nonempty)]
     folder.mkdir()
     return [
-        segment(folder / f"{number:08d}.tcaj", told[start:end], "life", number)
+        segment(folder / f"{number:08d}.tcaj", nonempty[start:end], "life", number)
         for number, (start, end) in enumerate(pairwise(cuts), 1)
     ]
 
@@ -53,8 +53,8 @@ def entries(path: Path) -> list[Entry]:
         return list(JournalReader(stream))
 
 
-def known(history: History, until: float) -> dict[int, Any]:
-    """The tasks that had not ended by then, as people see them."""
+def visible_tasks(history: History, until: float) -> dict[int, Any]:
+    """The visible properties of the tasks that had not ended at *until*."""
     found = [one for one in history.tasks.values() if one.time_of(END_ACHIEVING) > until]
     return {
         one.id: (
@@ -73,7 +73,9 @@ def known(history: History, until: float) -> dict[int, Any]:
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (2, 3))]
 )
-def test_a_shortened_journal_keeps_what_lives(tca: Tca, tmp_path: Path, seed: int) -> None:
+def test_shortened_journal_keeps_tasks_that_have_not_ended(
+    tca: Tca, tmp_path: Path, seed: int
+) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, seed)
     before = History.until(Log(folder))
@@ -82,16 +84,16 @@ def test_a_shortened_journal_keeps_what_lives(tca: Tca, tmp_path: Path, seed: in
     until = ended.until(None, size * 0.6)
     assert ended.remove(until) >= size * 0.4
     after = History.until(Log(folder))
-    assert known(after, until) == known(before, until)
+    assert visible_tasks(after, until) == visible_tasks(before, until)
     assert len(after.tasks) < len(before.tasks)
     assert {task.parent for task in after.tasks.values()} <= {0, *after.tasks}
     assert EndedTasks(files).remove(until) == 0
     for tool in (("check",), ("tree",), ("gantt",), ("stats",), ("log", "show")):
-        told = tca(*tool, folder)
-        assert (told.exit_code, "was removed" in told.output) == (0, True), told.output
+        result = tca(*tool, folder)
+        assert (result.exit_code, "was removed" in result.output) == (0, True), result.output
 
 
-def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
+def test_age_limit_uses_the_clock_of_the_run(tmp_path: Path) -> None:
     files = journal_of(tmp_path / "journal", 1)
     last = History.until(Log(tmp_path / "journal")).time
     ended = EndedTasks(files)
@@ -100,16 +102,14 @@ def test_tasks_go_by_age_on_the_clock_of_the_run(tmp_path: Path) -> None:
     assert ended.remove(ended.until(2 * last, None)) == 0
 
 
-def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
-    """The inputs begin in the fourth segment: what is from then on is compared with what they lead
-    to.
-    """
+def test_segments_compared_by_a_recovery_are_kept(tmp_path: Path) -> None:
+    """The inputs begin in the fourth segment. A recovery compares their facts with the journal."""
     files = journal_of(tmp_path / "journal", 2)
     begun = entries(files[3])[0].time
     inputs = InputLog(tmp_path / "journal", epoch="life", sync=Sync.NONE, clock=begun)
     inputs.close()
     before = [path.read_bytes() for path in files]
-    gone = inputs.folder / "00000009.tcai"  # central has just removed it
+    gone = inputs.folder / "00000009.tcai"  # just removed by central
     ended = EndedTasks([gone, inputs.folder / "00000001.tcai", *files])
     ended.remove(ended.until(None, 0.0))
     assert [path.read_bytes() == data for path, data in zip(files, before, strict=True)] == [
@@ -118,7 +118,7 @@ def test_segments_stay_that_a_recovery_compares(tmp_path: Path) -> None:
 
 
 def short_life(folder: Path) -> Daemon:
-    """Go on there, with tasks that end, until an image is taken; then be killed."""
+    """Continue the run there with tasks that end, take an image, and be killed."""
     daemon = Daemon(folder)
     assert daemon.log is not None
     assert daemon.log.images is not None
@@ -134,18 +134,16 @@ def short_life(folder: Path) -> Daemon:
 
 
 @pytest.mark.parametrize("is_torn", [False, True])
-def test_a_run_is_shortened_though_each_life_is_short(
+def test_run_of_short_lives_is_shortened_and_recovers(
     tca: Tca, tmp_path: Path, is_torn: bool
 ) -> None:
-    """Each life takes one image. Those stay that a recovery may use: the newest, and the one before
-    it that was used.
-    """
+    """Each life takes one image. The newest one and the one before it are kept for a recovery."""
     for _ in range(5):
         short_life(tmp_path)
     before, newest = numbers(tmp_path, ".tcas")
     assert min(numbers(tmp_path, ".tcai")) == before
-    told = tca("log", "prune", tmp_path, "--keep-bytes", "1")
-    assert "of tasks and messages that had ended by" in told.stdout, told.output
+    result = tca("log", "prune", tmp_path, "--keep-bytes", "1")
+    assert "of what had ended by" in result.stdout, result.output
     if is_torn:
         os.truncate(tmp_path / f"{newest:08d}.tcas", 100)
     daemon = short_life(tmp_path)
@@ -155,7 +153,7 @@ def test_a_run_is_shortened_though_each_life_is_short(
     assert tca("check", "--rerun", tmp_path).exit_code == 0
 
 
-def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> None:
+def test_shortened_fact_keeps_the_latest_moment(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 5)
     last = History.until(Log(folder)).time
@@ -165,19 +163,21 @@ def test_the_last_moment_is_said_when_more_goes(tca: Tca, tmp_path: Path) -> Non
     assert tca("check", folder).exit_code == 0
 
 
-def test_waits_for_no_certain_task_go_when_they_are_over(tmp_path: Path) -> None:
-    """A program that observes all tasks waits again after each change."""
+def test_ended_waits_for_any_task_are_removed(tmp_path: Path) -> None:
+    """A program that observes all tasks waits again after each change: many ended waits."""
     wait = ("page", 0, TaskId(0), 0, WaitKind.CHANGE, "any task")
     waits: list[Fact] = [facts.WaitBegan(*wait), facts.WaitEnded(*wait)] * 3
-    said = [
+    entries_of_waits = [
         Entry(place, float((place + 1) // 2), [one]) for place, one in enumerate([*waits, waits[0]])
     ]
     path, newest = tmp_path / "1.tcaj", tmp_path / "2.tcaj"
-    EndedTasks([segment(path, said, "life"), segment(newest, said[-1:], "life", 2)]).remove(2.5)
+    EndedTasks(
+        [segment(path, entries_of_waits, "life"), segment(newest, entries_of_waits[-1:], "life", 2)]
+    ).remove(2.5)
     assert [entry.number for entry in entries(path)] == [0, 4, 5, 6]
 
 
-def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
+def test_damaged_segment_is_not_shortened(tmp_path: Path) -> None:
     files = journal_of(tmp_path / "journal", 3)
     data = bytearray(files[1].read_bytes())
     data[len(data) // 2] ^= 255
@@ -187,20 +187,20 @@ def test_a_damaged_segment_is_left_as_it_is(tmp_path: Path) -> None:
     assert files[1].read_bytes() == data
 
 
-def test_prune_shortens_the_run_that_continues(tca: Tca, tmp_path: Path) -> None:
+def test_prune_shortens_a_continuing_run(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 4)
     files[0].chmod(0o640)
     size = sum(path.stat().st_size for path in files)
     tried = tca("log", "prune", folder, "--keep-bytes", str(size // 2), "--dry-run")
     assert (tried.exit_code, sum(path.stat().st_size for path in files)) == (0, size)
-    told = tca("log", "prune", folder, "--keep-bytes", str(size // 2))
-    assert told.stdout == tried.stdout.replace("would be removed", "removed")
+    result = tca("log", "prune", folder, "--keep-bytes", str(size // 2))
+    assert result.stdout == tried.stdout.replace("would be removed", "removed")
     assert sum(path.stat().st_size for path in files) <= size // 2
     assert files[0].stat().st_mode & 0o777 == 0o640
 
 
-# --- ``tca log prune``: whole runs go, with what lies beside them; never what a central writes, or
+# --- removal of whole runs ------------------------------------------------------------------------
 
 
 DAY = 86400.0
@@ -208,7 +208,7 @@ GOODBYE = Entry(99, 99.0, [Closed("stopped")])
 
 
 def run(folder: Path, epoch: str, number: int, *, ended: float, closed: bool = True) -> list[Path]:
-    """A run of two segments that ended so many days ago; its files."""
+    """The two segments of a run that ended *ended* days ago."""
     entries = walking().entries[1:]
     paths = [
         segment(folder / f"{number:08d}.tcaj", entries[:3], epoch),
@@ -223,10 +223,8 @@ def aged(paths: list[Path], days: float) -> list[Path]:
     return paths
 
 
-def beside(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
-    """Inputs and an image, as central writes them beside the segments, with numbers of their
-    own.
-    """
+def write_inputs_and_image(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
+    """Write inputs and an image beside the segments, with their own numbers, as central does."""
     made = [folder / f"{number:08d}{suffix}" for suffix in (".tcai", ".tcas", ".draft")]
     made[0].write_bytes(framed(msgspec.msgpack.encode(["inputs", 1, epoch, "0.1.0"])))
     for path in made[1:]:
@@ -234,70 +232,68 @@ def beside(folder: Path, number: int, epoch: str, days: float) -> list[Path]:
     return aged(made, days)
 
 
-def left(folder: Path) -> list[str]:
+def remaining_files(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-def test_whole_runs_that_ended_longer_ago_go_with_what_lies_beside_them(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_prune_removes_old_runs_with_their_inputs_and_images(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
-    old = [*run(folder, "old", 1, ended=40), *beside(folder, 7, "old", 40)]
-    new = [*run(folder, "new", 3, ended=2), *beside(folder, 9, "new", 2)]
+    old = [*run(folder, "old", 1, ended=40), *write_inputs_and_image(folder, 7, "old", 40)]
+    new = [*run(folder, "new", 3, ended=2), *write_inputs_and_image(folder, 9, "new", 2)]
     foreign = folder / "notes.draft"
     foreign.write_text("mine")
     tried = tca("log", "prune", folder, "--keep", "30d", "--dry-run")
     assert tried.exit_code == 0
     assert f"{folder}#1" in tried.stdout
     assert f"{folder}#2" not in tried.stdout
-    assert left(folder) == sorted(path.name for path in (*old, *new, foreign))
-    told = tca("log", "prune", folder, "--keep", "30d")
-    assert told.stdout == tried.stdout.replace("would be removed", "removed")
-    assert left(folder) == sorted(path.name for path in (*new, foreign))
-    assert "1 run left" in told.stdout
+    assert remaining_files(folder) == sorted(path.name for path in (*old, *new, foreign))
+    result = tca("log", "prune", folder, "--keep", "30d")
+    assert result.stdout == tried.stdout.replace("would be removed", "removed")
+    assert remaining_files(folder) == sorted(path.name for path in (*new, foreign))
+    assert "1 run left" in result.stdout
 
 
-def test_the_oldest_go_until_the_others_have_the_size(tca: Tca, tmp_path: Path) -> None:
+def test_prune_removes_oldest_runs_down_to_the_size(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     runs = [run(folder, f"run{number}", 2 * number + 1, ended=9.0 - number) for number in range(4)]
     size = sum(path.stat().st_size for path in runs[0])
     assert tca("log", "prune", folder, "--keep-bytes", str(2 * size + 1)).exit_code == 0
-    assert left(folder) == sorted(path.name for some in runs[2:] for path in some)
+    assert remaining_files(folder) == sorted(path.name for some in runs[2:] for path in some)
 
 
 @pytest.mark.parametrize("options", [("--keep", "1h"), ("--keep-bytes", "0")])
-def test_the_newest_run_without_a_goodbye_stays(
+def test_prune_keeps_the_newest_unclosed_run(
     tca: Tca, tmp_path: Path, options: tuple[str, str]
 ) -> None:
     folder = tmp_path / "robot"
     run(folder, "first", 1, ended=30, closed=False)
     crashed = run(folder, "second", 3, ended=20, closed=False)
     run(folder, "third", 5, ended=10)
-    told = tca("log", "prune", folder, *options)
-    assert told.exit_code == 0
-    assert left(folder) == [path.name for path in crashed]
-    assert "it may continue" in told.stdout
+    result = tca("log", "prune", folder, *options)
+    assert result.exit_code == 0
+    assert remaining_files(folder) == [path.name for path in crashed]
+    assert "it may go on" in result.stdout
 
 
-def test_a_robot_that_learns_the_time_late_keeps_what_came_last(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_the_last_run_despite_a_wrong_clock(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     run(folder, "first", 1, ended=1)
-    run(folder, "second", 3, ended=20000)  # days: its clock stood at 1970
+    run(folder, "second", 3, ended=20000)  # days: its clock was at 1970
     tca("log", "prune", folder, "--keep", "7d")
-    assert len(left(folder)) == 4
+    assert len(remaining_files(folder)) == 4
 
 
-def test_a_later_number_is_kept_whatever_its_clock_said(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_later_numbers_despite_their_clock(tca: Tca, tmp_path: Path) -> None:
     for name, ended in (("000001-2026", 40), ("000002-2026", 2), ("000003-1970", 20000)):
         run(tmp_path / name, name, 1, ended=ended)
     tca("log", "prune", tmp_path, "--keep", "7d")
-    assert sorted({Path(name).parts[0] for name in left(tmp_path)}) == [
+    assert sorted({Path(name).parts[0] for name in remaining_files(tmp_path)}) == [
         "000002-2026",
         "000003-1970",
     ]
 
 
-def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
+def test_prune_removes_emptied_run_folders_only(
     tca: Tca, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     journals, elsewhere = tmp_path / "tca" / "journals", tmp_path / "elsewhere"
@@ -306,23 +302,23 @@ def test_folders_of_runs_go_and_the_folder_that_was_named_stays(
     (journals / "2025-01-03").symlink_to(elsewhere)
     (journals / "2025-01-01" / "notes").write_text("mine")
     (journals / "empty").mkdir()
-    told = tca("log", "prune", "--keep", "2w", XDG_STATE_HOME=str(tmp_path))
-    assert (told.exit_code, told.stdout.count("ended")) == (0, 2)
-    assert left(journals) == ["2025-01-01/notes"]
+    result = tca("log", "prune", "--keep", "2w", XDG_STATE_HOME=str(tmp_path))
+    assert (result.exit_code, result.stdout.count("ended")) == (0, 2)
+    assert remaining_files(journals) == ["2025-01-01/notes"]
     assert sorted(path.name for path in journals.iterdir()) == ["2025-01-01", "2025-01-03", "empty"]
-    assert len(left(elsewhere)) == 2
+    assert len(remaining_files(elsewhere)) == 2
 
 
-def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
+def test_prune_keeps_the_run_of_a_live_central(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     run(folder, "old", 1, ended=40)
     with central(tmp_path) as running:
         assert running.journal == folder
-        connect("reader", running.address).close()  # central answers when its journal is begun
-        told = tca("log", "prune", folder, "--keep-bytes", "0")
-        assert "a central writes it" in told.stdout
-        assert "00000003.tcaj" in left(folder)
-        assert "00000001.tcaj" not in left(folder)
+        connect("reader", running.address).close()  # central answers after it has begun its journal
+        result = tca("log", "prune", folder, "--keep-bytes", "0")
+        assert "a central writes it" in result.stdout
+        assert "00000003.tcaj" in remaining_files(folder)
+        assert "00000001.tcaj" not in remaining_files(folder)
 
 
 @pytest.mark.parametrize(
@@ -335,16 +331,18 @@ def test_what_a_living_central_writes_stays(tca: Tca, tmp_path: Path) -> None:
         (("--keep", "1d"), "no runs are stored there"),
     ],
 )
-def test_wrong_usage(tca: Tca, tmp_path: Path, arguments: tuple[str, ...], complaint: str) -> None:
-    told = tca("log", "prune", tmp_path, *arguments)
-    assert (told.exit_code, complaint in told.stderr) == (2, True)
+def test_prune_explains_wrong_limits(
+    tca: Tca, tmp_path: Path, arguments: tuple[str, ...], complaint: str
+) -> None:
+    result = tca("log", "prune", tmp_path, *arguments)
+    assert (result.exit_code, complaint in result.stderr) == (2, True)
 
 
-def test_files_that_are_none_of_a_journal_are_ignored(tca: Tca, tmp_path: Path) -> None:
+def test_foreign_files_beside_segments_are_ignored(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "robot"
     run(folder, "one", 1, ended=1)
     before = tca("tree", folder)
-    beside(folder, 1, "one", 1)
+    write_inputs_and_image(folder, 1, "one", 1)
     (folder / "00000003.txt").write_text("mine")
     (folder / "permissions.toml").write_text("")
     (folder / "video").mkdir()

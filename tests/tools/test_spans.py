@@ -1,9 +1,9 @@
-"""How much of a time is covered by spans, and by how many at once."""
+"""The time that spans cover, and how many overlap."""
 
 from tca_tools.spans import Cover, levels
 
 
-def test_spans() -> None:
+def test_cover_and_levels_measure_overlapping_spans() -> None:
     spans = [(0.0, 4.0), (1.0, 2.0), (3.0, 6.0), (8.0, 8.0)]
     assert list(levels(spans)) == [(0.0, 1), (1.0, 2), (2.0, 1), (3.0, 2), (4.0, 1), (6.0, 0)]
     one, two = Cover(spans), Cover(spans, 2)

@@ -1,4 +1,4 @@
-"""``tca stats``: counts, times and shares, of a whole run or of a part."""
+"""``tca stats``: counts, times and shares of a run or of a part of it."""
 
 import json
 import re
@@ -16,7 +16,7 @@ from tools.story import QUERY, Story, silent_for, walking
 
 from tca_tools.journal.fold import History
 from tca_tools.stats.__main__ import SORTS, stats
-from tca_tools.stats.measure import Stats, Times, measure
+from tca_tools.stats.measure import Times, measure
 from tca_wire.journal import facts
 from tca_wire.vocabulary import MessageClass, Outcome
 
@@ -27,17 +27,15 @@ def shown(*arguments: object, **environment: str) -> Result:
     )
 
 
-def of(measured: Stats, name: str) -> Any:
-    return next(one for one in measured.messages if one.message == name)
-
-
-def test_the_tables_of_a_run(run: Path, expect: Callable[[str, str], None]) -> None:
+def test_stats_tables_match_their_transcript(run: Path, expect: Callable[[str, str], None]) -> None:
     result = shown(run)
     assert result.exit_code == 0
     expect("stats_stumbling", result.stdout)
 
 
-def test_all_figures(run: Path, tmp_path: Path, expect: Callable[[str, str], None]) -> None:
+def test_stats_json_matches_its_transcript(
+    run: Path, tmp_path: Path, expect: Callable[[str, str], None]
+) -> None:
     direct = (
         Story()
         .module("map", "where")
@@ -56,23 +54,23 @@ def test_all_figures(run: Path, tmp_path: Path, expect: Callable[[str, str], Non
     expect("stats_json", "\n".join(_rounded(json.loads(one.stdout)) for one in asked) + "\n")
 
 
-def _rounded(told: dict[str, Any]) -> str:
-    """A line for each message and resource; times to the microsecond."""
-    rows = [{key: value for key, value in told.items() if not isinstance(value, list)}]
-    text = "\n".join(map(json.dumps, [*rows, *told["messages"], *told["resources"]]))
+def _rounded(measured: dict[str, Any]) -> str:
+    """One line for each message and resource, with rounded times."""
+    rows = [{key: value for key, value in measured.items() if not isinstance(value, list)}]
+    text = "\n".join(map(json.dumps, [*rows, *measured["messages"], *measured["resources"]]))
     return re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", text)
 
 
 @pytest.mark.parametrize("width", [12, 33, 60, 79, 160])
-def test_lines_fit_the_terminal(run: Path, width: int) -> None:
+def test_stats_lines_fit_the_terminal(run: Path, width: int) -> None:
     lines = shown(run, COLUMNS=str(width)).stdout.splitlines()
     assert max(map(len, lines)) <= width
     assert [
         line for line in lines if line.startswith("tak") and " 3" in line
-    ]  # so often it was sent
+    ]  # the row of take steps, sent 3 times
 
 
-def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
+def test_narrow_terminal_leaves_out_whole_columns(run: Path) -> None:
     wide, *narrow = (
         [line.split() for line in shown(run, COLUMNS=str(width)).stdout.splitlines()]
         for width in (120, 34)
@@ -83,7 +81,7 @@ def test_on_a_narrow_terminal_whole_columns_are_left_out(run: Path) -> None:
     assert next(line for line in wide if line[:2] == ["take", "steps"])[:3] == figures[:3]
 
 
-def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
+def test_stats_of_a_quiet_live_run_last_until_now(tmp_path: Path) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 60.0):
         live, until, plain = (
@@ -99,7 +97,7 @@ def test_a_quiet_run_that_goes_on_is_measured_until_now(tmp_path: Path) -> None:
     assert not json.loads(shown(run, "--json").stdout)["live"]
 
 
-def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_prefetched_messages_of_a_lost_module_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     trust_every_handler(monkeypatch)
     player = Ears.of("ear: inform note, query where", "user")
     for message in ("note", "where", "note", "where"):
@@ -112,7 +110,7 @@ def test_what_a_lost_module_had_ahead_has_failed(monkeypatch: pytest.MonkeyPatch
     }
 
 
-def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: Path) -> None:
+def test_open_and_dropped_messages_have_columns_and_marks(tmp_path: Path) -> None:
     story = Story().module("legs").at(1.0)
     dances = [story.received("dance", MessageClass.INFORM, "user") for _ in range(3)]
     for dance in dances:
@@ -140,13 +138,13 @@ def test_what_is_open_or_dropped_has_a_column_and_what_goes_on_a_mark(tmp_path: 
     assert (queued["count"], queued["open"], queued["max"]) == (3, 2, 60.0)
 
 
-def test_a_part_that_is_none(run: Path) -> None:
+def test_stats_refuse_a_start_after_the_end(run: Path) -> None:
     result = shown(run, "--from", 7)
     assert result.exit_code == 2
     assert "7 is not before the end, 5" in result.stderr
 
 
-def test_messages_are_sorted(run: Path) -> None:
+def test_sort_option_orders_the_messages(run: Path) -> None:
     keys: dict[str, Callable[[Any], Any]] = {
         "name": lambda one: one["message"],
         "failed": lambda one: -one["failed"],
@@ -159,13 +157,13 @@ def test_messages_are_sorted(run: Path) -> None:
         assert messages == sorted(messages, key=key)
 
 
-def test_names_are_safe_for_a_terminal(tmp_path: Path) -> None:
+def test_stats_escape_control_characters_in_names(tmp_path: Path) -> None:
     story = Story().module("legs\x1b[31m", "walk").at(1.0)
     story.received("walk\x07\n", MessageClass.INFORM, "x")
     assert not {"\x1b", "\x07"} & set(shown(story.at(2.0).write(tmp_path / "run")).stdout)
 
 
-def test_a_percentile_that_waits_going_on_may_raise_is_a_least_one() -> None:
+def test_percentile_is_a_lower_bound_while_waits_are_open() -> None:
     queued = Times([1.0, 60.0, 60.0], [60.0, 60.0])
     assert [queued.is_at_least(second) for second in (1.0, 60.0)] == [False, True]
 

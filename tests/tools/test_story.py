@@ -1,6 +1,4 @@
-"""Stories, waits and critical paths of runs that are too long for told/, and what gives way where
-there is little room.
-"""
+"""Stories, waits and critical paths of runs that are too long for told/; cuts for narrow rows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -31,39 +29,39 @@ from tca_wire.waits.ends import MOST
 Tca = Callable[..., Result]
 
 
-def told(history: History, message: int) -> list[str]:
+def story_lines(history: History, message: int) -> list[str]:
     return [
         f"{one.time:.1f} {'' if one.seconds is None else f'({one.seconds:.1f} s) '}{one.text}"
         for one in story(history, message)
     ]
 
 
-def test_of_what_is_unknown_there_is_no_story() -> None:
+def test_unknown_message_has_an_empty_story() -> None:
     assert story(stumbling().fold(), 99) == []
 
 
-def test_of_many_causes_the_longest_are_told() -> None:
-    tale = Story().module("legs", "move")
-    moves = [tale.command("move", "user") for _ in range(100)]
+def test_story_names_the_longest_of_many_causes() -> None:
+    built = Story().module("legs", "move")
+    moves = [built.command("move", "user") for _ in range(100)]
     for move in moves:
-        tale.queued(move, "legs")
+        built.queued(move, "legs")
     for time, move in enumerate(moves):
-        tale.at(time + 1.0).delivered(move, "legs").at(time + 2.0).achieved(move)
-    (wait,) = [one for one in told(tale.fold(), 100) if "queued" in one]
+        built.at(time + 1.0).delivered(move, "legs").at(time + 2.0).achieved(move)
+    (wait,) = [one for one in story_lines(built.fold(), 100) if "queued" in one]
     assert wait.startswith("0.0 (100.0 s) queued for legs, busy with move")
     assert wait.endswith("and 97 more (97 s)")
-    known = story(tale.fold(until=50.5), 100)
+    known = story(built.fold(until=50.5), 100)
     assert [one.by(50.5, 50.5) for one in known] == [
-        one.by(50.5, 50.5) for one in story(tale.fold(), 100, 50.5) if one.time <= 50.5
+        one.by(50.5, 50.5) for one in story(built.fold(), 100, 50.5) if one.time <= 50.5
     ]
 
 
-def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> None:
-    tale = Story().module("boss", "walk").module("legs", "move").at(1.0)
-    walk = tale.goal("walk", "user", to="boss", begins=True)
-    moves = [tale.command("move", "boss", walk) for _ in range(1000)]
+def test_story_of_1000_subtasks_names_a_few_and_counts_the_rest() -> None:
+    built = Story().module("boss", "walk").module("legs", "move").at(1.0)
+    walk = built.goal("walk", "user", to="boss", begins=True)
+    moves = [built.command("move", "boss", walk) for _ in range(1000)]
     run = (
-        tale.returned(walk)
+        built.returned(walk)
         .at(2.0)
         .delivered(moves[0], "legs")
         .at(3.0)
@@ -83,46 +81,48 @@ def test_of_very_many_subtasks_a_few_waits_are_made_and_all_are_counted() -> Non
         3,
     )
     kept = "achieving, until move {2}, move {3}, move {4} and 997 more are achieved"
-    assert told(run, walk)[-1] == f"1.0 {kept}"
+    assert story_lines(run, walk)[-1] == f"1.0 {kept}"
 
 
-def end_of(at: RunAt, task: TaskAt) -> str:
+def final_wait(at: RunAt, task: TaskAt) -> str:
     return str(in_the_end(at, task) or "")
 
 
-def told_causes(at: RunAt) -> tuple[int, int, list[tuple[str, int, int]]]:
+def cause_texts(at: RunAt) -> tuple[int, int, list[tuple[str, int, int]]]:
     waiting, things, found = causes(at)
     return waiting, things, [(str(last_of(at, one.ends[0])), one.tasks, one.first) for one in found]
 
 
-def test_the_end_of_a_chain_is_told_from_however_far() -> None:
+def test_end_of_a_long_chain_is_found() -> None:
     at = RunAt(stuck(6_000).fold())
     end = "for calibrate {3}, which no module handles"
-    assert [end_of(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
-    assert told_causes(at) == (6_002, 1, [("for calibrate {3}, which no module handles", 6_002, 1)])
+    assert [final_wait(at, at.tasks[number]) for number in (1, 2, 3, 6_002)] == [end, end, "", end]
+    assert cause_texts(at) == (6_002, 1, [("for calibrate {3}, which no module handles", 6_002, 1)])
     before = RunAt(at.run, 1.5)
-    assert end_of(before, before.tasks[1]) == ""  # the drill has a handler, and it is what is next
+    assert (
+        final_wait(before, before.tasks[1]) == ""
+    )  # the drill still works: it is the end of the chain
 
 
-def test_of_several_ends_what_stands_is_named_and_the_others_are_counted() -> None:
+def test_several_ends_name_the_stuck_one_and_count_the_others() -> None:
     story = Story().module("brain", "mission").module("rig", "drill").at(1.0)
     mission = story.goal("mission", "user", to="brain", begins=True)
     story.command("drill", "brain", mission, to="rig")
     story.queued(story.command("paint", "brain", mission)).returned(mission)
     at = RunAt(story.fold())
-    assert end_of(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
+    assert final_wait(at, at.tasks[1]) == "for paint {3}, which no module handles, and for 1 other"
     for _ in range(MOST + 5):
         story.queued(story.command("paint", "brain", mission))
     at = RunAt(story.fold())
-    assert end_of(at, at.tasks[1]).endswith(f", and for at least {MOST} others")
-    waiting, things, (first, *_) = told_causes(at)
+    assert final_wait(at, at.tasks[1]).endswith(f", and for at least {MOST} others")
+    waiting, things, (first, *_) = cause_texts(at)
     assert (waiting, things) == (MOST + 7, 2)
     assert first == ("for paint {3}, which no module handles", MOST + 7, 1)
 
 
-def test_the_text_of_a_story_says_it_too(tca: Tca, tmp_path: Path) -> None:
-    told = tca("tree", stuck().write(tmp_path / "stuck"), "--story", 6).stdout
-    assert told.splitlines()[2] == "waits in the end for calibrate {3}, which no module handles"
+def test_story_text_names_the_end_of_the_chain(tca: Tca, tmp_path: Path) -> None:
+    text = tca("tree", stuck().write(tmp_path / "stuck"), "--story", 6).stdout
+    assert text.splitlines()[2] == "waits in the end for calibrate {3}, which no module handles"
 
 
 STANDS = Last("calibrate {3}", 3, "no module handles", 0)
@@ -130,7 +130,7 @@ WAITS = words.TaskNote("waits until step {7} is achieved", Age(2.0, 1.0), STANDS
 
 
 @pytest.mark.parametrize(
-    ("room", "told"),
+    ("room", "note"),
     [
         (
             None,
@@ -143,28 +143,28 @@ WAITS = words.TaskNote("waits until step {7} is achieved", Age(2.0, 1.0), STANDS
         (20, "waits until step {7…"),
     ],
 )
-def test_durations_of_waits_give_way_first(room: int | None, told: str) -> None:
-    assert WAITS.within(room, 4.0) == told
+def test_narrow_note_drops_durations_first(room: int | None, note: str) -> None:
+    assert WAITS.within(room, 4.0) == note
 
 
 CIRCLE = "each waits for the next, in a circle: a waits for b; b waits for a"
 
 
-def test_a_deadlock_of_a_program_outside_of_handlers_is_told_to_it() -> None:
-    told = Story().module("user").module("k", "slow").at(1.0)
-    slow = told.command("slow", "user", to="k")
-    told.at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
-    told.say(
+def test_deadlock_outside_handlers_is_told_to_its_program() -> None:
+    deadlocked = Story().module("user").module("k", "slow").at(1.0)
+    slow = deadlocked.command("slow", "user", to="k")
+    deadlocked.at(2.0).say(facts.WaitBegan("user", 0, TaskId(slow), Moment.END_ACHIEVING)).at(3.0)
+    deadlocked.say(
         facts.RequestRefused("user", Refusal.DEADLOCK, CIRCLE),
         facts.WaitEnded("user", 0, TaskId(slow)),
     )
-    run = told.at(4.0).fold()
+    run = deadlocked.at(4.0).fold()
     (kind,) = failures(run)
     assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")
     assert contents(run).stories == {}
 
 
-def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
+def test_critical_path_of_2000_queries_is_complete() -> None:
     story = Story().module("a", "count").module("b", "add")
     count = story.at(1.0).goal("count", "x", to="a", begins=True)
     for number in range(2_000):
@@ -175,7 +175,7 @@ def test_a_handler_with_very_many_waits_is_walked_in_time() -> None:
     assert len([step for step in steps if step.seconds > 1e-9]) == 4_001
 
 
-def test_only_the_longest_are_told() -> None:
+def test_long_waits_keep_only_the_longest() -> None:
     story = Story().module("legs", "move")
     for number in range(30):
         story.at(10.0 * number).queued(move := story.command("move", "user"), "legs")
@@ -184,10 +184,10 @@ def test_only_the_longest_are_told() -> None:
     assert (kind.number, [round(wait.seconds, 3) for wait in kind.longest]) == (29, [2.9, 2.8, 2.7])
 
 
-def test_a_monitor_that_watches_in_a_live_run_is_counted() -> None:
-    tale = Story().at(1.0)
-    tale.received("battery watch", MessageClass.POLLING_MONITOR, "user")
-    tale.goal("walk", "user")
-    run = tale.fold()
+def test_summary_counts_monitors_of_a_live_run() -> None:
+    built = Story().at(1.0)
+    built.received("battery watch", MessageClass.POLLING_MONITOR, "user")
+    built.goal("walk", "user")
+    run = built.fold()
     run.is_live = True
     assert summary(run).outcome.endswith("; 1 monitor still watching.")

@@ -1,13 +1,12 @@
-"""What the tools tell of small runs, which are worked out by hand: each text of told/ has many of a
-theme.
+"""Answers of the tools about small runs, worked out by hand. A file of told/ has one theme.
 
-``pytest --rewrite`` writes the answers anew: commit only what you can explain.
+``pytest --rewrite`` replaces the answers: commit only those that you can explain.
 """
 
 from pathlib import Path
 
 import pytest
-from tools.telling import told
+from tools.telling import answered
 
 FILES = sorted(Path(__file__).with_name("told").glob("*.txt"))
 RUNS = [(path, text.strip()) for path in FILES for text in path.read_text().split("\n\n")]
@@ -18,8 +17,8 @@ RUNS = [(path, text.strip()) for path in FILES for text in path.read_text().spli
     RUNS,
     ids=lambda one: one.stem if isinstance(one, Path) else one.split("\n")[0],
 )
-def test_what_is_told(path: Path, text: str, rewrite: bool) -> None:
-    found = told(text)
+def test_answers_match_the_approved_text(path: Path, text: str, rewrite: bool) -> None:
+    found = answered(text)
     if rewrite:
         path.write_text(path.read_text().replace(text, found))
     assert found == text

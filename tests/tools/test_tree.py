@@ -34,7 +34,7 @@ def run(tmp_path: Path) -> Path:
     return walking().write(tmp_path / "run")
 
 
-def test_the_tree_in_words(
+def test_text_trees_match_their_transcripts(
     tca: Tca, run: Path, tmp_path: Path, expect: Callable[[str, str], None]
 ) -> None:
     expect("tree_walking", tca("tree", run).stdout)
@@ -42,7 +42,9 @@ def test_the_tree_in_words(
     expect("tree_arcs", tca("tree", arcs().write(tmp_path / "arcs"), "--ascii").stdout)
 
 
-def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+def test_at_option_shows_the_tree_as_it_was(
+    tca: Tca, run: Path, expect: Callable[[str, str], None]
+) -> None:
     expect("tree_walking_at_1.0", tca("tree", run, "--at", 1.0).stdout)
     assert tca("tree", run, "--at", 0.2).stdout.splitlines() == [
         "run: 0.20 s, 0 tasks",
@@ -50,7 +52,7 @@ def test_the_tree_as_it_was(tca: Tca, run: Path, expect: Callable[[str, str], No
     ]
 
 
-def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path) -> None:
+def test_waits_and_bars_of_a_live_run_last_until_now(tca: Tca, run: Path) -> None:
     with silent_for(run, 40.0):
         live, before = (tca("tree", run, *options).stdout for options in ((), ("--at", 1.0)))
         bars = tca("gantt", run).stdout
@@ -67,12 +69,12 @@ def test_waits_and_bars_of_a_run_that_goes_on_last_until_now(tca: Tca, run: Path
     assert float(bars.partition(" to ")[2].split()[0]) >= 44
 
 
-def test_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
+def test_tree_lines_fit_the_terminal(tca: Tca, run: Path) -> None:
     lines = tca("tree", run, "--data", COLUMNS="70").stdout.splitlines()
     assert max(map(len, lines)) == 70
 
 
-def test_a_terminal_without_these_characters_gets_others(tmp_path: Path) -> None:
+def test_latin_1_terminal_gets_ascii_guides_and_escapes(tmp_path: Path) -> None:
     from click.testing import CliRunner
 
     from tca_tools.command_line import main
@@ -85,7 +87,7 @@ def test_a_terminal_without_these_characters_gets_others(tmp_path: Path) -> None
     assert r"`- \u8d70\u308b {2}" in result.stdout
 
 
-def test_damage_is_told_below_the_tree(tca: Tca, run: Path) -> None:
+def test_damage_is_reported_after_the_output(tca: Tca, run: Path) -> None:
     segment = run / "00000001.tcaj"
     segment.write_bytes(segment.read_bytes() + b"\xce and then garbage")
     for command in ("tree", "gantt"):
@@ -95,8 +97,8 @@ def test_damage_is_told_below_the_tree(tca: Tca, run: Path) -> None:
         assert "no record starts here; the entries before it are shown" in result.stderr
 
 
-def a_long_walk(achieved: int, held: int) -> Story:
-    """One goal with commands in sequence, so many of them achieved."""
+def long_walk(achieved: int, held: int) -> Story:
+    """A goal with commands in sequence: *achieved* of them, then *held* ones."""
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for number in range(achieved + held):
@@ -106,8 +108,8 @@ def a_long_walk(achieved: int, held: int) -> Story:
     return story.returned(walk)
 
 
-def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
-    rows = outline(RunAt(a_long_walk(achieved=400, held=3).fold()))
+def test_large_tree_is_folded_at_achieved_tasks() -> None:
+    rows = outline(RunAt(long_walk(achieved=400, held=3).fold()))
     assert [row.folded or str(row.task) for row in rows] == [
         *("walk {1}", "step {2}", "step {3}", 396, "step {400}", "step {401}"),
         *("step {402}", "step {403}", "step {404}"),
@@ -115,15 +117,15 @@ def test_a_large_tree_is_folded_where_it_is_achieved() -> None:
     assert [row.is_last for row in rows] == [True, *[False] * 7, True]
 
 
-def test_a_whole_tree_shows_every_task(tca: Tca, tmp_path: Path) -> None:
-    folder = a_long_walk(achieved=400, held=3).write(tmp_path / "run")
+def test_all_option_shows_every_task(tca: Tca, tmp_path: Path) -> None:
+    folder = long_walk(achieved=400, held=3).write(tmp_path / "run")
     assert len(tca("tree", folder, "--all").stdout.splitlines()) == 2 + 404
     folded = tca("tree", folder).stdout.splitlines()
     assert "├─ + 396 tasks achieved" in folded
 
 
-def test_long_runs_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: Path) -> None:
-    folder = a_long_walk(achieved=0, held=40).write(tmp_path / "run")
+def test_siblings_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: Path) -> None:
+    folder = long_walk(achieved=0, held=40).write(tmp_path / "run")
     assert len(tca("tree", folder).stdout.splitlines()) == 2 + 41
     tca("tree", folder, "-o", tmp_path / "walk.dot")
     dot = (tmp_path / "walk.dot").read_text()
@@ -131,8 +133,8 @@ def test_long_runs_of_one_state_are_folded_in_pictures_only(tca: Tca, tmp_path: 
     assert "t5 " not in dot
 
 
-def test_what_went_wrong_is_never_folded() -> None:
-    story = a_long_walk(achieved=400, held=0)
+def test_failed_tasks_are_never_folded() -> None:
+    story = long_walk(achieved=400, held=0)
     for task in range(200, 220):
         story.say(Failed(task, "slip", "on ice"))
     rows = outline(RunAt(story.fold()), shown_at_most=5)
@@ -140,7 +142,7 @@ def test_what_went_wrong_is_never_folded() -> None:
     assert [row.folded or str(row.task) for row in rows] == ["walk {1}", 198, *failed, 182]
 
 
-def test_what_went_wrong_deep_down_is_shown_with_what_it_hangs_under() -> None:
+def test_deep_failure_is_shown_with_its_ancestors() -> None:
     story, parent = Story(), 0
     for _ in range(30):
         parent = story.goal("take steps", "planner", parent)
@@ -151,7 +153,7 @@ def test_what_went_wrong_deep_down_is_shown_with_what_it_hangs_under() -> None:
     assert [row.task.id for row in rows if row.task] == list(range(1, 26))
 
 
-def test_deep_achieved_parts_are_folded_first() -> None:
+def test_deep_achieved_tasks_are_folded_first() -> None:
     story, parent = Story(), 0
     ids = []
     for _ in range(30):
@@ -164,10 +166,8 @@ def test_deep_achieved_parts_are_folded_first() -> None:
     assert rows[-1].folded == 20
 
 
-def test_constraints_become_one_arrow_between_two_tasks() -> None:
-    """Also delayed planning, with the sequence; and what stands in a row needs none from the first
-    to the third.
-    """
+def test_constraints_between_two_tasks_become_one_arrow() -> None:
+    """Delayed planning joins the arrow of the sequence. A constraint implied by two others has none."""
     runs = walking().fold(), arcs().fold()
     walks, delays = (arrows(RunAt(run), set(run.tasks)) for run in runs)
     assert walks.between == {
@@ -188,7 +188,7 @@ def test_constraints_become_one_arrow_between_two_tasks() -> None:
     assert arrows(RunAt(story.fold()), {1, 3}).between == {(1, 3): ["SEQ"]}
 
 
-def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
+def test_constraints_within_a_task_are_in_its_box() -> None:
     story = Story()
     story.goal("a", "x", 0, plan_first(THIS))
     story.goal("b", "x", 0, delay_planning(THIS))
@@ -200,7 +200,7 @@ def test_constraints_of_a_task_with_itself_stand_in_its_box() -> None:
     assert found.between == {(1, 3): ["end handling before start handling", "SEQ"]}
 
 
-def test_the_text_tells_what_no_module_wanted_done(tca: Tca, tmp_path: Path) -> None:
+def test_text_tree_names_roles_of_tasks_sent_by_central(tca: Tca, tmp_path: Path) -> None:
     shown = tca("tree", made("with_roles").write(tmp_path / "run")).stdout
     assert re.findall(r"(\w[^{\n]*\{\d\}(?: \(.*\))?)  ", shown) == [
         "move leg {1}",
@@ -213,10 +213,8 @@ def test_the_text_tells_what_no_module_wanted_done(tca: Tca, tmp_path: Path) -> 
     ]
 
 
-def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(
-    tca: Tca, tmp_path: Path
-) -> None:
-    """Its sender was told that it failed; that its state is "killed" needs a word."""
+def test_reason_of_a_killed_tree_is_at_its_top_only(tca: Tca, tmp_path: Path) -> None:
+    """Its sender was notified of a failure, so the state "killed" needs a reason."""
     run, why = (
         stumbling().write(tmp_path / "fall"),
         "failure 'terrain collision' of move body {7} was not handled",
@@ -226,8 +224,8 @@ def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(
     ]
     assert tca("tree", run, "-o", tmp_path / "fall.dot").exit_code == 0
     labels = re.findall(r"label=<(.*?)>, style", (tmp_path / "fall.dot").read_text())
-    told = [re.sub(r"<[^>]*>", " ", label) for label in labels]
-    assert [text.split(" ")[0] for text in told if "was not" in " ".join(text.split())] == [
+    label_texts = [re.sub(r"<[^>]*>", " ", label) for label in labels]
+    assert [text.split(" ")[0] for text in label_texts if "was not" in " ".join(text.split())] == [
         "traverse"
     ]
     assert tca("tree", run, "--layout", "outline", "-o", tmp_path / "fall.svg").exit_code == 0
@@ -237,7 +235,7 @@ def test_why_the_whole_tree_was_killed_stands_at_its_top_and_only_there(
     ]
 
 
-def test_the_picture_tells_what_central_sent_itself() -> None:
+def test_picture_marks_tasks_sent_by_central() -> None:
     history = made("with_roles").fold()
     dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "roles")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
@@ -251,7 +249,7 @@ def test_the_picture_tells_what_central_sent_itself() -> None:
         assert f">{meaning}</font>" in dot
 
 
-def test_the_picture_shows_classes_states_and_order() -> None:
+def test_picture_shows_classes_states_and_order() -> None:
     history = walking().fold()
     dot = dot_source(RunAt(history), whole_outline(RunAt(history)), "<walk> & talk")
     nodes = dict(re.findall(r"^  (t\d+) \[(.*)\];$", dot, re.MULTILINE))
@@ -275,7 +273,7 @@ def test_siblings_without_constraints_keep_their_order() -> None:
 
 
 def hostile() -> Story:
-    """Names and data that would break a careless writer of dot."""
+    """Names and data with the special characters of dot."""
     story = Story()
     goal = story.goal(
         'a "quoted" \\n <b>&amp;</b> \x1b[0m ' + "x" * 200, "x", data={'"': "\\", "<": ">\n"}
@@ -287,16 +285,16 @@ def hostile() -> Story:
 
 @needs_dot
 @pytest.mark.parametrize(
-    "story", [walking(), stumbling(), arcs(), hostile(), Story(), a_long_walk(3, 40)]
+    "story", [walking(), stumbling(), arcs(), hostile(), Story(), long_walk(3, 40)]
 )
-def test_pictures_are_pictures(tca: Tca, tmp_path: Path, story: Story) -> None:
+def test_tree_picture_is_valid_svg(tca: Tca, tmp_path: Path, story: Story) -> None:
     picture = tmp_path / "tree.svg"
     result = tca("tree", story.write(tmp_path / "run"), "--data", "-o", picture)
     assert (result.exit_code, result.stderr) == (0, "")
     assert ET.fromstring(picture.read_text()).tag.endswith("svg")
 
 
-def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]) -> None:
+def test_legend_fits_every_kind_of_arrow(capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pygraphviz")
     story = Story()
     first = story.goal("walk", "user")
@@ -312,9 +310,7 @@ def test_the_legend_has_room_for_every_meaning(capfd: pytest.CaptureFixture[str]
 
 
 @needs_dot
-def test_siblings_stand_beside_each_other_in_the_picture(
-    tca: Tca, run: Path, tmp_path: Path
-) -> None:
+def test_siblings_are_side_by_side_in_the_picture(tca: Tca, run: Path, tmp_path: Path) -> None:
     tca("tree", run, "-o", tmp_path / "tree.svg")
     places = {}
     for group in ET.parse(tmp_path / "tree.svg").iter("{http://www.w3.org/2000/svg}g"):
@@ -327,7 +323,9 @@ def test_siblings_stand_beside_each_other_in_the_picture(
 
 
 @pytest.mark.parametrize("suffix", [".txt", ".dot"])
-def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix: str) -> None:
+def test_text_and_dot_files_need_no_graphviz(
+    tca: Tca, run: Path, tmp_path: Path, suffix: str
+) -> None:
     path = tmp_path / f"tree{suffix}"
     assert tca("tree", run, "-o", path).exit_code == 0
     text = path.read_text()
@@ -338,7 +336,7 @@ def test_files_that_need_no_graphviz(tca: Tca, run: Path, tmp_path: Path, suffix
     )
 
 
-def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_tree_explains_unusable_output_names(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert (
         "must end in .svg, .png, .pdf, .html, .dot or .txt"
         in tca("tree", run, "-o", tmp_path / "tree.gif").stderr
@@ -348,7 +346,7 @@ def test_wrong_names_of_files(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert result.stderr.endswith("folder.txt: can't be written: No such file or directory\n")
 
 
-def test_wide_characters_keep_the_columns() -> None:
+def test_wide_characters_keep_columns_aligned() -> None:
     story = Story()
     story.goal("走る", "x")
     story.goal("walk", "x")
@@ -356,7 +354,7 @@ def test_wide_characters_keep_the_columns() -> None:
     assert lines[1].index("held") + 2 == lines[2].index("held")
 
 
-def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_waits() -> None:
+def test_constraint_words_are_on_arrows_between_neighbours_only() -> None:
     story = Story()
     walk = story.goal("walk", "user")
     first = TaskId(story.goal("approach", "planner", walk))
@@ -379,7 +377,7 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
 
 
 @pytest.mark.parametrize(
-    ("width", "told"),
+    ("width", "shown"),
     [
         (40, "pour concrete {24} (exception handler)"),
         (30, "pour concrete {24}"),
@@ -388,12 +386,12 @@ def test_words_stand_on_arrows_between_neighbours_and_else_in_the_box_of_what_wa
         (10, "pour conc…"),
     ],
 )
-def test_the_number_stays_as_long_as_something_of_the_name_does(width: int, told: str) -> None:
+def test_cut_name_keeps_the_number_while_part_of_the_name_fits(width: int, shown: str) -> None:
     found = cut_name("pour concrete {24} (exception handler)", 24, width)
-    assert (found, columns_of(found) <= width) == (told, True)
+    assert (found, columns_of(found) <= width) == (shown, True)
 
 
-def test_numbers_of_long_names_are_seen_in_trees() -> None:
+def test_trees_keep_the_numbers_of_long_names() -> None:
     story = Story().at(1.0)
     tasks = [
         story.command(
@@ -414,8 +412,9 @@ WHY = "failure 'bad part' was not handled"
 
 
 def jobs(good: int, bad: int, parts: int = 30) -> Story:
-    """Jobs of parts of two steps each: first those that went well; of each other one a step of part
-    10 failed, and all that was to come of it was killed, but for a step that was done.
+    """Jobs of *parts* parts with two steps each: first the *good* ones, then the *bad* ones.
+
+    In a bad job a step of part 10 failed. All later tasks were killed, except the last step.
     """
     story = Story()
     for number in range(good + bad):
@@ -435,14 +434,14 @@ def jobs(good: int, bad: int, parts: int = 30) -> Story:
     return story
 
 
-def rows_told(rows: list[Row]) -> list[str]:
+def row_texts(rows: list[Row]) -> list[str]:
     return [f"{row.task.name} {row.task.state}" if row.task else words.folded(row) for row in rows]
 
 
-def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -> None:
+def test_tasks_killed_with_their_parent_are_folded() -> None:
     rows = outline(RunAt(jobs(0, 10).fold()), budget=20)
     assert len(rows) == 10 * 6
-    assert rows_told(rows[:6]) == [
+    assert row_texts(rows[:6]) == [
         "job killed",
         "+ 30 tasks achieved",
         "part killed",
@@ -452,8 +451,8 @@ def test_what_was_killed_with_what_it_was_under_is_folded_around_what_failed() -
     ]
 
 
-def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
-    few, many = (rows_told(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
+def test_first_and_last_of_many_achieved_jobs_are_shown() -> None:
+    few, many = (row_texts(outline(RunAt(jobs(good, 0).fold()), budget=20)) for good in (10, 40))
     assert few == ["job achieved", "+ 90 tasks achieved"] * 10
     assert many[:5] == ["job achieved", "+ 90 tasks achieved"] * 2 + [
         f"+ {36 * 91:,} tasks achieved"
@@ -461,30 +460,30 @@ def test_whole_jobs_stay_and_of_many_the_first_and_last() -> None:
     assert many[5:] == ["job achieved", "+ 90 tasks achieved"] * 2
 
 
-def test_who_was_killed_for_a_reason_of_his_own_is_shown() -> None:
+def test_task_killed_for_its_own_reason_is_not_folded() -> None:
     story = jobs(0, 4)
     story.say(Killed(TaskId(20), "not needed any more"))
     rows = outline(RunAt(story.fold()), budget=1)
     assert 20 in [row.task.id for row in rows if row.task]
 
 
-def test_of_more_rows_than_a_picture_has_the_first_and_last_stay_whatever_became_of_them() -> None:
+def test_excerpt_keeps_the_first_and_last_rows() -> None:
     at = RunAt(jobs(0, 10).fold())
     rows = outline(at, budget=20)
     assert excerpt(at, rows, 60) == rows
-    told = rows_told(excerpt(at, rows, 54))
-    assert len(told) == 4 * 6 + 1 + 4 * 6
-    assert told[4 * 6] == "+ 182 tasks: 62 achieved, 2 failed, 118 killed"
+    texts = row_texts(excerpt(at, rows, 54))
+    assert len(texts) == 4 * 6 + 1 + 4 * 6
+    assert texts[4 * 6] == "+ 182 tasks: 62 achieved, 2 failed, 118 killed"
     last = excerpt(at, outline(at, budget=20), 2)
-    assert rows_told(last) == ["job killed", "+ 30 tasks achieved", "+ 879 tasks further down"]
+    assert row_texts(last) == ["job killed", "+ 30 tasks achieved", "+ 879 tasks further down"]
 
 
-def test_an_excerpt_prefers_what_failed() -> None:
-    story = a_long_walk(achieved=100, held=0)
+def test_excerpt_prefers_failed_tasks() -> None:
+    story = long_walk(achieved=100, held=0)
     for task in (40, 60):
         story.say(Failed(task, "slip", "on ice"))
     at = RunAt(story.fold())
-    assert rows_told(excerpt(at, whole_outline(at), 8)) == [
+    assert row_texts(excerpt(at, whole_outline(at), 8)) == [
         "walk achieving",
         "step achieved",
         "+ 37 tasks achieved",
@@ -496,7 +495,7 @@ def test_an_excerpt_prefers_what_failed() -> None:
     ]
 
 
-def test_a_picture_of_very_many_rows_says_what_it_leaves_out(tca: Tca, tmp_path: Path) -> None:
+def test_picture_of_many_rows_counts_what_it_omits(tca: Tca, tmp_path: Path) -> None:
     run = jobs(0, 100, parts=11).write(tmp_path / "run")
     for name in ("tree.svg", "tree.dot"):
         assert tca("tree", run, "-o", tmp_path / name).exit_code == 0

@@ -1,6 +1,4 @@
-"""Task trees of any size and shape: on terminals of any width, with room for reasons, and in few
-rows.
-"""
+"""Task trees of any size and shape, on terminals of any width; the cost of tools for long runs."""
 
 import sys
 from collections.abc import Callable
@@ -49,9 +47,7 @@ TASKS = st.tuples(st.integers(0, 8), st.sampled_from(NAMES), st.sampled_from(ran
 
 
 def grown(tasks: list[Leaf]) -> Story:
-    """Each task under the one before it, or as many levels further up as it says; it is a goal,
-    command or monitor.
-    """
+    """Each task is below the previous one, or the given number of levels further up."""
     story, path = Story().at(1.0), list[int]()
     kinds = [GOAL, COMMAND, MessageClass.POLLING_MONITOR]
     for place, (up, name, _) in enumerate(tasks):
@@ -74,16 +70,18 @@ DEEP = [(0 if place % 20 else 19, "take steps", 5 if place > 390 else 0) for pla
 @example(FLAT, 30, False)
 @example(DEEP, 80, False)
 @given(st.lists(TASKS, min_size=1, max_size=60), st.integers(20, 200), st.booleans())
-def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_data: bool) -> None:
-    told = grown(tasks)
-    at = RunAt(told.fold())
+def test_text_tree_is_never_wider_than_the_terminal(
+    tasks: list[Leaf], width: int, with_data: bool
+) -> None:
+    story = grown(tasks)
+    at = RunAt(story.fold())
     for rows in (outline(at), outline(at, 5, 3), whole_outline(at)):
         for guides in (UNICODE, ASCII):
             lines = tree_lines(at, rows, width=width, guides=guides, with_data=with_data)
             assert max(columns_of(unstyle(line)) for line in lines) <= width
     if len(tasks) < len(FLAT):
         others = [
-            *growth_lines(Recording(told.entries), 0.0, width),
+            *growth_lines(Recording(story.entries), 0.0, width),
             *story_lines(at.run, len(tasks), width),
         ]
         assert max(columns_of(unstyle(line)) for line in others) <= width
@@ -93,7 +91,7 @@ def test_no_tree_is_wider_than_its_terminal(tasks: list[Leaf], width: int, with_
 @example(FLAT, 30)
 @example(DEEP, 80)
 @given(st.lists(TASKS, min_size=1, max_size=60), st.integers(2, 40))
-def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_most: int) -> None:
+def test_excerpt_counts_every_task_within_its_row_limit(tasks: list[Leaf], at_most: int) -> None:
     at = RunAt(grown(tasks).fold())
     rows = excerpt(at, outline(at), at_most)
     assert len(rows) <= at_most + 1
@@ -107,7 +105,7 @@ def test_an_excerpt_tells_of_every_task_in_so_many_rows(tasks: list[Leaf], at_mo
         assert row.is_rest or row.folded == sum(row.states.values())
 
 
-def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
+def test_headings_align_with_columns_late_in_a_long_run(tca: Tca, tmp_path: Path) -> None:
     story = Story().module("planner", "walk").at(12_000.0)
     walk = story.goal("walk", "user", to="planner", begins=True)
     story.at(13_000.0).returned(walk).reached(walk, Moment.END_PLANNING).at(13_500.0).reached(
@@ -124,7 +122,7 @@ def test_headings_stand_over_their_columns_late_in_a_long_run(tca: Tca, tmp_path
 @pytest.mark.parametrize(
     ("columns", "headings"), [(80, []), (90, ["achieving"]), (100, ["planning", "achieving"])]
 )
-def test_times_give_way_to_reasons(
+def test_narrow_tree_drops_times_before_reasons(
     tca: Tca, tmp_path: Path, columns: int, headings: list[str]
 ) -> None:
     lines = tca(
@@ -134,7 +132,7 @@ def test_times_give_way_to_reasons(
     assert "failure 'terrain collision' of move" in lines[2]
 
 
-# --- What the tools do for a run grows as its journal does: lines of ours that are executed are cou
+# --- linear work: executed lines of the tca packages ----------------------------------------------
 
 
 SIZES = 1, 20, 40, 80
@@ -148,7 +146,7 @@ TRACED = [
 
 
 def lines_of(tool: Callable[[], object]) -> int:
-    """How many lines of our packages it executes."""
+    """The number of executed lines of the tca packages."""
     count = 0
 
     def line(_frame: FrameType, event: str, _: Any) -> Any:
@@ -180,12 +178,14 @@ def journals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
 
 
 @pytest.mark.parametrize(("shape", "tool"), TRACED)
-def test_work_grows_as_the_journal(journals: dict[str, list[Path]], shape: str, tool: str) -> None:
+def test_tool_work_is_linear_in_the_journal(
+    journals: dict[str, list[Path]], shape: str, tool: str
+) -> None:
     warm, *paths = journals[shape]
-    TOOLS[tool](warm)  # imports, and what is kept
+    TOOLS[tool](warm)  # fills caches, imports modules
     few, twice, most = (lines_of(partial(TOOLS[tool], path)) for path in paths)
     linear = max(twice - few, few // 4)
-    assert most - twice <= 2.6 * linear  # it is 2 if all is linear, 4 if all is quadratic
+    assert most - twice <= 2.6 * linear  # 2 if linear, 4 if quadratic
 
 
 def causes_of(run: Run, task: Task) -> None:
@@ -193,14 +193,14 @@ def causes_of(run: Run, task: Task) -> None:
 
 
 @pytest.mark.parametrize("answer", [life_at, causes_of])
-def test_work_for_one_task_grows_as_its_retries(
+def test_work_for_one_task_is_linear_in_its_retries(
     journals: dict[str, list[Path]], answer: Callable[[Run, Task], object]
 ) -> None:
     counts = []
     for path in journals["retries"][1:]:
         run = folded(open_log(path))
         retried = max(run.tasks.values(), key=lambda task: len(task.retries))
-        answer(run, retried)  # what is kept
+        answer(run, retried)  # fills caches
         counts.append(lines_of(partial(answer, run, retried)))
     few, twice, most = counts
     assert most - twice <= 2.6 * (twice - few)

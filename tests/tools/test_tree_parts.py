@@ -1,6 +1,4 @@
-"""Task trees of a part of a run, the story of one task, and pictures of trees that are too wide for
-a figure.
-"""
+"""Trees of a part of a run, the story of one task, and outlines of wide trees."""
 
 import re
 import sys
@@ -39,7 +37,7 @@ def names(shown: str) -> list[str]:
 
 
 def wide(children: int = 12) -> Story:
-    """A goal with pairs of commands, of which the second follows the first."""
+    """A goal with pairs of commands in sequence."""
     story = Story()
     walk = story.goal("walk", "x", to="planner", begins=True)
     for _ in range(children):
@@ -49,20 +47,20 @@ def wide(children: int = 12) -> Story:
     return story
 
 
-def test_only_a_subtree(tca: Tca, run: Path) -> None:
+def test_task_option_shows_only_the_subtree(tca: Tca, run: Path) -> None:
     shown = tca("tree", run, "--task", 2).stdout
     assert shown.splitlines()[0] == "run, task 2: 5.00 s, 3 tasks: 1 achieved, 1 failed, 1 killed"
     assert names(shown) == ["take steps {2}", "move leg {6}", "move body {7}"]
     assert names(tca("tree", run, "--task", "move leg").stdout) == ["move leg {6}", "move leg {9}"]
 
 
-def test_only_what_a_module_did_with_what_it_hangs_under(tca: Tca, run: Path) -> None:
+def test_module_option_shows_its_tasks_with_their_ancestors(tca: Tca, run: Path) -> None:
     shown = names(tca("tree", run, "--module", "controller").stdout)
     assert shown == ["traverse arc {1}", "take steps {2}", "move leg {6}", "move body {7}"]
     assert names(tca("tree", run, "--task", 2, "--module", "controller").stdout) == shown[1:]
 
 
-def test_only_what_lived_in_a_span_of_time(tca: Tca, run: Path) -> None:
+def test_from_and_to_options_show_tasks_of_that_span(tca: Tca, run: Path) -> None:
     assert len(names(tca("tree", run, "--to", 1.3).stdout)) == 4  # sent by then
     shown = names(tca("tree", run, "--from", 3.5).stdout)
     assert "move leg {6}" not in shown  # achieved before
@@ -70,15 +68,17 @@ def test_only_what_lived_in_a_span_of_time(tca: Tca, run: Path) -> None:
     assert tca("tree", run, "--from", 3, "--to", 2).exit_code == 2
 
 
-def test_the_stories_of_tasks(tca: Tca, run: Path, expect: Callable[[str, str], None]) -> None:
+def test_stories_match_their_transcripts(
+    tca: Tca, run: Path, expect: Callable[[str, str], None]
+) -> None:
     for number in (3, 7, 9):
         expect(f"tree_story_{number}", tca("tree", run, "--story", number, COLUMNS="90").stdout)
 
 
-def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
-    told = tca("tree", run, "--story", 5)
-    assert told.exit_code == 0, told.stderr
-    first, _, sent, *_, handled = told.stdout.splitlines()
+def test_story_option_accepts_the_number_of_a_query(tca: Tca, run: Path) -> None:
+    result = tca("tree", run, "--story", 5)
+    assert result.exit_code == 0, result.stderr
+    first, _, sent, *_, handled = result.stdout.splitlines()
     assert first == "elevation map {5}: query"
     assert "query sent by gait planner while handling take steps {2}" in sent
     assert "handled by perception" in handled
@@ -86,7 +86,7 @@ def test_the_story_of_a_query(tca: Tca, run: Path) -> None:
     assert several == "Error: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
 
 
-def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_story_can_be_a_file_and_of_a_past_moment(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
     assert (
         (tmp_path / "story.txt")
@@ -99,7 +99,7 @@ def test_a_story_as_a_file_and_as_it_was(tca: Tca, run: Path, tmp_path: Path) ->
     assert "must end in .txt" in tca("tree", run, "--story", 7, "-o", tmp_path / "story.svg").stderr
 
 
-def test_guides_go_on_deep_down(
+def test_deep_tree_keeps_its_guides(
     tca: Tca, tmp_path: Path, expect: Callable[[str, str], None]
 ) -> None:
     story, parent = Story(), 0
@@ -112,7 +112,7 @@ def test_guides_go_on_deep_down(
     assert not [line for line in lines if line.startswith("[")]
 
 
-def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
+def test_small_tree_is_a_figure_and_wide_tree_an_outline() -> None:
     assert is_figure(whole_outline(RunAt(walking().fold())))
     assert not is_figure(outline(RunAt(wide().fold())))
     assert not is_figure(whole_outline(RunAt(wide(30).fold())))
@@ -120,7 +120,7 @@ def test_a_small_tree_is_a_figure_and_a_wide_one_an_outline() -> None:
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf", "html"])
 @pytest.mark.parametrize("layout", ["figure", "outline"])
-def test_pictures_of_both_kinds(
+def test_tree_is_written_in_each_layout_and_format(
     tca: Tca, run: Path, tmp_path: Path, layout: str, kind: str
 ) -> None:
     if layout == "figure":
@@ -131,7 +131,7 @@ def test_pictures_of_both_kinds(
     assert (tmp_path / f"tree.{kind}").read_bytes().startswith(beginnings[kind])
 
 
-def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
+def test_outline_has_a_row_per_task_and_sibling_arrows() -> None:
     at = RunAt(walking().fold())
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walking"))
     boxes = {
@@ -142,7 +142,7 @@ def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
     assert len(boxes) == len(at.tasks)
     assert sorted(boxes.values(), key=lambda place: place[1]) == list(
         boxes.values()
-    )  # downwards, in their order
+    )  # from top to bottom, in order
     assert boxes["take steps {2}"][0] == boxes["take steps {3}"][0] < boxes["move leg {6}"][0]
     heavy = [path for path in picture.iter(f"{SVG}path") if path.get("class") == "heavy"]
     assert len(heavy) == 4
@@ -151,7 +151,7 @@ def test_an_outline_has_a_line_a_task_and_arrows_between_brothers() -> None:
     assert any(word.startswith("held, waits until") for word in words)
 
 
-def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
+def test_outline_of_a_deep_tree_stays_narrow() -> None:
     story, parent = Story(), 0
     for _ in range(1_000):
         parent = story.goal("take steps", "planner", parent)
@@ -160,10 +160,10 @@ def test_an_outline_of_a_deep_tree_stays_narrow() -> None:
     assert float(picture.get("width", 0)) < 1_600
 
 
-def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outline_legend_stays_within_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "tca_tools.tasktree_viz.outline_svg._TIMES", 15.0
-    )  # a narrow picture with much in it
+    )  # a narrow picture with a long legend
     at = RunAt(History.until(walk()), 37.0)
     picture = ET.fromstring(outline_svg(at, whole_outline(at), "walk"))
     width = float(picture.get("width", 0))
@@ -176,12 +176,12 @@ def test_the_legend_of_an_outline_stays_in_the_picture(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("story", [locking(), wide(), Story(), stumbling()])
-def test_outlines_are_well_formed(story: Story) -> None:
+def test_outline_is_well_formed_xml(story: Story) -> None:
     at = RunAt(story.fold())
     ET.fromstring(outline_svg(at, outline(at), "<&>\x1b", with_data=True))
 
 
-def test_without_graphviz_an_outline_is_drawn(
+def test_tree_without_graphviz_is_drawn_as_an_outline(
     tca: Tca, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shutil.which", lambda _: None)
@@ -197,16 +197,16 @@ def test_without_graphviz_an_outline_is_drawn(
 
 
 @pytest.mark.parametrize(
-    ("reads", "code", "said"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
+    ("reads", "code", "error"), [("digraph", 0, ""), ("no such text", 1, "dot failed: bad")]
 )
-def test_the_program_dot_draws(
+def test_dot_program_draws_the_figure_or_its_error_is_shown(
     tca: Tca,
     run: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     reads: str,
     code: int,
-    said: str,
+    error: str,
 ) -> None:
     program = tmp_path / "dot"
     program.write_text(
@@ -215,11 +215,11 @@ def test_the_program_dot_draws(
     program.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     result = tca("tree", run, "--layout", "figure", "-o", tmp_path / "tree.svg")
-    assert (result.exit_code, said in result.stderr) == (code, True)
+    assert (result.exit_code, error in result.stderr) == (code, True)
     assert code or (tmp_path / "tree.svg").read_bytes() == b"<svg/>\n<!-- made by tca -->\n"
 
 
-def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
+def test_picture_of_too_many_tasks_is_refused(tca: Tca, tmp_path: Path) -> None:
     story, parent = Story(), 0
     for _ in range(3_100):
         parent = story.goal("take steps", "planner", parent)
@@ -228,13 +228,13 @@ def test_too_many_boxes_are_not_drawn(tca: Tca, tmp_path: Path) -> None:
     assert "3100 tasks are too many for a picture: choose a part with --task" in result.stderr
 
 
-def hasty() -> list[Entry]:
-    """A robot so fast that its clock shows the same for several events."""
+def with_coarse_clock() -> list[Entry]:
+    """The walk with a clock of 5 s steps: several events have one time."""
     return [Entry(entry.number, entry.time // 5, entry.facts) for entry in walk()]
 
 
-@pytest.mark.parametrize("entries", [walk(), hasty()])
-def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[Entry]) -> None:
+@pytest.mark.parametrize("entries", [walk(), with_coarse_clock()])
+def test_past_moment_looks_the_same_with_and_without_the_future(entries: list[Entry]) -> None:
     whole = History.until(entries)
     for moment in sorted({entry.time for entry in entries}):
         known, remembered = History.until(entries, moment), RunAt.by_clock(whole, moment)
@@ -246,9 +246,7 @@ def test_at_a_moment_nothing_later_is_read_and_nothing_is_missed(entries: list[E
         assert shown == expected
 
 
-def test_damage_after_the_moment_that_was_asked_for_is_not_reached(
-    tca: Tca, tmp_path: Path
-) -> None:
+def test_damage_after_the_requested_moment_is_not_reported(tca: Tca, tmp_path: Path) -> None:
     entries = walk()
     late = tmp_path / "late.tcaj"
     late.write_bytes(encoded(entries) + b"\xce and then garbage")
@@ -257,7 +255,7 @@ def test_damage_after_the_moment_that_was_asked_for_is_not_reached(
     assert (early.exit_code, early.stderr) == (0, "")
 
 
-def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run: Path) -> None:
+def test_later_task_or_module_is_unknown_at_an_earlier_moment(tca: Tca, run: Path) -> None:
     for command in ("tree", "gantt"):
         refused = tca(command, run, "--at", 1.0, "--task", "move leg").stderr
         assert refused == "Error: no task 'move leg' in this journal until 1 s\n"
@@ -265,15 +263,15 @@ def test_what_is_there_only_later_is_said_to_be_unknown_until_then(tca: Tca, run
         assert refused == "Error: no module 'controller' in this journal until 0.15 s\n"
 
 
-# --- the heavy lines of an outline: who waits for whom --------------------------------------------
+# --- heavy lines of an outline: waits between siblings --------------------------------------------
 
 
 def after(*tasks: int) -> list[Constraint]:
     return [sequential_achievement(TaskId(task), THIS) for task in tasks]
 
 
-def brothers(*waits_for: tuple[int, ...]) -> Story:
-    """A goal {1} with a task for each of these, which waits for the tasks of these numbers."""
+def siblings(*waits_for: tuple[int, ...]) -> Story:
+    """A goal {1} with a task for each argument: the numbers of the tasks that it waits for."""
     story = Story()
     goal = story.goal("assemble", "user")
     for tasks in waits_for:
@@ -282,7 +280,7 @@ def brothers(*waits_for: tuple[int, ...]) -> Story:
 
 
 class Picture:
-    """What is to be seen."""
+    """The words and heavy lines of an outline."""
 
     def __init__(self, at: RunAt, rows: list[Row]) -> None:
         self.svg = ET.fromstring(outline_svg(at, rows, "picture"))
@@ -311,36 +309,34 @@ def drawn(story: Story) -> Picture:
     return Picture(at, whole_outline(at))
 
 
-def test_each_wait_has_a_line_of_its_own() -> None:
-    """Who waits for one paint, who for the other and who for both: it looked as if all waited for
-    both.
-    """
-    picture = drawn(brothers((), (), (2,), (3,), (2, 3)))
+def test_each_wait_has_its_own_line() -> None:
+    """Tasks wait for one paint, the other, or both. With one line, all seemed to wait for both."""
+    picture = drawn(siblings((), (), (2,), (3,), (2, 3)))
     assert sorted(picture.pairs) == [(2, 4), (2, 6), (3, 5), (3, 6)]
     assert len(set(picture.strokes)) == 3
 
 
-def test_lines_of_all_that_are_waited_for_by_the_same_are_one() -> None:
-    picture = drawn(brothers((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
+def test_predecessors_of_the_same_tasks_share_one_line() -> None:
+    picture = drawn(siblings((), (), (), (), (2, 3, 4, 5), (2, 3, 4, 5), (7,)))
     assert set(picture.pairs) == {*product([2, 3, 4, 5], [6, 7]), (7, 8)}
     assert len(picture.strokes) == 2
     assert any("a line from several tasks" in words for words in picture.words)
 
 
-def test_what_has_no_room_is_said_in_words() -> None:
-    """Nine things, each after one of nine others: nobody could follow so many lines."""
-    picture = drawn(brothers(*([()] * 9), *((task,) for task in range(2, 11))))
-    said = {words for words in picture.words if words.startswith("after ")}
+def test_waits_without_room_for_a_line_are_words() -> None:
+    """Nine tasks wait for nine others: too many lines to follow."""
+    picture = drawn(siblings(*([()] * 9), *((task,) for task in range(2, 11))))
+    notes = {words for words in picture.words if words.startswith("after ")}
     assert len(picture.pairs) == MOST_LANES
-    assert len(said) == 9 - MOST_LANES
+    assert len(notes) == 9 - MOST_LANES
     assert {
         f"after work {{{task}}}" for task in range(2, 11) if (task, task + 9) not in picture.pairs
-    } == said
+    } == notes
 
 
-def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
-    """Tasks that are folded up have no box from which a line could lead."""
-    at = RunAt(brothers(*([()] * 40), tuple(range(2, 42))).fold())
+def test_folded_predecessors_are_named_in_words() -> None:
+    """A folded task has no box where a line could begin."""
+    at = RunAt(siblings(*([()] * 40), tuple(range(2, 42))).fold())
     rows = outline(at)
     shown = {int(row.task.id) for row in rows if row.task}
     picture = Picture(at, rows)
@@ -352,29 +348,27 @@ def test_a_line_from_some_says_in_words_who_else_is_waited_for() -> None:
     assert "after work {2}, work {3}, work" in dot_source(at, rows, "")
 
 
-def test_a_sequence_that_is_folded_up_goes_on_in_words() -> None:
-    at = RunAt(brothers((), *((task,) for task in range(2, 41))).fold())
-    said = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
-    assert said == ["after work {39}"]
+def test_folded_sequence_continues_in_words() -> None:
+    at = RunAt(siblings((), *((task,) for task in range(2, 41))).fold())
+    notes = [words for words in Picture(at, outline(at)).words if words.startswith("after ")]
+    assert notes == ["after work {39}"]
 
 
-def test_what_follows_from_a_line_is_not_said_of_who_is_not_shown() -> None:
-    """A check waits for a body move and, as after a kill, for the leg move before that, which is
-    not shown.
-    """
-    at = RunAt(brothers((), (2,), (2, 3)).fold())
+def test_wait_implied_by_another_arrow_is_not_noted() -> None:
+    """A check waits for a body move and for the hidden leg move before it, as after a kill."""
+    at = RunAt(siblings((), (2,), (2, 3)).fold())
     assert arrows(at, {1, 3, 4}).unseen == {(2, 3): ["SEQ"]}
 
 
-def test_only_what_is_achieved_one_after_the_other_has_a_line() -> None:
-    story = brothers(())
+def test_plan_ahead_constraint_is_words_not_a_line() -> None:
+    story = siblings(())
     story.goal("take steps", "user", 1, plan_ahead(TaskId(2), THIS))
     picture = drawn(story)
     assert picture.pairs == []
     assert "plan ahead: after work {2}" in picture.words
 
 
-def test_deep_down_lines_would_run_into_each_other() -> None:
+def test_deep_siblings_have_words_instead_of_lines() -> None:
     story, parent = Story(), 0
     for _ in range(60):
         parent = story.goal("take steps", "user", parent)
@@ -390,11 +384,11 @@ def test_deep_down_lines_would_run_into_each_other() -> None:
         st.tuples(st.integers(0, 12), st.integers(0, 12)).filter(lambda pair: pair[0] < pair[1])
     )
 )
-def test_lines_say_nothing_that_is_not_so(pairs: set[tuple[int, int]]) -> None:
+def test_lines_draw_only_given_pairs_without_overlap(pairs: set[tuple[int, int]]) -> None:
     found = lines(pairs)
-    said = [pair for line in found for pair in product(line.sources, line.to)]
-    assert len(said) == len(set(said))
-    assert set(said) <= pairs
+    drawn_pairs = [pair for line in found for pair in product(line.sources, line.to)]
+    assert len(drawn_pairs) == len(set(drawn_pairs))
+    assert set(drawn_pairs) <= pairs
     for line in found:
         assert max(line.sources) < min(line.to)
     for one, other in combinations(found, 2):
@@ -403,4 +397,4 @@ def test_lines_say_nothing_that_is_not_so(pairs: set[tuple[int, int]]) -> None:
     for row in range(12):
         assert sum(row in line.sources for line in found) <= MOST_LEAVING
     if len(pairs) <= MOST_LEAVING:
-        assert set(said) == pairs
+        assert set(drawn_pairs) == pairs

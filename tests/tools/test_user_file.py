@@ -1,4 +1,4 @@
-"""A file of the user's is run as python runs it: it can import what lies beside it."""
+"""A user's file runs as under python: it can import modules beside it."""
 
 import os
 import sys
@@ -27,12 +27,10 @@ def write(folder: Path, **files: str) -> Path:
     return folder / "scenario.py"
 
 
-def test_what_lies_beside_it_can_be_imported(
+def test_user_file_imports_modules_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wherever the command is called from, also by a link, also only when one of its functions is
-    called.
-    """
+    """From any working directory, through a link, and in a function that is called later."""
     text = "from legs import LEGS\ndef later():\n    import arms\n    return arms.ARMS"
     path = write(tmp_path / "robot", scenario=text, legs="LEGS = 6", arms="ARMS = 2")
     (tmp_path / "link.py").symlink_to(path)
@@ -42,8 +40,8 @@ def test_what_lies_beside_it_can_be_imported(
         assert (names["LEGS"], names["later"]()) == (6, 2)
 
 
-def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path) -> None:
-    """Properties of two robots are checked at once, and each robot has its messages.py."""
+def test_modules_beside_an_earlier_user_file_are_not_reused(tmp_path: Path) -> None:
+    """Each of two robots has its own messages.py, and both are checked in one process."""
     for robot, legs in (("ambler", 6), ("dog", 4), ("ambler", 6)):
         path = write(
             tmp_path / robot, scenario="from messages import LEGS", messages=f"LEGS = {legs}"
@@ -56,14 +54,14 @@ def test_what_lay_beside_an_earlier_file_is_not_taken_for_its_own(tmp_path: Path
     assert str((tmp_path / "dog").resolve()) not in sys.path
 
 
-def test_what_everybody_imports_stays_one(tmp_path: Path) -> None:
+def test_shared_modules_are_imported_once(tmp_path: Path) -> None:
     names_of(write(tmp_path / "one", scenario="import tca_wire.vocabulary"))
     known = sys.modules["tca_wire.vocabulary"], os.path
     names_of(write(tmp_path / "two", scenario=""))
     assert (sys.modules["tca_wire.vocabulary"], os.path) == known
 
 
-def test_an_error_says_where(tmp_path: Path) -> None:
+def test_error_in_a_user_file_names_its_line(tmp_path: Path) -> None:
     path = write(tmp_path, scenario="\nimport messages", messages="1 / 0")
     with pytest.raises(
         BadUserFile, match=r"scenario.py, line 2: can't be run: ZeroDivisionError: division by zero"

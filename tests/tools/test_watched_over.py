@@ -1,6 +1,4 @@
-"""A monitor that ends with what it watches over is never what that, or what is above it, waits
-for.
-"""
+"""A monitor that ends with its watched task is never awaited by that task or its ancestors."""
 
 from math import inf
 
@@ -24,8 +22,9 @@ WALK, MOVE, GUARD = TaskId(1), TaskId(2), TaskId(3)
 
 
 def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
-    """A walk {1} makes a move {2}, which a guard {3} watches over; eleven moves wait for the walk.
-    The guard may have been fired, and have sent a lift {4} that nobody handles.
+    """A guard {3} watches the move {2} of a walk {1}. Eleven moves wait for the walk.
+
+    A guard that has fired has sent a lift {4}, which has no handler.
     """
     player = FoldedPlayer()
     player.module("planner", "goal walk")
@@ -47,7 +46,7 @@ def guarded(*, waited_for: bool = False, fired: bool = False) -> FoldedPlayer:
     return player
 
 
-def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
+def test_ancestors_wait_for_the_command_not_its_monitor() -> None:
     player = guarded()
     at = RunAt(player.history)
     assert [reasons(at, at.tasks[one]) for one in (WALK, MOVE)] == [
@@ -56,10 +55,14 @@ def test_what_is_above_waits_in_the_end_for_the_command_alone() -> None:
     ]
     assert str(in_the_end(at, at.tasks[TaskId(4)])) == "for move {2}, which legs handles"
     waiting, things, found = causes(at)
-    assert (waiting, things, [cause.tasks for cause in found]) == (12, 1, [12])  # each once
+    assert (waiting, things, [cause.tasks for cause in found]) == (
+        12,
+        1,
+        [12],
+    )  # each task counts once
 
 
-def test_central_says_so_too() -> None:
+def test_central_status_omits_the_monitor_from_waits() -> None:
     player = guarded()
     walk = player.central.tree.tasks[WALK]
     assert waits_of(player.central, next_of(walk)) == [
@@ -67,12 +70,12 @@ def test_central_says_so_too() -> None:
     ]
     running = WaitFor(WaitKind.RUNNING, MOVE, "move", module="legs", resource="legs")
     assert CentralEnds(player.central, 1000).end_of(next_of(walk)) == running
-    told = load(player.central)
-    assert told["ends"] == [CommonEnd(11, running)]
-    assert [one.number for one in told["held"]] == [*range(4, 15)]
+    status = load(player.central)
+    assert status["ends"] == [CommonEnd(11, running)]
+    assert [one.number for one in status["held"]] == [*range(4, 15)]
 
 
-def test_what_the_monitor_has_sent_is_waited_for() -> None:
+def test_action_of_a_monitor_is_waited_for() -> None:
     player = guarded(fired=True)
     player.reply("legs/1")
     assert GUARD not in [one.number for one in load(player.central)["held"]]
@@ -89,16 +92,16 @@ def test_what_the_monitor_has_sent_is_waited_for() -> None:
     assert str(in_the_end(at, at.tasks[WALK])) == "for lift {4}, which no module handles"
 
 
-def test_a_monitor_that_is_waited_for_is_what_holds_everything() -> None:
+def test_awaited_monitor_holds_its_ancestors() -> None:
     player = guarded(waited_for=True)
     player.reply("legs/1")
     at = RunAt(player.history)
     assert reasons(at, at.tasks[MOVE]) == ["until guard {3} is achieved"]
-    told = load(player.central)
-    assert (told["held"][0].number, told["ends"][0].tasks) == (GUARD, 12)
+    status = load(player.central)
+    assert (status["held"][0].number, status["ends"][0].tasks) == (GUARD, 12)
 
 
-def test_a_critical_path_goes_by_the_command() -> None:
+def test_critical_path_ends_with_the_command_not_its_monitor() -> None:
     run = guarded().history
     task = last_task(run)
     assert task is not None

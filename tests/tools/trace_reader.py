@@ -1,8 +1,7 @@
-"""Reads a Perfetto trace as its trace processor does, but strictly: what that would count as an
-error fails here.
+"""Reads a Perfetto trace as its trace processor does, but fails where that counts an error.
 
-The rules are those of perfetto.dev ("Writing TrackEvent Protos Synthetically") and of the
-importer's slice, flow and track trackers; the classes are the published ones.
+The rules come from perfetto.dev ("Writing TrackEvent Protos Synthetically") and from the
+importer's slice, flow and track trackers. The classes are the published ones.
 """
 
 from collections import defaultdict
@@ -21,7 +20,7 @@ DEEPEST_TRACK, DEEPEST_SLICE = 10, 512
 
 @dataclass
 class Slice:
-    """A slice or (of no duration) an instant; *end* is None if it went on when the trace ended."""
+    """A slice, or an instant if its duration is 0. An open slice has no *end*."""
 
     track: str
     name: str
@@ -39,7 +38,7 @@ class Slice:
 
 @dataclass
 class Read:
-    """What the trace processor would have in its tables."""
+    """The tables of the trace processor."""
 
     tracks: dict[int, Any] = field(default_factory=dict)
     slices: list[Slice] = field(default_factory=list)
@@ -59,7 +58,7 @@ class Read:
         return [one for one in self.slices if one.track == track]
 
     def arrows(self) -> list[tuple[Slice, Slice]]:
-        """From which slice to which, in the order of time."""
+        """The pairs of slices that arrows connect, in order of time."""
         return [pair for stations in self.flows.values() for pair in pairwise(stations)]
 
 
@@ -75,7 +74,7 @@ class Reader:
     def packet(self, packet: Any) -> None:
         if not self._sequence:
             assert packet.first_packet_on_sequence
-            assert packet.sequence_flags == 3  # begins anew, needs names
+            assert packet.sequence_flags == 3  # incremental state cleared and needed
             self._sequence = packet.trusted_packet_sequence_id
         else:
             assert packet.sequence_flags == 2
@@ -127,7 +126,7 @@ class Reader:
 
     def _slice(self, time: int, event: Any, stack: list[Slice]) -> None:
         details = {
-            self._names["debug_annotation_names"][one.name_iid]: told(one)
+            self._names["debug_annotation_names"][one.name_iid]: value_of(one)
             for one in event.debug_annotations
         }
         name = self._names["event_names"][event.name_iid]
@@ -155,20 +154,18 @@ class Reader:
             stations.append(new)
 
 
-def told(annotation: Any) -> Any:
+def value_of(annotation: Any) -> Any:
     """The value of a debug annotation."""
     if annotation.dict_entries:
-        return {entry.name: told(entry) for entry in annotation.dict_entries}
+        return {entry.name: value_of(entry) for entry in annotation.dict_entries}
     if annotation.array_values:
-        return [told(value) for value in annotation.array_values]
+        return [value_of(value) for value in annotation.array_values]
     kind = annotation.WhichOneof("value")
     return getattr(annotation, kind) if kind else None
 
 
 def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
-    """All that is in a trace. Fails where a rule is broken; of *nonsense* arrows may lead
-    nowhere.
-    """
+    """Read a trace and check its rules. In *nonsense* an arrow may lead nowhere."""
     trace = Trace()
     trace.ParseFromString(trace_file)
     reader = Reader()
@@ -181,7 +178,7 @@ def read_trace(trace_file: bytes, *, is_nonsense: bool = False) -> Read:
 
 
 def check_siblings(read: Read) -> None:
-    """Siblings of one name are shown as one: they must be alike."""
+    """Check that siblings of one name are of one kind: Perfetto merges them."""
     alike: dict[tuple[int, str], tuple[Any, ...]] = {}
     for track in read.tracks.values():
         key = (track.parent_uuid, track.name)

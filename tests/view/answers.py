@@ -9,9 +9,7 @@ from typing import Any
 
 
 def answer(url: str) -> Any:
-    """The server's answer; it already answers while it reads the journal, so what is not yet known
-    may soon be.
-    """
+    """The server's answer. Asks again while the server still reads the journal."""
     deadline = time.monotonic() + 20
     while True:
         try:

@@ -1,4 +1,4 @@
-"""A served journal, and a real browser to look at it with."""
+"""A served journal, and a real browser for its page."""
 
 import shutil
 import socket
@@ -23,12 +23,13 @@ SOON = 60_000  # milliseconds: a busy machine reads 100,000 tasks in ten seconds
 
 expect.set_options(timeout=SOON)
 
-Look = Callable[..., Page]
+OpenPage = Callable[..., Page]
 
 
 def until(page: Page, holds: str, arg: object = None) -> None:
-    """Waits for what JavaScript says. Playwright's own wait evaluates in the page, which the page's
-    policy forbids.
+    """Wait until a JavaScript expression holds.
+
+    Playwright's own wait evaluates in the page, which the page's policy forbids.
     """
     end = time.monotonic() + SOON / 1000
     while not page.evaluate(holds, arg):
@@ -37,8 +38,8 @@ def until(page: Page, holds: str, arg: object = None) -> None:
 
 
 def written(page: Page) -> list[tuple[str, str]]:
-    """What the chart writes when it is drawn, each with its colour."""
-    told: list[list[str]] = page.evaluate(
+    """The texts that the chart draws, each with its colour."""
+    texts: list[list[str]] = page.evaluate(
         """() => {
           const { chart } = tca, { context } = chart, told = [], fill = context.fillText;
           context.fillText = (text, ...where) => { told.push([text, context.fillStyle]); fill.call(context, text, ...where); };
@@ -47,12 +48,12 @@ def written(page: Page) -> list[tuple[str, str]]:
           return told;
         }"""
     )
-    return [(text, colour) for text, colour in told]
+    return [(text, colour) for text, colour in texts]
 
 
 @contextmanager
 def served(log: Log, *, follows: bool = False, steering: Steering | None = None) -> Iterator[str]:
-    """The page's address; its server runs in a thread."""
+    """The address of a page, whose server runs in a thread."""
     log.check_beginning()
     runs = Runs(log, follows=follows)
     server = uvicorn.Server(
@@ -72,16 +73,14 @@ def served(log: Log, *, follows: bool = False, steering: Steering | None = None)
 
 @pytest.fixture
 def serve() -> Iterator[Callable[..., str]]:
-    """Serves journals, or without one the newest run; gives each page's address."""
+    """Serves a journal (default: the newest run), and returns the page's address."""
     with ExitStack() as servers:
         yield lambda journal=None, steering=None: servers.enter_context(
             served(open_log(journal), follows=journal is None, steering=steering)
         )
 
 
-@pytest.fixture(
-    scope="package"
-)  # while it is open an event loop runs, in which other tests could not
+@pytest.fixture(scope="package")  # its event loop disturbs tests of other packages
 def browser() -> Iterator[Browser]:
     if CHROMIUM is None:
         pytest.skip("no Chromium here: install the package 'chromium'")
@@ -99,22 +98,24 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="package")
 def window(browser: Browser) -> BrowserContext:
-    """A window with one page, which all tests use: a new one for each costs twice as much."""
+    """A window with one page for all tests. A new one for each test takes twice as long."""
     return browser.new_context()
 
 
 @pytest.fixture
-def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str]) -> Iterator[Look]:
-    """Opens a journal, or an address, in the browser; nothing may go wrong in the page, or be
-    fetched from elsewhere.
+def open_page(
+    browser: Browser, window: BrowserContext, serve: Callable[[Path], str]
+) -> Iterator[OpenPage]:
+    """Opens a journal or an address in the browser, one page at a time.
 
-    There is one page at a time. With ``clock=True`` time passes in it only with ``page.clock``.
+    The test fails if the page has an error, or fetches from elsewhere. With ``clock=True`` time
+    passes in the page only by ``page.clock``.
     """
     wrong: list[str] = []
     addresses: list[str] = ["data:", "about:"]
     with ExitStack() as at_last:
 
-        def open_page(what: Path | str, hash_part: str = "", *, clock: bool = False) -> Page:
+        def open_in_window(what: Path | str, hash_part: str = "", *, clock: bool = False) -> Page:
             addresses.append(what if isinstance(what, str) else serve(what))
             context = at_last.enter_context(browser.new_context()) if clock else window
             page = context.pages[0] if context.pages else context.new_page()
@@ -138,12 +139,12 @@ def look(browser: Browser, window: BrowserContext, serve: Callable[[Path], str])
                 wrong.append(line.text)
                 if line.type == "error" and "(Forbidden)" not in line.text
                 else None
-            ),  # what is refused, the page says itself
+            ),  # the page reports a refusal itself
             "request": lambda asked: (
                 None if asked.url.startswith(tuple(addresses)) else wrong.append(asked.url)
             ),
         }
-        yield open_page
+        yield open_in_window
     assert not wrong
 
 

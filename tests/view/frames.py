@@ -1,4 +1,4 @@
-"""What a page makes of a frame."""
+"""Frames of the page, decoded."""
 
 import json
 from typing import Any
@@ -6,10 +6,10 @@ from typing import Any
 
 def parsed(frame: bytes) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """A frame, and its columns by table and name."""
-    told = json.loads(frame)
+    content = json.loads(frame)
     columns = {
         f"{table}.{key.split(':')[0]}": values
-        for table, some in told["tables"].items()
+        for table, some in content["tables"].items()
         for key, values in some.items()
     }
-    return told, columns
+    return content, columns

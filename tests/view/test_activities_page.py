@@ -1,6 +1,4 @@
-"""The page of an application: what it shows, and what can be done with it by mouse and by
-keyboard.
-"""
+"""The page of an application: its contents, and its use by mouse and by keyboard."""
 
 import json
 import socket
@@ -25,7 +23,7 @@ from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Command, Inform, Module, Task
 from tca_module.testing import LocalCentral
 from tca_tools.view.guards import PageKey
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +41,7 @@ class Town(NamedTuple):
     application: Application
     module: Module
     robot: ExitStack
-    """Closed, the application's program has ended."""
+    """The application's program: closing the stack ends it."""
     address: str
     key: str
     speeds: Queue[float]
@@ -57,7 +55,7 @@ def town() -> Iterator[Town]:
         module = Module("robot", central)
 
         @module.handles(TELL)
-        def tell(_task: Task, what: str) -> None:
+        def put_command(_task: Task, what: str) -> None:
             joint.command.put(what)
 
         @module.handles(MOVE)
@@ -96,8 +94,8 @@ def allocated(town: Town) -> dict[str, list[str]]:
     }
 
 
-def test_application_page_shows_and_changes_a_running_one(town: Town, look: Look) -> None:
-    page = look(town.address, f"?key={town.key}")
+def test_application_page_shows_and_changes_a_running_one(town: Town, open_page: OpenPage) -> None:
+    page = open_page(town.address, f"?key={town.key}")
     expect(page.locator("#status")).to_have_text("running")
     expect(page.locator("#name")).to_have_text("robot")
     assert town.key not in page.url
@@ -142,7 +140,7 @@ def test_application_page_shows_and_changes_a_running_one(town: Town, look: Look
 
 
 def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
-    """The arrows and letters of the help."""
+    """Use the arrows and letters that the help lists."""
     page.locator(ROW.format("processor 1", slow)).focus()
     page.keyboard.press("Alt+ArrowDown")
     expect(page.locator("[data-processor='processor 1'] .activity .name")).to_have_text(
@@ -162,11 +160,13 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     )
 
 
-def test_verdict_is_red_when_measurement_refutes_the_analysis(town: Town, look: Look) -> None:
+def test_verdict_is_red_when_measurement_refutes_the_analysis(
+    town: Town, open_page: OpenPage
+) -> None:
     hung = threading.Event()
     camera = Component[dict[str, int]]("camera", dict)
     camera.region("eye", period=0.5).state("open", activity=hung.wait, period=0.5, estimate=0.0001)
-    page = look(town.address, f"?key={town.key}")
+    page = open_page(town.address, f"?key={town.key}")
     try:
         town.application.add(camera)
         fast, slow = (
@@ -184,12 +184,12 @@ def test_verdict_is_red_when_measurement_refutes_the_analysis(town: Town, look: 
 
 @pytest.mark.soak
 def test_application_stop_restart_and_loss_show_in_all_windows(
-    town: Town, look: Look, window: BrowserContext
+    town: Town, open_page: OpenPage, window: BrowserContext
 ) -> None:
-    page = look(town.address, f"?key={town.key}")
+    page = open_page(town.address, f"?key={town.key}")
     second = window.new_page()
     try:
-        second.goto(town.address)  # without the key it looks
+        second.goto(town.address)  # without the key it is read-only
         expect(second.locator("#status")).to_have_text("running")
         expect(second.get_by_role("button", name="stop")).to_be_disabled()
         page.get_by_role("button", name="enable").click()
@@ -219,8 +219,8 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
         )
         try:
             with urllib.request.urlopen(request, timeout=20) as answer:
-                told = json.load(answer)
-                return answer.status, told.get("said") or f"no: {told['error']}"
+                content = json.load(answer)
+                return answer.status, content.get("said") or f"no: {content['error']}"
         except urllib.error.HTTPError as error:
             with error:
                 return error.code, json.load(error)["error"]
@@ -237,5 +237,5 @@ def test_application_page_refuses_requests_without_its_key(town: Town) -> None:
         ({"message": "tell joint", "data": 7}, "wants data of type str"),
         ({"message": "states of robot"}, "states of robot"),
     ):
-        status, told = post(town.key, asked)
-        assert (status, told.startswith("no: "), why in told) == (200, True, True), told
+        status, text = post(town.key, asked)
+        assert (status, text.startswith("no: "), why in text) == (200, True, True), text

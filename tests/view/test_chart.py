@@ -1,4 +1,4 @@
-"""The chart of the page: which rows it has, how to reach them, and in which colours."""
+"""The chart of the page: its rows, how to reach them, and their colours."""
 
 from pathlib import Path
 
@@ -11,13 +11,13 @@ from tca_tools.gantt.build import chart
 from tca_wire.journal import facts
 from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome
-from view.conftest import Look, until, written
+from view.conftest import OpenPage, until, written
 
 pytestmark = pytest.mark.slow
 
 
 def crowded() -> Story:
-    """Forty modules; a delivery has no handler, and another task is suspended."""
+    """Forty modules, a message without a handler, and a suspended task."""
     story = Story()
     for number in range(40):
         story.module(f"module {number}", f"work {number}")
@@ -27,8 +27,10 @@ def crowded() -> Story:
 
 
 @pytest.mark.soak
-def test_rows_below_the_edge_are_announced_and_reachable(look: Look, tmp_path: Path) -> None:
-    page = look(crowded().write(tmp_path / "crowd"))
+def test_rows_below_the_edge_are_announced_and_reachable(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(crowded().write(tmp_path / "crowd"))
     labels = "tca.chart.layout.filter(({ top, bottom }) => top >= 20 && bottom <= tca.chart.height).map(({ row }) => row.label)"
     seen = page.evaluate(labels)
     assert seen[:2] == ["module 0", "module 1"]
@@ -41,17 +43,15 @@ def test_rows_below_the_edge_are_announced_and_reachable(look: Look, tmp_path: P
     expect(below).to_be_hidden()
     assert page.evaluate(labels)[-3:] == ["module 39", "(suspended)", "(no handler)"]
     page.evaluate("tca.chart.scroll = 0; tca.chart.draw()")
-    page.locator(
-        ".row[data-task='3']"
-    ).click()  # the chart goes to the bar of a task that is chosen
+    page.locator(".row[data-task='3']").click()  # the chart moves to the bar of a chosen task
     assert "module 39" in page.evaluate(labels)
     page.set_viewport_size({"width": 1400, "height": 3000})
     expect(page.locator("#chart-bar")).to_be_hidden()
     assert page.evaluate(labels)[0] == "module 0"
 
 
-def test_rows_of_one_module_stand_together(look: Look, tmp_path: Path) -> None:
-    page = look(made("bakery").write(tmp_path / "bakery"))
+def test_rows_of_one_module_stand_together(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(made("bakery").write(tmp_path / "bakery"))
     labels = "tca.chart.layout.map(({ row }) => row.label)"
     order = ["oven / chamber", "oven / meter", "store / phone"]
     shown = page.evaluate(labels)
@@ -60,9 +60,7 @@ def test_rows_of_one_module_stand_together(look: Look, tmp_path: Path) -> None:
     assert [row.label for row in chart(made("bakery").fold()).rows] == shown
     place = "tca.chart.layout.find((one) => one.row.label === '(suspended)')"
     assert page.evaluate(f"{place}.row.queued.length") == 10
-    assert (
-        page.evaluate(f"{place}.bottom - {place}.top") < 50
-    )  # pixels: two of them, and how many there are
+    assert page.evaluate(f"{place}.bottom - {place}.top") < 50  # pixels: two rows and their number
     page.set_viewport_size({"width": 700, "height": 500})
     until(page, "() => tca.chart.width < 700")
     assert (
@@ -80,16 +78,18 @@ LOOKS = """([time, before]) => {
   const at = [x, top + 4].map((place) => place * devicePixelRatio);
   return [...chart.canvas.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
 }"""
-"""The colour of the first row so many pixels before a time."""
+"""The colour of the first row, some pixels before a time."""
 
 
 @pytest.mark.soak
-def test_killed_bar_has_a_dark_end_and_future_bar_is_paler(look: Look, tmp_path: Path) -> None:
+def test_killed_bar_has_a_dark_end_and_future_bar_is_paler(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = Story().module("legs", "walk").at(1.0)
     for outcome in (Outcome.DONE, Outcome.KILLED):
         task = story.command("walk", "user")
         story.delivered(task, "legs").at(len(story.entries) + 2.0).returned(task, outcome)
-    page = look(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "walk"))
+    page = open_page(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "walk"))
     ends = page.evaluate("tca.chart.layout[0].row.handled.lists.flat().map(({ end }) => end)")
     bar, dark = page.evaluate(LOOKS, [ends[0], 20]), [31, 41, 51]
     assert [page.evaluate(LOOKS, [ends[0], 2]), page.evaluate(LOOKS, [ends[1], 20])] == [bar, bar]
@@ -100,19 +100,19 @@ def test_killed_bar_has_a_dark_end_and_future_bar_is_paler(look: Look, tmp_path:
     assert now != to_come
     page.evaluate(
         "Object.assign(tca.chart, { from: 2.5, to: 3.5 })"
-    )  # also where nothing else is seen
+    )  # also without other rows in sight
     assert page.evaluate(LOOKS, [2.9, 0]) == to_come
 
 
 @pytest.mark.soak
-def test_hover_names_the_user_who_suspended_a_task(look: Look, tmp_path: Path) -> None:
+def test_hover_names_the_user_who_suspended_a_task(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("legs", "mop", "dust").at(1.0)
-    for name, by in (("mop", "tca suspend"), ("dust", "")):  # an older journal does not tell
+    for name, by in (("mop", "tca suspend"), ("dust", "")):  # an older journal has no name
         task = TaskId(story.command(name, "user"))
         story.say(facts.SuspendedOrResumed(task, True, by)).at(2.0 if by else 4.0)
-    page = look(story.say(facts.Closed("done")).write(tmp_path / "still"))
+    page = open_page(story.say(facts.Closed("done")).write(tmp_path / "still"))
     expect(page.locator("#counts")).to_be_attached()
-    for lane, (time, told) in enumerate(
+    for lane, (time, label) in enumerate(
         {
             1.5: "mop {1} suspended by the command 'tca suspend': ",
             3.0: "dust {2} suspended: ",
@@ -130,13 +130,15 @@ def test_hover_names_the_user_who_suspended_a_task(look: Look, tmp_path: Path) -
             [time, lane],
         )
         page.mouse.move(x, y)
-        expect(page.locator("#hint")).to_contain_text(told)
+        expect(page.locator("#hint")).to_contain_text(label)
 
 
 @pytest.mark.soak
-def test_chart_times_have_the_form_of_other_tools(look: Look, tmp_path: Path) -> None:
+def test_chart_times_have_the_form_of_other_tools(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(6700.0)
-    page = look(story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late"))
+    page = open_page(
+        story.acted(story.command("move", "user"), "legs", 8.5).write(tmp_path / "late")
+    )
     expect(page.locator("#clock")).to_have_text("1:51:48.5")
     for window, labels in {
         "6700, 6710": ["1:51:40", "1:51:45", "1:51:50"],
@@ -147,12 +149,12 @@ def test_chart_times_have_the_form_of_other_tools(look: Look, tmp_path: Path) ->
     }.items():
         made = f"import('/page/axis.js').then(({{ ticks }}) => ticks({window}, 3).map(({{ label }}) => label))"
         assert page.evaluate(made) == labels
-    lengths, told = zip(*of_durations.pytestmark[0].args[1], strict=True)  # type: ignore[attr-defined]
-    said = "(all) => import('/page/words.js').then(({ duration }) => all.map(duration))"
-    assert page.evaluate(said, lengths) == [*told]
+    lengths, texts = zip(*of_durations.pytestmark[0].args[1], strict=True)  # type: ignore[attr-defined]
+    durations = "(all) => import('/page/words.js').then(({ duration }) => all.map(duration))"
+    assert page.evaluate(durations, lengths) == [*texts]
 
 
-def test_bar_names_are_legible_and_marked_when_cut(look: Look, tmp_path: Path) -> None:
+def test_bar_names_are_legible_and_marked_when_cut(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("legs", "hold the arm", "ask the eyes").at(1.0)
     for name, wait in (("hold the arm", 0.0), ("ask the eyes", 9.0)):
         task = story.command(name, "user")
@@ -163,17 +165,19 @@ def test_bar_names_are_legible_and_marked_when_cut(look: Look, tmp_path: Path) -
             story.entries[-1].time + 10 - wait
         )
         story.returned(task)
-    page = look(story.write(tmp_path / "names"))
+    page = open_page(story.write(tmp_path / "names"))
     expect(page.locator("#counts")).to_be_attached()
-    told = dict(written(page))
-    assert (told["hold the arm"], told["ask the eyes"]) == ("#ffffff", "#111111")
+    colours = dict(written(page))
+    assert (colours["hold the arm"], colours["ask the eyes"]) == ("#ffffff", "#111111")
     page.evaluate("Object.assign(tca.chart, { from: 0, to: 200 })")
     assert any(text.startswith("hold") and text.endswith("…") for text, _ in written(page))
 
 
 @pytest.mark.soak
-def test_chart_shows_one_second_when_the_run_has_no_messages(look: Look, tmp_path: Path) -> None:
-    page = look(
+def test_chart_shows_one_second_when_the_run_has_no_messages(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(
         Story().at(5.399).module("legs", "move").module("eyes", "look").write(tmp_path / "new")
     )
     expect(page.locator("#counts")).to_be_attached()
@@ -191,8 +195,10 @@ def test_chart_shows_one_second_when_the_run_has_no_messages(look: Look, tmp_pat
 
 
 @pytest.mark.soak
-def test_unhandled_bars_have_names_and_show_in_dark_mode(look: Look, tmp_path: Path) -> None:
-    page = look(stuck().write(tmp_path / "stuck"))
+def test_unhandled_bars_have_names_and_show_in_dark_mode(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")
     assert page.evaluate(f"({_OF_NOBODY}).step") > 10
     assert page.evaluate(_BRIGHTEST) > 70
@@ -205,4 +211,4 @@ _BRIGHTEST = """(() => {
   const seen = canvas.getContext("2d").getImageData(canvas.width * 0.6, (top + 3) * devicePixelRatio, 1, 1).data;
   return Math.max(...seen.slice(0, 3)) * seen[3] / 255;
 })()"""
-"""The strongest colour of its first bar."""
+"""The strongest colour of the first bar."""

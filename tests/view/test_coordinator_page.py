@@ -1,4 +1,4 @@
-"""A coordinator with a preview on the page: its machine, and the marks of what ran ahead."""
+"""A coordinator with a preview on the page: its machine, and marks of early tasks."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,14 +9,14 @@ from playwright.sync_api import Page
 from tools.deliveries import deliver, held_up, written
 
 from view.answers import answer
-from view.conftest import Look, until
+from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def delivery(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The box that was foreseen is occupied after 2 s."""
+    """A delivery whose foreseen box is occupied after 2 s."""
     return written(deliver(1.0, changed=0.0), tmp_path_factory.mktemp("coordinator") / "delivery")
 
 
@@ -26,8 +26,8 @@ def marked(page: Page, kind: str, expected: str) -> None:
     until(page, script, [kind, expected])
 
 
-def test_machine_shows_its_preview_at_any_moment(look: Look, delivery: Path) -> None:
-    page = look(delivery, "#t=1&task=2")
+def test_machine_shows_its_preview_at_any_moment(open_page: OpenPage, delivery: Path) -> None:
+    page = open_page(delivery, "#t=1&task=2")
     page.wait_for_selector(".machine svg")
     picture = page.locator(".machine svg").element_handle()
     marked(page, "active", "going to B")
@@ -39,12 +39,12 @@ def test_machine_shows_its_preview_at_any_moment(look: Look, delivery: Path) -> 
     page.evaluate("() => { location.hash = '#t=40&task=2'; }")
     marked(page, "active", "")
     marked(page, "foreseen", "")
-    assert picture.evaluate("(one) => one.isConnected")  # it was drawn once
+    assert picture.evaluate("(one) => one.isConnected")  # not drawn again
 
 
 @pytest.mark.soak
-def test_tree_marks_early_work_as_known_at_the_moment(look: Look, delivery: Path) -> None:
-    page = look(delivery, "#t=1&task=2")
+def test_tree_marks_early_work_as_known_at_the_moment(open_page: OpenPage, delivery: Path) -> None:
+    page = open_page(delivery, "#t=1&task=2")
     marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
     for moment, expected in (
         (1, "ahead"),
@@ -71,6 +71,6 @@ def test_server_reports_which_states_are_likely(
 
 
 @pytest.mark.soak
-def test_page_says_why_activities_have_not_started(look: Look, tmp_path: Path) -> None:
-    page = look(written(held_up(), tmp_path / "held up"), "#t=1&task=4")
+def test_page_says_why_activities_have_not_started(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(written(held_up(), tmp_path / "held up"), "#t=1&task=4")
     until(page, "() => document.querySelector('#task .late')?.textContent.includes('undo=')")

@@ -1,6 +1,4 @@
-"""A journal that is damaged while the page follows it: the page says so at once, and shows what
-there is.
-"""
+"""A journal damaged while the page follows it: reported at once, readable parts are shown."""
 
 import shutil
 from collections.abc import Callable
@@ -13,30 +11,32 @@ from tools.story import Story, silent_for, stumbling, walking
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION
 from tca_wire.journal.records import record
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
 
 def damaged(content: bytes) -> bytes:
-    """A record that has its length, but not its content."""
+    """A record with its length, but with wrong content."""
     return content[:-3] + bytes(byte ^ 0xFF for byte in content[-3:])
 
 
 def more(story: Story) -> list[bytes]:
-    """What is written next."""
+    """The records that are written next."""
     known = len(story.entries)
     for time, name in enumerate(("fly", "swim", "dive", "rest"), start=5):
         story.at(time).command(name, "user")
     return [record(entry) for entry in story.entries[known:]]
 
 
-def test_damaged_entry_is_reported_with_and_without_a_later_one(look: Look, tmp_path: Path) -> None:
+def test_damaged_entry_is_reported_with_and_without_a_later_one(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = walking()
     run = story.write(tmp_path / "run")
     first, second, third, fourth = more(story)
     with silent_for(run, 1.0):
-        page = look(run)
+        page = open_page(run)
         expect(page.locator("#status")).to_have_text("live")
         expect(page.locator("#problem")).to_be_hidden()
         with (run / "00000001.tcaj").open("ab") as segment:
@@ -60,10 +60,12 @@ def test_damaged_entry_is_reported_with_and_without_a_later_one(look: Look, tmp_
         expect(page.locator(".row").last).to_contain_text("rest")
 
 
-def test_journal_of_a_later_version_is_shown_as_far_as_known(look: Look, tmp_path: Path) -> None:
+def test_journal_of_a_later_version_is_shown_as_far_as_known(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = walking()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION + 1, "epoch", 1, 0.0, "9.9")
-    page = look(story.write(tmp_path / "run"))
+    page = open_page(story.write(tmp_path / "run"))
     expect(page.locator("#problem")).to_contain_text(
         f"({JOURNAL_VERSION + 1}; this one reads up to {JOURNAL_VERSION})"
     )
@@ -87,7 +89,7 @@ def write_nonsense(run: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "problem"),
     [
         pytest.param(write_nonsense, "no record starts here", marks=pytest.mark.soak),
         (cut_short, "200 bytes that were read have been cut off"),
@@ -96,25 +98,25 @@ def write_nonsense(run: Path) -> None:
     ],
 )
 def test_journal_that_cannot_be_followed_is_reported(
-    look: Look, tmp_path: Path, spoil: Callable[[Path], None], told: str
+    open_page: OpenPage, tmp_path: Path, spoil: Callable[[Path], None], problem: str
 ) -> None:
     run = walking().write(tmp_path / "run")
     with silent_for(run, 1.0):
-        page = look(run)
+        page = open_page(run)
         expect(page.locator("#status")).to_have_text("live")
         spoil(run)
-        expect(page.locator("#problem")).to_contain_text(told)
+        expect(page.locator("#problem")).to_contain_text(problem)
         expect(page.locator("#status")).to_have_text("damaged")
         expect(page.locator(".row[data-task='1']")).to_contain_text("traverse arc")
 
 
 @pytest.mark.soak
 def test_repaired_or_restored_journal_is_read_again(
-    look: Look, serve: Callable[[Path], str], tmp_path: Path
+    open_page: OpenPage, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
     run, away = walking().write(tmp_path / "run"), tmp_path / "away"
     segment, address = run / "00000001.tcaj", serve(run)
-    whole, page = segment.read_bytes(), look(address)
+    whole, page = segment.read_bytes(), open_page(address)
     expect(page.locator("#status")).to_have_text("not closed")
     cut_short(run)
     expect(page.locator("#problem")).to_contain_text(
@@ -122,7 +124,7 @@ def test_repaired_or_restored_journal_is_read_again(
     )
     asked = f"{address}api/frame?since=%7B%22entry%22%3A1%7D&token={page.evaluate('tca.store.head.token')}"
     request = page.context.request
-    page.close()  # it would load itself anew, and the browser complain of the answer for which it does
+    page.close()  # else it would reload, and the browser log an error
     segment.rename(away)
     assert request.get(asked).status == 200
     away.rename(segment)
@@ -130,7 +132,7 @@ def test_repaired_or_restored_journal_is_read_again(
     segment.write_bytes(whole)
     assert request.get(asked).status == 410
 
-    page = look(address)
+    page = open_page(address)
     expect(page.locator("#status")).to_have_text("not closed")
     run.rename(away)
     expect(page.locator("#status")).to_have_text("damaged")
@@ -142,7 +144,7 @@ def test_repaired_or_restored_journal_is_read_again(
     page.close()  # as above
     away.rename(run)
     assert request.get(asked).status == 410
-    page = look(address)
+    page = open_page(address)
     expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#problem")).to_be_hidden()
     with segment.open("ab") as stream:
@@ -150,9 +152,11 @@ def test_repaired_or_restored_journal_is_read_again(
     expect(page.locator(".row").last).to_contain_text("swim")
 
 
-def test_silent_server_is_reported_when_the_journal_is_damaged(look: Look, tmp_path: Path) -> None:
+def test_silent_server_is_reported_when_the_journal_is_damaged(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     run = walking().write(tmp_path / "run")
-    page = look(run, clock=True)
+    page = open_page(run, clock=True)
     cut_short(run)
     expect(page.locator("#status")).to_have_text("damaged")
     page.evaluate("() => { window.fetch = async () => { throw new Error('nobody is there'); }; }")
@@ -163,11 +167,11 @@ def test_silent_server_is_reported_when_the_journal_is_damaged(look: Look, tmp_p
 
 @pytest.mark.soak
 def test_page_ignores_another_run_in_the_same_place(
-    look: Look, serve: Callable[[Path], str], tmp_path: Path
+    open_page: OpenPage, serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
     run = walking().write(tmp_path / "run")
     address = serve(run)
-    page = look(address)
+    page = open_page(address)
     expect(page.locator("#status")).to_have_text("not closed")
     shutil.rmtree(run)
     expect(page.locator("#status")).to_have_text("damaged")

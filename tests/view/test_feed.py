@@ -1,4 +1,4 @@
-"""The columns that a page gets say the same as the history, in whatever pieces they come."""
+"""The columns of a page agree with the history, however they are cut into frames."""
 
 from collections import Counter
 from math import inf, nextafter
@@ -30,14 +30,14 @@ from view.frames import parsed
 
 
 class Page:
-    """What a page makes of frames."""
+    """The columns that a page collects from frames."""
 
     def __init__(self) -> None:
         self.lengths: dict[str, int] = {}
         self.texts: list[str] = []
         self.columns: dict[str, list[Any]] = {}
 
-    def take(self, feed: Feed) -> None:
+    def receive(self, feed: Feed) -> None:
         head, columns = parsed(feed.columns.frame(self.lengths, {}))
         self.lengths = head["lengths"]
         self.texts += head["texts"]
@@ -61,7 +61,7 @@ class Page:
 
 
 class FedPlayer(Player):
-    """A feed takes every entry; a page asks for what is new after some of them."""
+    """The feed takes every entry. The page asks for news after each seventh."""
 
     def __init__(self) -> None:
         super().__init__(check=False)
@@ -74,7 +74,7 @@ class FedPlayer(Player):
                 self.feed.apply(effect.entry)
                 self.entries.append(effect.entry)
                 if len(self.entries) % 7 == 0:
-                    self.page.take(self.feed)
+                    self.page.receive(self.feed)
         return effects
 
 
@@ -88,12 +88,12 @@ def test_following_page_knows_all_of_the_history(
     for name, *numbers in operations:
         life.do(name, *numbers)
     page, history = player.page, player.feed.history
-    page.take(player.feed)
+    page.receive(player.feed)
     assert page.columns["entry.time"] == list(history.times)
     assert page.columns["task.id"] == list(history.tasks)
     others = [one for one in history.messages.values() if one.id not in history.tasks]
-    told = page.table("message")
-    assert told == [(one.id, one.name, one.received) for one in others]
+    message_rows = page.table("message")
+    assert message_rows == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
             task.id: WATCHING if task.watches else task.state
@@ -125,12 +125,12 @@ def test_following_page_knows_all_of_the_history(
     ended = [one.state if one.state in OVER else TaskState.ACHIEVING for one in tops]
     assert outcome_of(player.entries).top == Counter(ended)
     whole = Page()
-    whole.take(player.feed)
+    whole.receive(player.feed)
     assert (whole.columns, whole.texts) == (page.columns, page.texts)
 
 
 def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, str]]) -> None:
-    """In none of them two spans overlap, and there are no more than go on at a time."""
+    """No two spans of a lane overlap, and there are only as many lanes as spans at a time."""
     rows: dict[tuple[int, str], list[tuple[float, float, int]]] = {}
     for number, (row, kind, _, _, within, lane, start) in enumerate(spans):
         if within < 0 and kind in LANES_OF:
@@ -146,7 +146,7 @@ def assert_lanes(spans: list[tuple[Any, ...]], ends: dict[int, tuple[float, str]
 
 
 def assert_traffic(page: Page, history: History) -> None:
-    """Each run of a handler counts once, and each message that waits for its first one."""
+    """Each handling counts once, and each message that waits for its first handling."""
     links, counted = page.table("link"), Counter[tuple[str, str, str]]()
     for link, _, is_less in page.table("sent"):
         sender, message, _, handler = links[link]
@@ -163,12 +163,10 @@ def assert_traffic(page: Page, history: History) -> None:
 
 
 def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
-    """What was told last of each failure is what the records say now; and each is told."""
+    """Each failure has a row, and its last verdict agrees with the history."""
     last = {row: is_good for row, is_good, _ in page.table("verdict")}
     failures = page.table("failure")
-    for row, is_good, turn in page.table(
-        "verdict"
-    ):  # at each moment what was known then, as a tree of that moment has it
+    for row, is_good, turn in page.table("verdict"):  # each verdict as known at its moment
         message, time, *_ = failures[row]
         if message in history.messages:
             assert is_good == run_continued(history, history.messages[message], time, turn)
@@ -176,7 +174,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
                 turn > time
                 and run_continued(history, history.messages[message], time, nextafter(turn, 0.0))
             )
-    told = {
+    reported = {
         (message, time, last.get(row, 0))
         for row, (message, time, *_) in enumerate(page.table("failure"))
     }
@@ -187,7 +185,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
         if isinstance(fact, facts.Failed)
     }
     assert len(raised) <= len(page.table("failure"))
-    for message, time, is_good in told:
+    for message, time, is_good in reported:
         if message in history.messages:
             assert is_good == run_continued(history, history.messages[message], time)
     ended = [
@@ -204,7 +202,7 @@ def test_walk_has_the_expected_columns() -> None:
     feed, page = Feed(), Page()
     for entry in stumbling().entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     labels = [label for label, _ in page.table("row")]
     assert labels == ["user interface", "gait planner", "perception", "controller"]
     moves = [
@@ -216,7 +214,7 @@ def test_walk_has_the_expected_columns() -> None:
     ends = {span: (time, outcome) for span, time, outcome in page.table("end")}
     assert [ends[span] for _, span in moves] == [(3.4, Outcome.DONE), (4.5, Outcome.FAILED)]
     (wait,) = [row for row in page.table("span") if row[1] == SpanKind.WAITING and row[3] == 5]
-    assert page.table("span")[wait[4]][2] == "take steps"  # within whose handling it lies
+    assert page.table("span")[wait[4]][2] == "take steps"  # the handling around it
     holds = {(task, before, kind) for task, before, kind, _ in page.table("hold")}
     assert {
         (3, 2, "SEQ"),
@@ -235,7 +233,7 @@ def test_idle_module_has_a_row() -> None:
     feed, page = Feed(), Page()
     for entry in story.entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     rows = [label for label, _ in page.table("row")]
     spans = [(rows[row], kind, start) for row, kind, *_, start in page.table("span")]
     assert spans == [
@@ -255,7 +253,7 @@ def test_monitor_stops_watching_while_its_action_runs() -> None:
     feed, page = Feed(), Page()
     for entry in story.entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     assert [(time, state) for task, time, state in page.table("state") if task == monitor] == [
         (1.0, WATCHING),
         (2.0, TaskState.ACHIEVING),
@@ -266,7 +264,7 @@ def test_feed_sends_an_empty_frame_when_nothing_changed() -> None:
     feed, page = Feed(), Page()
     for entry in walking().entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     _, columns = parsed(feed.columns.frame(page.lengths, {}))
     assert not any(columns.values())
 
@@ -281,7 +279,7 @@ def test_feed_reports_each_failure_with_its_message() -> None:
     feed, page = Feed(), Page()
     for entry in story.entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     assert page.table("failure") == [
         (move, 2.0, 1, 0),
         (move, 3.0, -1, 0),
@@ -307,9 +305,7 @@ def test_feed_uses_the_colours_of_other_charts() -> None:
 def test_verdict_is_sent_when_it_changes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Many steps of a walk fail and are killed; what others do asks for no verdict, and the walk's
-    end for one of each.
-    """
+    """Many steps of a walk fail and are killed. Only the walk's end changes their verdicts."""
     asked: list[float] = []
 
     def counted(run: History, failed: Failing, time: float) -> bool:
@@ -331,10 +327,10 @@ def test_verdict_is_sent_when_it_changes(
     feed, page = Feed(), Page()
     for entry in story.entries:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     assert len(asked) <= 3 * 50
     assert page.table("verdict") == []
     for entry in story.at(200.0).reached(walk, *Moment).entries[-1:]:
         feed.apply(entry)
-    page.take(feed)
+    page.receive(feed)
     assert page.table("verdict") == [(row, True, 200.0) for row in range(50)]

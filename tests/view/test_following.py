@@ -1,6 +1,4 @@
-"""The tree goes where the reader does: to what he chose, to what is current at a time, and nowhere
-against his will.
-"""
+"""The tree scrolls to the chosen or current task, and never against the reader."""
 
 import re
 from pathlib import Path
@@ -12,18 +10,18 @@ from tools.story import Story
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
 STEPS = 60
 SLIP = 40
-"""The step whose last move fails."""
+"""The step with a failed last move."""
 
 
 @pytest.fixture
 def walk(tmp_path: Path) -> Path:
-    """One step of ten seconds after the other: 5 s of each, nothing is handled."""
+    """Steps of 10 s in sequence. In the last 5 s of each, no handler runs."""
     story = Story().module("planner", "step").module("legs", "move")
     for step in range(STEPS):
         story.at(step * 10.0)
@@ -38,7 +36,7 @@ def walk(tmp_path: Path) -> Path:
             else:
                 story.returned(move).reached(move, Moment.END_ACHIEVING)
         story.at(step * 10.0 + 5)
-        if step % 5 == 0:  # so that there are no long runs of steps alike, which would be folded
+        if step % 5 == 0:  # long runs of equal steps would be folded
             story.say(facts.Killed(TaskId(parent), "enough"))
         story.reached(parent, Moment.END_PLANNING, Moment.END_ACHIEVING)
     return story.write(tmp_path / "walk")
@@ -58,8 +56,8 @@ def first_number(step: int) -> int:
     return step * 4 + 1
 
 
-def test_jump_target_is_in_sight(look: Look, walk: Path) -> None:
-    page = look(walk, "#t=15")
+def test_jump_target_is_in_sight(open_page: OpenPage, walk: Path) -> None:
+    page = open_page(walk, "#t=15")
     expect(page.locator(".row").first).to_be_visible()
     page.keyboard.press("]")
     expect(page.locator("#clock")).to_have_text(f"{SLIP * 10 + 3.5:.3f} s")
@@ -71,11 +69,11 @@ def test_jump_target_is_in_sight(look: Look, walk: Path) -> None:
     expect(chosen(page)).to_be_in_viewport()
     page.evaluate("location.hash = '#t=15'")
     expect(page.locator("#clock")).to_have_text("15.000 s")
-    is_in_sight_by_its_bar(page)
+    assert_in_sight_after_click_on_bar(page)
 
 
-def is_in_sight_by_its_bar(page: Page) -> None:
-    """What a bar of the future stands for."""
+def assert_in_sight_after_click_on_bar(page: Page) -> None:
+    """Click on a bar of the future: its task comes into sight."""
     x, y = page.evaluate("""() => {
       Object.assign(tca.chart, { from: 580, to: 600 });
       tca.chart.draw();
@@ -88,21 +86,21 @@ def is_in_sight_by_its_bar(page: Page) -> None:
     expect(chosen(page)).to_have_attribute("data-task", str(first_number(STEPS - 1) + 3))
     expect(chosen(page)).to_be_in_viewport()
     before = page.locator("#rows").evaluate("(rows) => rows.scrollTop")
-    for _ in range(4):  # what was chosen stays where it is
+    for _ in range(4):  # the chosen row does not move
         page.keyboard.press("ArrowRight")
     expect(chosen(page)).to_be_in_viewport()
     assert page.locator("#rows").evaluate("(rows) => rows.scrollTop") == before
 
 
 @pytest.mark.soak
-def test_failed_query_is_not_taken_for_the_chosen_task(look: Look, tmp_path: Path) -> None:
+def test_failed_query_is_not_taken_for_the_chosen_task(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("eyes", "look").at(1.0)
     move = story.command("move", "user")
     query = story.at(2.0).received("look", MessageClass.QUERY, "user")
     story.delivered(query, "eyes").at(3.0).returned(query, Outcome.FAILED).say(
         facts.Failed(query, "blind", "")
     )
-    page = look(story.write(tmp_path / "blind"), f"#t=2.5&task={move}")
+    page = open_page(story.write(tmp_path / "blind"), f"#t=2.5&task={move}")
     expect(chosen(page)).to_have_count(1)
     page.keyboard.press("]")
     expect(page.locator("#task h2")).to_have_text("look {2}")
@@ -110,30 +108,28 @@ def test_failed_query_is_not_taken_for_the_chosen_task(look: Look, tmp_path: Pat
 
 
 @pytest.mark.soak
-def test_idle_tree_follows_the_last_change_until_scrolled(look: Look, walk: Path) -> None:
-    page = look(walk)
-    who_scrolls_is_left_alone_until_he_asks(page)
+def test_idle_tree_follows_the_last_change_until_scrolled(open_page: OpenPage, walk: Path) -> None:
+    page = open_page(walk)
+    assert_scrolled_place_is_kept_until_asked(page)
     for share in (0.5, 0.999):
         on_slider(page, share)
         expect(page.locator("#follow")).to_have_class("on" if share > 0.9 else "")
         step = page.evaluate("tca.tree.store.sentBy(tca.store.top, tca.slider.time)") - 1
-        assert step > 10  # far below what a window has
+        assert step > 10  # below the first window
         expect(page.locator(f".row[data-task='{first_number(step)}']")).to_be_in_viewport()
     address, task = page.url.split("#")[0], first_number(30) + 2
-    page.evaluate(
-        f"location.assign('{address}#t=302.2&task={task}')"
-    )  # pasted into the page that is open
+    page.evaluate(f"location.assign('{address}#t=302.2&task={task}')")  # pasted into the open page
     expect(page.locator("#clock")).to_have_text("302.200 s")
     expect(chosen(page)).to_have_attribute("data-task", str(task))
     expect(chosen(page)).to_be_in_viewport()
     expect(page.locator("#task h2")).to_have_text(f"move {{{task}}}")
-    page.evaluate(f"location.assign('{address}#task=1')")  # no moment: the end
+    page.evaluate(f"location.assign('{address}#task=1')")  # without a moment: the end
     expect(page.locator("#follow")).to_have_class("on")
     expect(chosen(page)).to_have_attribute("data-task", "1")
     expect(chosen(page)).to_be_in_viewport()
 
 
-def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
+def assert_scrolled_place_is_kept_until_asked(page: Page) -> None:
     on_slider(page, 0.5)
     page.locator("#rows").hover()
     page.mouse.wheel(0, -100_000)
@@ -147,22 +143,20 @@ def who_scrolls_is_left_alone_until_he_asks(page: Page) -> None:
     page.locator("#speed").select_option("100")
     page.locator("#play").click()
     page.locator("#rows").hover()
-    while page.evaluate(
-        "tca.tree.keepsUp || tca.tree.scroller.scrollTop"
-    ):  # rows that come meanwhile move him a bit
+    while page.evaluate("tca.tree.keepsUp || tca.tree.scroller.scrollTop"):  # new rows scroll a bit
         page.mouse.wheel(0, -100_000)
-    expect(page.locator("#play")).to_have_text("▶")  # until the end, which he sees there
+    expect(page.locator("#play")).to_have_text("▶")  # played to its end
     expect(first).to_be_in_viewport()
 
 
 @pytest.mark.soak
-def test_newest_wait_is_in_sight_when_everything_waits(look: Look, tmp_path: Path) -> None:
+def test_newest_wait_is_in_sight_when_everything_waits(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("planner", "step")
     for number in range(50):
         task = story.at(float(number)).command("open door", "user")
         if number % 2:
             story.queued(task)
-    page = look(story.write(tmp_path / "waiting"))
+    page = open_page(story.write(tmp_path / "waiting"))
     expect(page.locator(".row[data-task='50']")).to_be_in_viewport()
     expect(page.locator(".row[data-task='1']")).not_to_be_in_viewport()
     on_slider(page, 0.6)
@@ -170,7 +164,9 @@ def test_newest_wait_is_in_sight_when_everything_waits(look: Look, tmp_path: Pat
 
 
 @pytest.mark.soak
-def test_header_names_the_hidden_ancestors_of_visible_rows(look: Look, tmp_path: Path) -> None:
+def test_header_names_the_hidden_ancestors_of_visible_rows(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = Story().module("planner", "day", "visit").module("legs", "move").at(1.0)
     day = story.goal("day", "user")
     story.delivered(day, "planner").reached(day, Moment.START_ACHIEVING)
@@ -178,8 +174,8 @@ def test_header_names_the_hidden_ancestors_of_visible_rows(look: Look, tmp_path:
         visit = story.goal("visit", "planner", day)
         story.delivered(visit, "planner").reached(visit, Moment.START_ACHIEVING)
         moves = [story.command("move", "planner", visit) for _ in range(12)]
-    story.delivered(moves[-1], "legs")  # it is current: the page opens there
-    page = look(story.at(2.0).write(tmp_path / "day"))
+    story.delivered(moves[-1], "legs")  # current: the page opens there
+    page = open_page(story.at(2.0).write(tmp_path / "day"))
     head = page.locator(".heads span").first
     expect(page.locator(f".row[data-task='{moves[-1]}']")).to_be_visible()
     expect(head).to_have_text(re.compile(rf"^day {day} ▸ visit (\d+) ▸ $"))

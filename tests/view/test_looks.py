@@ -1,6 +1,4 @@
-"""Small things that a reader of the page sees at once: where it opens, columns that stand still,
-names that can be read.
-"""
+"""Details of the page: where it opens, stable columns, legible names."""
 
 import re
 from pathlib import Path
@@ -12,13 +10,13 @@ from tools.story import Story, stumbling
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import Outcome
-from view.conftest import Look, until, written
+from view.conftest import OpenPage, until, written
 
 pytestmark = pytest.mark.slow
 
 
 def long_run() -> Story:
-    """Forty moves one after the other, each of which takes a second."""
+    """Forty moves of one second in sequence."""
     story = Story().module("legs", "move").at(1.0)
     for _ in range(40):
         story.acted(story.command("move", "user"), "legs", 1.0)
@@ -37,25 +35,25 @@ def day() -> Story:
 
 
 @pytest.mark.soak
-def test_ended_run_is_shown_from_its_first_task(look: Look, tmp_path: Path) -> None:
+def test_ended_run_is_shown_from_its_first_task(open_page: OpenPage, tmp_path: Path) -> None:
     run, seen = day().say(facts.Closed("done")).write(tmp_path / "day"), ".row[data-task='{}']"
-    page = look(run)
+    page = open_page(run)
     expect(page.locator(seen.format(8))).to_be_in_viewport()
     assert page.evaluate("[tca.tree.rows.length, tca.tree.scroller.scrollTop]") == [54, 0]
-    page.keyboard.press("End")  # who asks for the end sees it
+    page.keyboard.press("End")  # the End key shows the end
     for place, task in (("", 54), ("#task=54", 54), ("#t=47.5", 53)):
-        page = look(run, place) if place else page
+        page = open_page(run, place) if place else page
         expect(page.locator(seen.format(task))).to_be_in_viewport()
-    page = look(day().write(tmp_path / "killed"))  # here it stands
+    page = open_page(day().write(tmp_path / "killed"))  # not closed: the page opens at its end
     expect(page.locator(seen.format(54))).to_be_in_viewport()
 
 
 @pytest.mark.soak
-def test_future_bar_has_a_dark_name(look: Look, tmp_path: Path) -> None:
+def test_future_bar_has_a_dark_name(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("legs", "walk", "turn").at(1.0)
     for name in ("walk", "turn"):
         story.acted(story.command(name, "user"), "legs", 10.0)
-    page = look(story.say(facts.Closed("done")).write(tmp_path / "walk"), "#t=10.9")
+    page = open_page(story.say(facts.Closed("done")).write(tmp_path / "walk"), "#t=10.9")
     expect(page.locator("#clock")).to_have_text("10.900 s")
     assert {(text, colour) for text, colour in written(page) if text in ("walk", "turn")} == {
         ("walk", "#ffffff"),
@@ -67,8 +65,8 @@ def test_future_bar_has_a_dark_name(look: Look, tmp_path: Path) -> None:
     assert ("walk", "#1f2933") in written(page)
 
 
-def leaves_the_labels_of_the_axis_free(page: Page) -> None:
-    """The cursor at 20 s, where a label is."""
+def assert_axis_labels_are_free(page: Page) -> None:
+    """The cursor is at 20 s, where a label is."""
     expect(page.locator("#clock")).to_have_text("20.000 s")
     blue = """(y) => {
       const { chart } = tca, [from, to] = chart.window, scale = devicePixelRatio;
@@ -80,7 +78,9 @@ def leaves_the_labels_of_the_axis_free(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_ended_run_without_failures_opens_fully_expanded(look: Look, tmp_path: Path) -> None:
+def test_ended_run_without_failures_opens_fully_expanded(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = Story().module("planner", "day", "walk").module("legs", "move").at(1.0)
     top = story.goal("day", "user", to="planner", begins=True)
     for _ in range(8):
@@ -90,7 +90,7 @@ def test_ended_run_without_failures_opens_fully_expanded(look: Look, tmp_path: P
             story.acted(story.command("move", "planner", walk), "legs", 1.0)
         story.reached(walk, Moment.END_PLANNING, Moment.END_ACHIEVING)
     story.returned(top).reached(top, Moment.END_PLANNING, Moment.END_ACHIEVING)
-    page = look(story.say(facts.Closed("done")).write(tmp_path / "day"))
+    page = open_page(story.say(facts.Closed("done")).write(tmp_path / "day"))
     until(page, "tca.tree.rows.length > 1")
     shown, room = page.evaluate(
         "[tca.tree.rows.length, Math.floor(tca.tree.scroller.clientHeight / 24)]"
@@ -100,7 +100,9 @@ def test_ended_run_without_failures_opens_fully_expanded(look: Look, tmp_path: P
 
 
 @pytest.mark.soak
-def test_failure_is_shown_once_with_data_when_it_has_no_text(look: Look, tmp_path: Path) -> None:
+def test_failure_is_shown_once_with_data_when_it_has_no_text(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = Story().module("legs", "walk", "move").at(1.0)
     walk = story.goal("walk", "user", to="legs", begins=True)
     move = story.command("move", "legs", walk, to="legs")
@@ -110,25 +112,27 @@ def test_failure_is_shown_once_with_data_when_it_has_no_text(look: Look, tmp_pat
     for task in (move, walk):
         why = "failure 'stuck' of move {2} was not handled"
         story.say(facts.Killed(TaskId(task), why, failed=TaskId(move))).reached(task, *Moment)
-    page = look(story.at(3.0).write(tmp_path / "stuck"), f"#task={move}")
+    page = open_page(story.at(3.0).write(tmp_path / "stuck"), f"#task={move}")
     expect(page.locator(f".row[data-task='{move}'] .why")).to_have_text('failed: stuck {"leg": 4}')
     expect(page.locator("#task .lead")).to_have_text(
         ["stuck", "killed: no exception handler handled that"]
     )
-    page.locator("#search").fill("stuck")  # what failed comes before what was killed for it
+    page.locator("#search").fill("stuck")  # the failed task before the killed one
     assert page.evaluate("[...tca.tree.found].map((task) => task.id)") == [move, walk]
     page.keyboard.press("Escape")
     page.keyboard.press("?")
     expect(page.locator("#keys")).to_be_visible()
-    page.keyboard.press("Home")  # meanwhile the keys are not the page's
+    page.keyboard.press("Home")  # not a key of the page while the help is open
     page.keyboard.press("Escape")
     expect(page.locator("#keys")).to_be_hidden()
     expect(page.locator("#clock")).to_have_text("3.000 s")
 
 
-def test_live_chart_shows_the_last_seconds_and_the_chosen_task(look: Look, tmp_path: Path) -> None:
-    page = look(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=20")
-    leaves_the_labels_of_the_axis_free(page)
+def test_live_chart_shows_the_last_seconds_and_the_chosen_task(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(long_run().say(facts.Closed("done")).write(tmp_path / "moves"), "#t=20")
+    assert_axis_labels_are_free(page)
     page.evaluate("tca.slider.setTime(38)")
     window = "tca.chart.window.map((time) => Math.round(time))"
     page.locator("#tree").focus()
@@ -137,7 +141,7 @@ def test_live_chart_shows_the_last_seconds_and_the_chosen_task(look: Look, tmp_p
     expect(page.locator("#last")).to_have_value("30")
     page.evaluate("tca.slider.setTime(40)")
     until(page, f"String({window}) === '10,40'")
-    page.evaluate("tca.slider.setTime(5)")  # of which there are not so many
+    page.evaluate("tca.slider.setTime(5)")  # fewer than 30 s before it
     until(page, f"String({window}) === '1,31'")
     page.locator("#last").select_option("5")
     page.keyboard.press("End")
@@ -145,7 +149,7 @@ def test_live_chart_shows_the_last_seconds_and_the_chosen_task(look: Look, tmp_p
     for task in (
         3,
         4,
-    ):  # the one began at 3, and when the chart is there the other is in sight, too
+    ):  # task 3 moves the chart, so that task 4 is in sight, too
         page.locator("#search").fill(str(task))
         page.keyboard.press("Enter")
     expect(page.locator("#task h2")).to_have_text("move {4}")
@@ -158,13 +162,13 @@ def test_live_chart_shows_the_last_seconds_and_the_chosen_task(look: Look, tmp_p
     page.locator("#tab-messages").click()
     places = "[...document.querySelectorAll('#messages .kind')].map((one) => Math.round(one.getBoundingClientRect().left))"
     until(page, f"{places}.length > 50")
-    told = page.locator("#messages .time").all_inner_texts()
-    assert {len(one.strip()) for one in told} == {7, 8}  # 9.000 s, 10.000 s
-    assert len(set(page.evaluate(places))) == 1  # columns stand still
+    times = page.locator("#messages .time").all_inner_texts()
+    assert {len(one.strip()) for one in times} == {7, 8}  # 9.000 s and 10.000 s
+    assert len(set(page.evaluate(places))) == 1  # one column
 
 
-def test_message_columns_name_sender_and_handler(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"), "#t=1")
+def test_message_columns_name_sender_and_handler(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(stumbling().write(tmp_path / "walk"), "#t=1")
     page.locator("#tab-traffic").click()
     pairs, rows = page.locator("#traffic .pair"), page.locator("#traffic tr:not(.pair)")
     expect(pairs).to_have_text(

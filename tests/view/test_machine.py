@@ -1,6 +1,4 @@
-"""A state machine of tasks on the page: its picture, with the states that are active at the moment
-shown.
-"""
+"""A state machine of tasks on the page: its picture with the active states of the moment."""
 
 import json
 import urllib.request
@@ -19,7 +17,7 @@ from tca_wire.charts import ActiveStates, ChartState, MachineChart, StateKind
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Party
-from view.conftest import Look, until
+from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +26,7 @@ MACHINE, OTHER, LARGE = TaskId(1), TaskId(2), TaskId(3)
 
 @pytest.fixture
 def patrol(tmp_path: Path) -> Path:
-    """A machine enters its states at 2 and 4 s, and ends at 6 s."""
+    """A machine that enters states at 2 s and 4 s, and ends at 6 s."""
     with Sequence("patrol") as sm:
         sm.Wait(duration=1.0)
         with sm.concurrence():
@@ -47,10 +45,10 @@ def patrol(tmp_path: Path) -> Path:
         (2.0, 2, ["Wait"], [0, 1]),
         (4.0, 3, ["Look", "GoTo"], [0, 2, 3, 4, 99]),
     ):
-        told = msgspec.msgpack.encode(ActiveStates(running, "", active))
+        states = msgspec.msgpack.encode(ActiveStates(running, "", active))
         story.at(time).say(
             facts.StateChanged(
-                MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", told
+                MACHINE, "result available", "running", serial, Party.SERVER, "patrol", "", states
             )
         )
     story.at(6.0).returned(MACHINE).reached(MACHINE, Moment.END_ACHIEVING).at(7.0)
@@ -58,15 +56,15 @@ def patrol(tmp_path: Path) -> Path:
 
 
 def active(page: Page) -> Any:
-    """The texts of the active states' first lines, and of no others."""
+    """The first lines of the active states."""
     page.wait_for_selector(".machine svg")
     return page.evaluate(
         "() => [...document.querySelectorAll('.machine .active')].map((one) => one.querySelector('text').textContent).sort().join(' ')"
     )
 
 
-def test_active_states_follow_the_shown_moment(look: Look, patrol: Path) -> None:
-    page = look(patrol, "#t=2&task=1")
+def test_active_states_follow_the_shown_moment(open_page: OpenPage, patrol: Path) -> None:
+    page = open_page(patrol, "#t=2&task=1")
     assert active(page) == "Wait patrol"
     picture = page.locator(".machine svg").element_handle()
     for moment, expected in (
@@ -81,7 +79,7 @@ def test_active_states_follow_the_shown_moment(look: Look, patrol: Path) -> None
             "(expected) => [...document.querySelectorAll('.machine .active text:first-of-type')].map((one) => one.textContent).sort().join(' ') === expected",
             expected,
         )
-    assert picture.evaluate("(one) => one.isConnected")  # it was drawn once
+    assert picture.evaluate("(one) => one.isConnected")  # not drawn again
     page.locator(".machine").click()
     expect(page.locator(".machine")).to_have_class("machine whole")
     page.evaluate("() => { location.hash = '#t=5&task=2'; }")
@@ -112,9 +110,7 @@ def test_server_serves_machine_pictures_of_machines_only(
 def test_server_finds_a_message_while_it_reads(
     serve: Callable[[Path], str], tmp_path: Path
 ) -> None:
-    """The server read 2,000 entries at a time, and said of later ones that they are not in the
-    journal.
-    """
+    """The server reads 2,000 entries at a time. It used to refuse messages of later ones."""
     story = Story().module("arm", "grasp")
     for number in range(1, 4001):
         story.at(number / 1000).command("grasp", "user", to="arm", data={"width": 1})

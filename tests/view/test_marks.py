@@ -1,6 +1,4 @@
-"""Failures are found in the page: marks at the slider, keys from one to the next, and what failed
-under what.
-"""
+"""Failures on the page: marks on the slider, keys to the next one, and the failed subtasks."""
 
 import re
 from pathlib import Path
@@ -12,13 +10,13 @@ from tools.story import Story, made
 from tca_wire.journal import facts
 from tca_wire.points import Moment, TaskId
 from tca_wire.vocabulary import MessageClass, Outcome
-from view.conftest import Look, until
+from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
 
 
-def test_handled_failures_are_marked_and_found(look: Look, tmp_path: Path) -> None:
-    page = look(made("recovered").write(tmp_path / "walk"), "#t=0.5")
+def test_handled_failures_are_marked_and_found(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(made("recovered").write(tmp_path / "walk"), "#t=0.5")
     expect(page.locator("#counts")).to_be_attached()
     for clock in ("2.000 s", "6.000 s"):
         page.keyboard.press("]")
@@ -43,9 +41,7 @@ def test_handled_failures_are_marked_and_found(look: Look, tmp_path: Path) -> No
 
 
 def baking() -> Story:
-    """Of many cakes that are baked well one burns: it and what it was for are killed, for that
-    failure.
-    """
+    """Thirty cakes. Heating one of them fails, and the cake is killed for it."""
     story = Story().module("cook", "bake cake", "stir", "heat").at(1.0)
     for number in range(30):
         cake = story.goal("bake cake", "user")
@@ -69,8 +65,8 @@ def baking() -> Story:
     return story.say(facts.Closed("done"))
 
 
-def test_failure_is_shown_under_the_task_killed_for_it(look: Look, tmp_path: Path) -> None:
-    page = look(baking().write(tmp_path / "kitchen"))
+def test_failure_is_shown_under_the_task_killed_for_it(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(baking().write(tmp_path / "kitchen"))
     cake, heat = 61, 63
     expect(page.locator(f".row[data-task='{cake}'] .why")).to_contain_text("killed")
     failed = page.locator(f".row[data-task='{heat}']")
@@ -91,8 +87,8 @@ def test_failure_is_shown_under_the_task_killed_for_it(look: Look, tmp_path: Pat
 
 
 @pytest.mark.soak
-def test_replaced_task_is_amber(look: Look, tmp_path: Path) -> None:
-    page = look(made("replaced").write(tmp_path / "walk"))
+def test_replaced_task_is_amber(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(made("replaced").write(tmp_path / "walk"))
     expect(page.locator("#counts")).to_be_attached()
     page.locator(".row[data-task='2'] .name").click()
     expect(page.locator("#task h2")).to_have_text("step {2}")
@@ -121,7 +117,7 @@ def test_replaced_task_is_amber(look: Look, tmp_path: Path) -> None:
     )
 
     page.locator("#tab-task").click()
-    page.keyboard.press("[")  # before it was replaced it was red, as in the tree of that moment
+    page.keyboard.press("[")  # red before the replacement, as in the tree of that moment
     expect(row.locator(".why")).to_have_text("failed: blind: fog")
     expect(page.locator("#task .lead.bad").first).to_have_text("blind: fog")
     later = page.locator("#task .lead.faint")
@@ -136,34 +132,38 @@ def test_replaced_task_is_amber(look: Look, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_collapsed_mark_is_red_when_a_failure_was_not_handled(look: Look, tmp_path: Path) -> None:
-    page = look(made("not_replaced").write(tmp_path / "walk"))
+def test_collapsed_mark_is_red_when_a_failure_was_not_handled(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(made("not_replaced").write(tmp_path / "walk"))
     page.locator(".row[data-task='1'] .twist").click()
     expect(page.locator(".hidden-failure")).to_have_class("hidden-failure")
 
 
 @pytest.mark.soak
-def test_recovering_task_names_its_handler_and_duration(look: Look, tmp_path: Path) -> None:
-    page = look(made("in_recovery").write(tmp_path / "walk"))
-    told = page.locator(".row.recovering .why")
-    expect(told).to_have_text(
+def test_recovering_task_names_its_handler_and_duration(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
+    page = open_page(made("in_recovery").write(tmp_path / "walk"))
+    reason = page.locator(".row.recovering .why")
+    expect(reason).to_have_text(
         "slip: on ice; until recover {3} has dealt with its failure, for 1.5 s"
     )
-    expect(told).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
+    expect(reason).to_have_attribute("title", re.compile("recover.*\n\nslip: on ice"))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("passed_on", "tint"), [(False, "handled"), (True, "bad")])
 def test_failed_query_is_amber_when_its_asker_continued(
-    look: Look, tmp_path: Path, *, passed_on: bool, tint: str
+    open_page: OpenPage, tmp_path: Path, *, passed_on: bool, tint: str
 ) -> None:
-    page = look(made("asking_in_vain" if passed_on else "asking").write(tmp_path / "ask"))
+    page = open_page(made("asking_in_vain" if passed_on else "asking").write(tmp_path / "ask"))
     expect(page.locator("#counts")).to_be_attached()
     page.evaluate("tca.slider.setTime(2.5)")
     expect(page.locator("#clock")).to_have_text("2.500 s")
     page.keyboard.press("[")
     expect(page.locator("#task h2")).to_have_text("look {3}")
-    page.keyboard.press("End")  # before that, who asked may still go on
+    page.keyboard.press("End")  # earlier, the asker may still continue
     expect(page.locator("#task .lead").first).to_have_class(f"lead {tint}")
     went = "then failed" if passed_on else "continued"
     expect(page.locator("#task .lead").nth(1)).to_have_text(
@@ -191,7 +191,7 @@ def test_failed_query_is_amber_when_its_asker_continued(
 
 
 @pytest.mark.soak
-def test_failed_direct_query_is_amber(look: Look, tmp_path: Path) -> None:
+def test_failed_direct_query_is_amber(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("eye", "look", "log").at(1.0)
     for name, kind in (("look", MessageClass.QUERY), ("log", MessageClass.INFORM)):
         story.say(facts.FormatDefined(name, kind, "{}", "{}", "eye"))
@@ -200,14 +200,14 @@ def test_failed_direct_query_is_amber(look: Look, tmp_path: Path) -> None:
                 name, "eye", "eye", "legs", 0, 1, 1.0, 0.2, Outcome.FAILED, "blind"
             )
         )
-    page = look(story.at(2.0).write(tmp_path / "direct"))
-    told = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
-    assert page.evaluate(told) == [["look", True], ["log", False]]
+    page = open_page(story.at(2.0).write(tmp_path / "direct"))
+    failed_spans = "tca.store.rows[0].failed.map((span) => [span.name, span.failure.handled])"
+    assert page.evaluate(failed_spans) == [["look", True], ["log", False]]
 
 
 @pytest.mark.soak
 def test_failure_raised_outside_the_handler_is_marked_on_the_bar(
-    look: Look, tmp_path: Path
+    open_page: OpenPage, tmp_path: Path
 ) -> None:
     story = Story().module("legs", "move", resource="left").at(1.0)
     move = story.command("move", "user")
@@ -226,7 +226,7 @@ def test_failure_raised_outside_the_handler_is_marked_on_the_bar(
     story.queued(waits, "legs", "left").at(4.0).say(
         facts.Failed(waits, "timeout", "late", is_beside=True, by="central")
     )
-    page = look(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "slip"))
+    page = open_page(story.at(9.0).say(facts.Closed("done")).write(tmp_path / "slip"))
     expect(page.locator("#counts")).to_be_attached()
     for time, kind in ((3, "handled"), (4, "queued")):
         x, y, is_marked = page.evaluate(
@@ -251,13 +251,13 @@ def test_failure_raised_outside_the_handler_is_marked_on_the_bar(
 
 
 @pytest.mark.soak
-def test_running_bar_is_not_marked_failed(look: Look, tmp_path: Path) -> None:
+def test_running_bar_is_not_marked_failed(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("legs", "move").at(1.0)
     move = story.command("move", "user")
     story.delivered(move, "legs").at(9.0).returned(move, Outcome.FAILED).say(
         facts.Failed(move, "slip", "why")
     )
-    page = look(story.at(10.0).say(facts.Closed("done")).write(tmp_path / "slip"), "#t=5")
+    page = open_page(story.at(10.0).say(facts.Closed("done")).write(tmp_path / "slip"), "#t=5")
     expect(page.locator("#clock")).to_have_text("5.000 s")
     framed = """([time]) => {
       const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
@@ -265,20 +265,20 @@ def test_running_bar_is_not_marked_failed(look: Look, tmp_path: Path) -> None:
       const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), top, 1, 1).data;
       return [box.left + x, box.top + top + 8, red > green + 50 && red > blue + 50];
     }"""
-    told = "move {1} handled by legs"
+    title = "move {1} handled by legs"
     went = ": 1.000 s – 9.000 s (8 s)"
-    for time, is_framed, said in (
+    for time, is_framed, hint in (
         (
             "5",
             [False, True],
-            f"{told}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)",
+            f"{title}: since 1.000 s (4 s so far); later: failed: until 9.000 s (8 s)",
         ),
-        ("0.5", [True, True], f"later: {told}: failed{went}"),
-        ("9", [True, True], f"{told}: failed{went}"),
+        ("0.5", [True, True], f"later: {title}: failed{went}"),
+        ("9", [True, True], f"{title}: failed{went}"),
     ):
         page.evaluate(f"location.hash = '#t={time}'")
         until(page, f"tca.chart.time === {time}")
         (x, y, early), (_, _, late) = (page.evaluate(framed, [moment]) for moment in (3, 7))
         assert [early, late] == is_framed
         page.mouse.move(x, y)
-        expect(page.locator("#hint")).to_have_text(said)
+        expect(page.locator("#hint")).to_have_text(hint)

@@ -1,4 +1,4 @@
-"""The page in a real browser, used as a person would."""
+"""The page in a real browser, used by mouse and keyboard."""
 
 import re
 import threading
@@ -16,7 +16,7 @@ from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry
 from tca_wire.journal.records import record
 from tca_wire.points import Moment, TaskId
-from view.conftest import Look, served, until
+from view.conftest import OpenPage, served, until
 
 pytestmark = pytest.mark.slow
 
@@ -25,8 +25,8 @@ def line(page: Page, task: int) -> Locator:
     return page.locator(f".row[data-task='{task}']")
 
 
-def test_reason_of_a_wait_shows_without_a_click(look: Look, tmp_path: Path) -> None:
-    page = look(walking().write(tmp_path / "walk"))
+def test_reason_of_a_wait_shows_without_a_click(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(walking().write(tmp_path / "walk"))
     expect(line(page, 9)).to_contain_text(
         "until its parent take steps {3} is being achieved; in the end for move body {7}"
     )
@@ -34,9 +34,7 @@ def test_reason_of_a_wait_shows_without_a_click(look: Look, tmp_path: Path) -> N
         "until take steps {3} is being achieved; in the end for move body {7}"
     )
     expect(page.locator("#counts")).to_contain_text("1 handling")
-    expect(page.locator("#status")).to_have_text(
-        "not closed"
-    )  # nobody writes to it, and it has no end
+    expect(page.locator("#status")).to_have_text("not closed")  # no writer, and no closing entry
     line(page, 4).click()
     expect(page.locator(".row .kind")).to_have_text("SEQ, plan ahead")
     for width in (1400, 800, 420):
@@ -45,12 +43,12 @@ def test_reason_of_a_wait_shows_without_a_click(look: Look, tmp_path: Path) -> N
         assert not any(row.evaluate(cut) for row in page.locator(".row").all())
         boxes = "(row) => ['.name', '.kind'].map((part) => row.querySelector(part).getBoundingClientRect().toJSON())"
         name, kind = line(page, 3).evaluate(boxes)
-        assert name["x"] + name["width"] <= kind["x"]  # nothing lies over it
+        assert name["x"] + name["width"] <= kind["x"]  # no overlap
     assert page.locator("#slider").bounding_box()["width"] > 300  # type: ignore[index]
 
 
-def test_failed_run_can_be_explored(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"))
+def test_failed_run_can_be_explored(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(stumbling().write(tmp_path / "walk"))
     expect(page.locator("#status")).to_have_text("ended")
     expect(line(page, 7)).to_contain_text("failed: terrain collision: leg 4 met")
     expect(line(page, 1)).to_contain_text(
@@ -91,19 +89,19 @@ def test_failed_run_can_be_explored(look: Look, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_page_names_other_runs_in_the_folder(look: Look, tmp_path: Path) -> None:
+def test_page_names_other_runs_in_the_folder(open_page: OpenPage, tmp_path: Path) -> None:
     folder = stumbling().write(tmp_path / "walk", segments=3)
     (folder / "00000002.tcaj").unlink()
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "earlier", 1, 1.0, "0.1.0")])
     (folder / "00000000.tcaj").write_bytes(record(other))
-    page = look(folder)
-    expect(page.locator("#problem")).to_contain_text("contains 2 runs")
+    page = open_page(folder)
+    expect(page.locator("#problem")).to_contain_text("2 runs lie there")
     expect(page.locator("#problem")).to_contain_text("segment 2 is missing")
     expect(page.locator("#status")).to_have_text("ended")
 
 
-def test_past_is_shown_step_by_step_and_played(look: Look, tmp_path: Path) -> None:
-    page = look(stumbling().write(tmp_path / "walk"), "#t=1.4&task=7")
+def test_past_is_shown_step_by_step_and_played(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(stumbling().write(tmp_path / "walk"), "#t=1.4&task=7")
     expect(page.locator("#clock")).to_have_text("1.400 s")
     expect(line(page, 7)).to_contain_text("until move leg {6} is achieved")
     expect(page.locator("#task .state")).to_have_text("held")
@@ -130,17 +128,19 @@ def test_past_is_shown_step_by_step_and_played(look: Look, tmp_path: Path) -> No
     later.click()
     expect(page.locator("#task h2")).to_have_text("move body {7}")
     page.keyboard.press("Escape")
-    is_dragged_and_played(page)
+    assert_dragged_and_played(page)
 
 
-def is_dragged_and_played(page: Page) -> None:
+def assert_dragged_and_played(page: Page) -> None:
     box = page.locator("#slider").bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(page.locator("#clock")).to_have_text(re.compile(r"2\.[3-6]\d\d s"))
     page.keyboard.press("End")
     page.locator("#play").click()
-    expect(page.locator("#clock")).to_have_text(re.compile(r"0\.\d\d\d s"))  # from the beginning
+    expect(page.locator("#clock")).to_have_text(
+        re.compile(r"0\.\d\d\d s")
+    )  # played from the beginning
     page.locator("#tab-messages").click()
     page.keyboard.press("Space")
     expect(page.locator("#play")).to_have_text("▶")
@@ -151,12 +151,14 @@ def is_dragged_and_played(page: Page) -> None:
 
 
 @pytest.mark.soak
-def test_chart_spans_first_to_last_message_with_idle_modules(look: Look, tmp_path: Path) -> None:
+def test_chart_spans_first_to_last_message_with_idle_modules(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     story = Story().module("legs", "move").module("lamp", "shine").at(100.0)
     story.acted(story.command("move", "user"), "legs", 10.0).at(160.0).say(
         facts.ModuleLeft("lamp", "gone")
     )
-    page = look(story.at(300.0).say(facts.Closed("done")).write(tmp_path / "late"))
+    page = open_page(story.at(300.0).say(facts.Closed("done")).write(tmp_path / "late"))
     expect(page.locator("#status")).to_have_text("ended")
     until(page, "tca.chart.window[1] < 111")
     assert page.evaluate("tca.chart.layout.map((place) => place.row.label)") == ["legs", "lamp"]
@@ -174,10 +176,10 @@ def test_chart_spans_first_to_last_message_with_idle_modules(look: Look, tmp_pat
 
 
 @pytest.mark.soak
-def test_run_name_is_whole_beside_many_states(look: Look, tmp_path: Path) -> None:
+def test_run_name_is_whole_beside_many_states(open_page: OpenPage, tmp_path: Path) -> None:
     story = stumbling()
     story.queued(story.command("rest", "user")).command("wait", "user")
-    page = look(story.write(tmp_path / "walk over the hills of mars"))
+    page = open_page(story.write(tmp_path / "walk over the hills of mars"))
     name = page.locator("#name")
     for width in (1400, 1000, 910, 800, 420):
         page.set_viewport_size({"width": width, "height": 800})
@@ -185,7 +187,7 @@ def test_run_name_is_whole_beside_many_states(look: Look, tmp_path: Path) -> Non
         assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"), width
 
 
-def test_text_from_users_is_escaped(look: Look, tmp_path: Path) -> None:
+def test_text_from_users_is_escaped(open_page: OpenPage, tmp_path: Path) -> None:
     story = Story().module("<b>legs</b>")
     evil = "<img src=x onerror=alert(1)>"
     walk = story.goal(evil, "<i>user</i>", data={evil: "</script>"})
@@ -193,7 +195,7 @@ def test_text_from_users_is_escaped(look: Look, tmp_path: Path) -> None:
         facts.Failed(walk, evil, "\u202e\x00" + evil + "\nsecond")
     )
     story.at(2.0).say(facts.Killed(TaskId(walk), "\x1b[2J\u202e" + evil))
-    page = look(story.write(tmp_path / "walk"), f"#task={walk}")
+    page = open_page(story.write(tmp_path / "walk"), f"#task={walk}")
     expect(page.locator("#task h2")).to_have_text(f"{evil} {{1}}")
     assert page.locator("img, script:not([src]), #task b, #task i").count() == 0
     pane = page.locator("#task")
@@ -202,12 +204,12 @@ def test_text_from_users_is_escaped(look: Look, tmp_path: Path) -> None:
     assert not re.search("[\x00\x1b\u202e]", pane.evaluate("(pane) => pane.textContent"))
 
 
-def test_truncated_journal_is_shown_with_a_warning(look: Look, tmp_path: Path) -> None:
+def test_truncated_journal_is_shown_with_a_warning(open_page: OpenPage, tmp_path: Path) -> None:
     data = stumbling().encoded()
     place = data.index(b"terrain collision")
     damaged = tmp_path / "damaged.tcaj"
     damaged.write_bytes(data[:place] + b"X" + data[place + 1 :])
-    page = look(damaged)
+    page = open_page(damaged)
     expect(page.locator("#problem")).to_contain_text("a damaged entry is left out")
     expect(line(page, 6)).to_contain_text("achieved")
     with damaged.open("ab") as log:
@@ -219,7 +221,7 @@ def test_truncated_journal_is_shown_with_a_warning(look: Look, tmp_path: Path) -
 WALK, MOVE = Goal("walk", int), Command("move", int)
 
 
-def test_page_follows_a_live_central(look: Look, tmp_path: Path) -> None:
+def test_page_follows_a_live_central(open_page: OpenPage, tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon, connect("user", daemon.address) as user:
         legs, feet = Module("legs", daemon.address), Module("feet", daemon.address)
 
@@ -232,7 +234,7 @@ def test_page_follows_a_live_central(look: Look, tmp_path: Path) -> None:
         def move(_task: Task, _number: int) -> None: ...
 
         user.goal(WALK, 2)
-        page = look(daemon.journal)
+        page = open_page(daemon.journal)
         expect(page.locator("#status")).to_have_text("live")
         expect(page.locator(".row").first).to_contain_text("for a module that handles walk")
         page.locator("#tab-traffic").click()
@@ -251,7 +253,7 @@ def test_page_follows_a_live_central(look: Look, tmp_path: Path) -> None:
 
 
 def many_tasks(number: int) -> bytes:
-    """A robot that takes steps of nine moves each, over and over."""
+    """A robot that repeats steps of nine moves."""
     story = Story().module("planner", "step").module("legs", "move")
     for step in range(number // 10):
         story.at(step * 1.0)
@@ -272,9 +274,7 @@ def many_tasks(number: int) -> bytes:
 
 
 class Halting(Log):
-    """A journal of which only the first entries can be read for a while, as if the disk were
-    slow.
-    """
+    """A journal that stops after its first entries until released, as on a slow disk."""
 
     def __init__(self, path: Path, first: int) -> None:
         super().__init__(path)
@@ -299,7 +299,7 @@ def test_address_is_retained_until_its_target_is_read(browser: Browser, tmp_path
         try:
             page.goto(address + wanted)
             expect(page.locator("#status")).to_contain_text("reading, 4000 entries")
-            expect(page.locator("#counts")).to_contain_text("achieved")  # it is drawn already
+            expect(page.locator("#counts")).to_contain_text("achieved")  # drawn already
             assert page.evaluate("location.hash") == wanted
         finally:
             log.go_on.set()
@@ -310,12 +310,14 @@ def test_address_is_retained_until_its_target_is_read(browser: Browser, tmp_path
 
 @pytest.mark.soak
 @pytest.mark.parametrize("many", [5_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_page_stays_usable_with_very_many_tasks(look: Look, tmp_path: Path, many: int) -> None:
+def test_page_stays_usable_with_very_many_tasks(
+    open_page: OpenPage, tmp_path: Path, many: int
+) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(many_tasks(many))
-    page = look(log)
+    page = open_page(log)
     expect(page.locator("#counts")).to_contain_text(f"{many - 2} achieved")
-    assert page.locator(".row").count() < 100  # only what is in sight
+    assert page.locator(".row").count() < 100  # only visible rows
     page.locator("#counts button[data-state='failed']").click()
     expect(page.locator(".row.chosen")).to_contain_text("failed: slip: on ice")
     expect(page.locator("#task")).to_contain_text("handled by legs")

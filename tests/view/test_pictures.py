@@ -1,6 +1,4 @@
-"""Pictures that modules publish as variables: the page shows them as they were at the moment
-shown.
-"""
+"""Pictures that modules publish as variables, shown as of the current moment."""
 
 import base64
 import urllib.request
@@ -14,7 +12,7 @@ from tools.story import Story
 
 from tca_wire.vocabulary import MessageClass
 from view.answers import answer
-from view.conftest import Look, until
+from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
 
@@ -24,36 +22,36 @@ PNG = base64.b64decode(
 
 
 def svg(width: int) -> str:
-    """A picture, and a script that no page may run."""
+    """A picture with a script that the page must not run."""
     return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="9"><script>parent.ran = true</script></svg>'
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """Pictures of an arm at 1 and 3 s, a map at 2 s, something else at 4 s."""
+    """Pictures of an arm at 1 s and 3 s, of a map at 2 s, and another value at 4 s."""
     story = Story().module("arm", "reach")
-    told = [
+    values = [
         (1.0, "arm", svg(11)),
         (2.0, "map", PNG),
         (3.0, "arm", svg(33)),
         (4.0, "mind", {"svg": svg(1)}),
     ]
-    for time, name, value in told:
+    for time, name, value in values:
         story.at(time).received(f"picture of {name}", MessageClass.VARIABLE, "arm", data=value)
     story.at(5.0).received("speed of arm", MessageClass.VARIABLE, "arm", data=svg(5))
     return story.at(6.0).write(tmp_path / "arm")
 
 
 def widths(page: Page) -> Any:
-    """The pictures that are seen, by name: how wide they are of themselves."""
+    """The natural widths of the visible pictures, by name."""
     return page.evaluate(
         """() => Object.fromEntries([...document.querySelectorAll('#pictures details:not([hidden])')].map(
           (box) => [box.querySelector('summary').textContent, box.querySelector('img').naturalWidth]))"""
     )
 
 
-def test_pictures_belong_to_the_shown_moment(look: Look, arm: Path) -> None:
-    page = look(arm, "#t=0.5")
+def test_pictures_belong_to_the_shown_moment(open_page: OpenPage, arm: Path) -> None:
+    page = open_page(arm, "#t=0.5")
     expect(page.locator("#pictures")).to_be_hidden()
     for moment, expected in (
         (1.5, {"picture of arm": 11}),
@@ -71,8 +69,8 @@ def test_pictures_belong_to_the_shown_moment(look: Look, arm: Path) -> None:
 
 
 @pytest.mark.soak
-def test_closed_picture_is_fetched_when_opened(look: Look, arm: Path) -> None:
-    page = look(arm, "#t=1.5")
+def test_closed_picture_is_fetched_when_opened(open_page: OpenPage, arm: Path) -> None:
+    page = open_page(arm, "#t=1.5")
     picture = page.locator("#pictures details").first
     until(page, "() => document.querySelector('#pictures img').naturalWidth === 11")
     picture.locator("summary").click()
@@ -87,8 +85,8 @@ def test_closed_picture_is_fetched_when_opened(look: Look, arm: Path) -> None:
 
 
 @pytest.mark.soak
-def test_other_values_are_not_pictures(look: Look, arm: Path) -> None:
-    page = look(arm)
+def test_other_values_are_not_pictures(open_page: OpenPage, arm: Path) -> None:
+    page = open_page(arm)
     box = page.locator("#pictures details", has_text="picture of mind")
     expect(box.locator("p")).to_have_text("this value is neither SVG as text nor PNG as bytes")
     expect(box.locator("img")).to_be_hidden()

@@ -1,4 +1,4 @@
-"""A run is played: its time moves smoothly, through silences too, and never backwards."""
+"""Playing a run: time moves smoothly, also through silences, and never backwards."""
 
 import itertools
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from tools.story import Story
 
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ def quiet(tmp_path: Path) -> Path:
 
 
 def moments(page: Page, number: int, milliseconds: int) -> list[float]:
-    """The times that slider and chart show while the page plays so long between two looks."""
+    """The times on slider and chart, sampled *number* times, *milliseconds* apart."""
     found = []
     for _ in range(number):
         page.clock.run_for(milliseconds)
@@ -31,34 +31,32 @@ def moments(page: Page, number: int, milliseconds: int) -> list[float]:
     return found
 
 
-def test_play_button_plays_a_run(look: Look, quiet: Path) -> None:
-    """One page for all: its clock is the test's, and takes the browser longest."""
-    page = look(quiet, clock=True)
+def test_play_button_plays_a_run(open_page: OpenPage, quiet: Path) -> None:
+    """One page for three parts, since a page with a clock of its own opens slowly."""
+    page = open_page(quiet, clock=True)
     for time, plays in (
-        (6, plays_from_between_two_messages),
-        (20, hurries_through_silence),
-        (3.5, moves_zoomed_chart),
+        (6, assert_plays_between_messages),
+        (20, assert_plays_silence_fast),
+        (3.5, assert_zoomed_chart_follows),
     ):
         page.evaluate(f"location.hash = '#t={time}'")
         page.clock.run_for(500)
         plays(page)
 
 
-def plays_from_between_two_messages(page: Page) -> None:
+def assert_plays_between_messages(page: Page) -> None:
     assert page.evaluate("tca.slider.time") == 6
     page.locator("#play").click()
     shown = [
         6.0,
         *moments(page, 10, 100),
-    ]  # in the middle of an action, which is played in half its time
+    ]  # within an action, played in half its time
     steps = [later - earlier for earlier, later in itertools.pairwise(shown)]
     assert min(steps) > 0
     time, now = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
     page.clock.run_for(100)
     later, then = page.evaluate("[tca.slider.playing.time, tca.slider.playing.last]")
-    assert later - time == pytest.approx(
-        (then - now) / 1000 * 2
-    )  # ten seconds of silence take five
+    assert later - time == pytest.approx((then - now) / 1000 * 2)  # 10 s of silence take 5 s
     expect(page.locator("#play")).to_have_text("❚❚")
     page.keyboard.press("Space")
     page.clock.run_for(500)
@@ -69,8 +67,8 @@ def plays_from_between_two_messages(page: Page) -> None:
     assert page.evaluate("tca.slider.time") == stopped
 
 
-def hurries_through_silence(page: Page) -> None:
-    """And says so."""
+def assert_plays_silence_fast(page: Page) -> None:
+    """A long silence is played fast, and the clock is marked."""
     page.locator("#play").click()
     shown = moments(page, 3, 500)
     assert shown == sorted(set(shown))
@@ -84,8 +82,8 @@ def hurries_through_silence(page: Page) -> None:
     expect(page.locator("#clock")).to_have_text("1:00:01.0")
 
 
-def moves_zoomed_chart(page: Page) -> None:
-    """But not against the reader."""
+def assert_zoomed_chart_follows(page: Page) -> None:
+    """A zoomed chart follows the time until the reader drags it."""
     zoom = "([from, to]) => { Object.assign(tca.chart, { from, to }); tca.chart.draw(); }"
     seen = "[...tca.chart.window, tca.chart.time]"
     page.evaluate(zoom, [3.0, 4.0])
@@ -97,7 +95,7 @@ def moves_zoomed_chart(page: Page) -> None:
         assert end - start == pytest.approx(1.0)
     assert start > 4
     chart = page.locator("#chart")
-    for _ in range(2):  # drags the past into sight, twice nearly as much as is seen at a time ...
+    for _ in range(2):  # drag the past into sight, nearly two windows back
         chart.hover(position={"x": 200, "y": 60})
         page.mouse.down()
         page.mouse.move(1390, chart.bounding_box()["y"] + 60)  # type: ignore[index]
@@ -108,17 +106,17 @@ def moves_zoomed_chart(page: Page) -> None:
     *panned, time = page.evaluate(seen)
     assert panned[1] < time
     page.clock.run_for(500)
-    assert page.evaluate(seen)[:2] == panned  # ... where it stays
+    assert page.evaluate(seen)[:2] == panned  # the chart stays there
     page.keyboard.press("Space")
-    page.keyboard.press("Space")  # asks for it
+    page.keyboard.press("Space")  # a new start of the play follows again
     page.clock.run_for(100)
     start, end, time = page.evaluate(seen)
     assert start <= time <= end
 
 
 @pytest.mark.soak
-def test_zoomed_chart_follows_the_steps(look: Look, quiet: Path) -> None:
-    page = look(quiet, "#t=2")
+def test_zoomed_chart_follows_the_steps(open_page: OpenPage, quiet: Path) -> None:
+    page = open_page(quiet, "#t=2")
     expect(page.locator("#clock")).to_have_text("2.000 s")
     page.evaluate("Object.assign(tca.chart, { from: 1.5, to: 2.5 })")
     for key, moment in (("ArrowRight", 11), ("ArrowRight", 3600), ("ArrowLeft", 11), ("End", 3601)):

@@ -1,6 +1,4 @@
-"""What waits in queues: the page's chart lays it as `tca gantt` does, says how many do, and is
-quick though they are many.
-"""
+"""Queues in the page's chart: the layout and numbers of `tca gantt`, also for long queues."""
 
 import itertools
 import random
@@ -15,15 +13,13 @@ from tools.story import Story
 from tca_tools.gantt.build import chart
 from tca_tools.gantt.svg import svg_text
 from tca_wire.journal import facts
-from view.conftest import Look, until, written
+from view.conftest import OpenPage, until, written
 
 pytestmark = pytest.mark.slow
 
 
 def queue_of(number: int) -> Story:
-    """A command that is handled, and others that wait for the same resource from one second after
-    the other.
-    """
+    """A handled command, and one more queued command of its resource each second."""
     story = Story().module("legs", "move").at(1.0)
     story.delivered(story.command("move", "user"), "legs")
     for second in range(2, number + 2):
@@ -33,10 +29,12 @@ def queue_of(number: int) -> Story:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("number", [3_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: int) -> None:
+def test_long_queue_is_shown_at_any_moment(
+    open_page: OpenPage, tmp_path: Path, number: int
+) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(queue_of(number).encoded())
-    page = look(log)
+    page = open_page(log)
     expect(page.locator("#counts")).to_contain_text(f"{number} queued")
     expect(page.locator(".row").last).to_contain_text("for legs, busy with move {1}")
     slider = page.locator("#slider").bounding_box()
@@ -50,7 +48,7 @@ def test_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: i
     page.keyboard.press("Enter")
     expect(page.locator("#task h2")).to_have_text(f"move {{{number // 4}}}")
     expect(page.locator("#task")).to_contain_text("queued for legs, busy with move {1}")
-    assert page.locator(".row").count() < 100  # only what is in sight
+    assert page.locator(".row").count() < 100  # only visible rows
     [row] = page.evaluate(
         "tca.chart.layout.map(({ row, top, bottom }) => [row.label, row.queued.length, bottom - top])"
     )
@@ -59,7 +57,7 @@ def test_long_queue_is_shown_at_any_moment(look: Look, tmp_path: Path, number: i
 
 
 def lanes_on(page: Page, label: str) -> Any:
-    """By message, on the page."""
+    """The lanes of the queued messages of a row."""
     return page.evaluate(
         """(label) => tca.chart.layout.find(({ row }) => row.label === label).row.queued.lists
           .flat().map((span) => [span.message, span.lane]).sort((a, b) => a[0] - b[0])""",
@@ -68,7 +66,7 @@ def lanes_on(page: Page, label: str) -> Any:
 
 
 @pytest.mark.soak
-def test_refilled_queue_has_the_layout_of_other_charts(look: Look, tmp_path: Path) -> None:
+def test_refilled_queue_has_the_layout_of_other_charts(open_page: OpenPage, tmp_path: Path) -> None:
     story, life = Story().module("legs", "move"), random.Random(1)
     waiting: list[int] = []
     for second in range(1, 120):
@@ -79,7 +77,7 @@ def test_refilled_queue_has_the_layout_of_other_charts(look: Look, tmp_path: Pat
         else:
             waiting.append(story.command("move", "user"))
             story.queued(waiting[-1], "legs")
-    page = look(story.at(130.0).say(facts.Closed("done")).write(tmp_path / "queue"))
+    page = open_page(story.at(130.0).say(facts.Closed("done")).write(tmp_path / "queue"))
     expect(page.locator("#counts")).to_be_attached()
     [row] = chart(story.fold()).rows
     counted = page.evaluate(
@@ -93,7 +91,7 @@ def test_refilled_queue_has_the_layout_of_other_charts(look: Look, tmp_path: Pat
     assert max(bars) > 12
     by_start = sorted(row.queued, key=lambda bar: bar.start)
     assert [lane for _, lane in lanes_on(page, "legs")] == [bar.lane for bar in by_start]
-    counts_what_waits(page)
+    assert_queue_peaks(page)
 
 
 NOW = 60
@@ -103,11 +101,11 @@ PEAKS = """async ([begun, ended, times]) => {
   for (const end of ended) queued.end({ end });
   return queued.peaks(times);
 }"""
-"""The most at a time between each of some times and the next."""
+"""The greatest queue length between each two times."""
 
 
-def counts_what_waits(page: Page) -> None:
-    """Many begin or end together, some have no length, some go on."""
+def assert_queue_peaks(page: Page) -> None:
+    """Many bars begin or end together, some have no length, and some stay open."""
     life = random.Random(3)
     for _ in range(20):
         starts = sorted(life.randint(0, NOW) for _ in range(life.choice([5, 40, 600])))
@@ -134,9 +132,7 @@ def counts_what_waits(page: Page) -> None:
 
 
 def bursts() -> Story:
-    """Three times many messages come at once, and are handled soon, in a run of twenty minutes; a
-    few are suspended.
-    """
+    """Bursts of messages at four modules, soon handled, in a run of twenty minutes."""
     story = Story()
     for module, number, begin in (
         ("sink", 298, 301.0),
@@ -158,23 +154,23 @@ def bursts() -> Story:
     )
 
 
-def numbers(page: Page) -> list[str]:
+def queue_numbers(page: Page) -> list[str]:
     return [text for text, _ in written(page) if text.startswith("up to")]
 
 
-def numbers_on(page: Page, width: int) -> list[str]:
+def queue_numbers_at_width(page: Page, width: int) -> list[str]:
     page.set_viewport_size({"width": width, "height": 1200})
     until(page, f"() => tca.chart.width > {width - 20} && tca.chart.width <= {width}")
-    return numbers(page)
+    return queue_numbers(page)
 
 
-def test_figures_match_tca_gantt_for_whole_and_part(look: Look, tmp_path: Path) -> None:
+def test_figures_match_tca_gantt_for_whole_and_part(open_page: OpenPage, tmp_path: Path) -> None:
     story = bursts()
-    page = look(story.write(tmp_path / "bursts"))
+    page = open_page(story.write(tmp_path / "bursts"))
     expect(page.locator("#status")).to_have_text("ended")
     picture = re.findall(r"up to \d+ queued", svg_text(chart(story.fold()), "bursts"))
     assert picture == ["up to 298 queued", "up to 14 queued", "up to 4 queued"]
     for width in (1391, 700):
-        assert numbers_on(page, width) == picture
+        assert queue_numbers_at_width(page, width) == picture
     page.evaluate("Object.assign(tca.chart, { from: 350, to: 800 })")
-    assert numbers(page) == ["up to 149 queued", "up to 14 queued"]
+    assert queue_numbers(page) == ["up to 149 queued", "up to 14 queued"]

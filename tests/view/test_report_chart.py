@@ -1,6 +1,4 @@
-"""The report's chart in a real browser: it uses a wide screen, scrolls on a narrow one, and is
-legible on both and on paper.
-"""
+"""The report's chart in a real browser: legible on wide and narrow screens and on paper."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,13 +12,13 @@ from tca_tools.report.__main__ import report
 
 pytestmark = pytest.mark.slow
 
-LEAST = 9  # pixels that letters are high, with what is above and below them
+LEAST = 9  # the least line height of letters in pixels
 LETTERS = "(root) => Math.min(...[...document.querySelectorAll(`${root} text`)].map((one) => one.getBoundingClientRect().height))"
 INSIDE = "document.documentElement.scrollWidth <= document.documentElement.clientWidth"
 
 
 def long_walk() -> Story:
-    """Many short moves of many modules with long names: a chart as wide as there are."""
+    """Many short moves of modules with long names: a chart of the greatest width."""
     story = Story()
     for number in range(8):
         story.module(f"gait planner of the {number}th leg", f"move {number}")
@@ -34,7 +32,7 @@ def long_walk() -> Story:
 
 
 def pool() -> Story:
-    """Two copies of a program, whose longest name has more wide letters than most."""
+    """Two copies of a program, with many wide letters in the longest name."""
     story = Story().module("arm", "pick").module("arm#2", "pick", resource="arm").at(1.0)
     story.acted(story.command("pick", "user"), "arm", 1.0)
     return story.acted(story.command("pick", "user"), "arm#2", 1.0)
@@ -70,15 +68,15 @@ def left_of(page: Page, what: str) -> float:
 
 def test_report_chart_is_legible_on_screen_and_paper(paged: Page) -> None:
     for width in (2400, 1400):
-        is_as_wide_as_the_screen(paged, width)
+        assert_as_wide_as_the_screen(paged, width)
     for width in (2400, 900):
-        has_whole_labels(paged, width)
+        assert_whole_labels(paged, width)
     for width in (900, 420):
-        scrolls_beside_its_labels(paged, width)
-    is_in_parts_on_paper(paged)
+        assert_scrolls_beside_its_labels(paged, width)
+    assert_strips_on_paper(paged)
 
 
-def is_as_wide_as_the_screen(paged: Page, width: int) -> None:
+def assert_as_wide_as_the_screen(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     assert paged.evaluate(INSIDE)
     assert scrolls(paged) == 0
@@ -92,7 +90,7 @@ def is_as_wide_as_the_screen(paged: Page, width: int) -> None:
     assert chart["x"] + chart["width"] <= width
 
 
-def has_whole_labels(paged: Page, width: int) -> None:
+def assert_whole_labels(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     left = left_of(paged, "#r-labels")
     labels = paged.locator("#r-labels text").all()
@@ -103,7 +101,7 @@ def has_whole_labels(paged: Page, width: int) -> None:
         assert box["x"] >= left, label.text_content()
 
 
-def scrolls_beside_its_labels(paged: Page, width: int) -> None:
+def assert_scrolls_beside_its_labels(paged: Page, width: int) -> None:
     paged.set_viewport_size({"width": width, "height": 900})
     assert paged.evaluate(INSIDE)
     assert scrolls(paged) > 0
@@ -115,7 +113,7 @@ def scrolls_beside_its_labels(paged: Page, width: int) -> None:
     assert left_of(paged, "#r-plot") == pytest.approx(plot - 40, abs=1)
 
 
-def is_in_parts_on_paper(paged: Page) -> None:
+def assert_strips_on_paper(paged: Page) -> None:
     paged.emulate_media(media="print")
     paged.set_viewport_size({"width": 1032, "height": 700})  # A4, landscape, without its margins
     assert paged.evaluate(INSIDE)
@@ -128,7 +126,7 @@ def is_in_parts_on_paper(paged: Page) -> None:
     assert all(1000 < width <= 1032 for width in widths)
     for one in paged.locator(".r-strip").all():
         scale = one.evaluate("(one) => one.children[1].getScreenCTM().a")
-        assert scale >= 0.75  # of letters of 12 pixels
+        assert scale >= 0.75  # of 12 pixels
         assert (
             one.evaluate(
                 "(one) => Math.abs(one.children[0].getScreenCTM().a - one.children[1].getScreenCTM().a)"

@@ -1,6 +1,4 @@
-"""What runs are called, and by which address they are asked for: it stays, whatever comes to lie
-beside them.
-"""
+"""Names and addresses of runs, which stay the same when other runs come to their folder."""
 
 import shutil
 import threading
@@ -30,27 +28,28 @@ def runs_of(journal: Path | None) -> Iterator[Runs]:
 
 
 def test_server_end_does_not_wait_for_open_pages(journals: Path) -> None:
-    """He has its reading and asks for the newest run; who stops them has the list of runs and wants
-    the reading.
+    """A page holds the reading and asks for the runs; stop() holds the runs and asks for the reading.
+
+    These two could wait for each other.
     """
     runs = Runs(open_log(walking().write(journals / "walk")), follows=False)
     shown = runs.show(None)
     assert shown is not None
-    looks, may_ask = threading.Event(), threading.Event()
+    has_reading, may_ask = threading.Event(), threading.Event()
     names: list[str] = []
 
-    def look() -> None:
+    def list_runs() -> None:
         with shown.reading:
-            looks.set()
+            has_reading.set()
             may_ask.wait(SOON)
             names.extend(run.name for run in runs.names(shown))
 
     threads = [
-        threading.Thread(target=look, daemon=True),
+        threading.Thread(target=list_runs, daemon=True),
         threading.Thread(target=runs.stop, daemon=True),
     ]
     threads[0].start()
-    assert looks.wait(SOON)
+    assert has_reading.wait(SOON)
     threads[1].start()
     until(lambda: runs._is_stopped, "the runs are to be stopped")
     may_ask.set()
@@ -59,7 +58,7 @@ def test_server_end_does_not_wait_for_open_pages(journals: Path) -> None:
     assert names == ["walk", "walk"]
 
 
-def begin_another_in(folder: Path) -> None:
+def write_second_run(folder: Path) -> None:
     story = stumbling()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
     (folder / "00000002.tcaj").write_bytes(story.encoded())
@@ -87,8 +86,8 @@ def test_run_address_holds_when_another_starts_in_its_folder(journals: Path) -> 
         old = runs.newest
         shown = runs.show(None)
         assert old.name == "walk"
-        begin_another_in(folder)
-        link_to(folder, "2026-01-02")  # as central does when it is started there anew
+        write_second_run(folder)
+        link_to(folder, "2026-01-02")  # as a restarted central does
         assert [run.name for run in runs.all()] == ["walk#1", "walk#2"]
         assert runs.show(old.address) is shown
         assert shown
@@ -97,7 +96,7 @@ def test_run_address_holds_when_another_starts_in_its_folder(journals: Path) -> 
         again = runs.show(old.address)
         assert again
         assert runs.names(again)[0] == (old.address, "walk#1")
-        assert open_log(Path(old.address)).name == "walk#1"  # it names the run as LOG, too
+        assert open_log(Path(old.address)).name == "walk#1"  # the address is valid as LOG, too
 
 
 def test_empty_run_address_holds_after_the_first_write(

@@ -1,6 +1,4 @@
-"""Which run the page shows: the newest one while it follows, another when that is chosen; real
-centrals, one by one.
-"""
+"""The run that the page shows: the newest or a chosen one, with real centrals in sequence."""
 
 import re
 import shutil
@@ -17,7 +15,7 @@ from tca_module import Goal, connect
 from tca_wire.endpoint import default_journals
 from tca_wire.journal import facts
 from tca_wire.journal.facts import JOURNAL_VERSION
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +25,7 @@ Start = Callable[[str, Goal[int]], Central]
 
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    """Starts a central of that name, and sends it a goal that nobody handles."""
+    """Starts a central of that name, and sends it a goal without a handler."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with ExitStack() as running:
 
@@ -41,66 +39,68 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
         yield begin
 
 
-def task(page: Page, name: str) -> None:
+def expect_task(page: Page, name: str) -> None:
     expect(page.locator(".row .name")).to_have_text([name])
 
 
 def test_live_page_moves_to_the_run_of_a_restarted_central(
-    look: Look, serve: Callable[..., str], start: Start
+    open_page: OpenPage, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("first", WALK)
-    page = look(serve())
-    task(page, "walk")
+    page = open_page(serve())
+    expect_task(page, "walk")
     first.stop()
     expect(page.locator("#status")).to_have_text("ended")
     second = start("second", REST)
-    task(page, "rest")
+    expect_task(page, "rest")
     expect(page.locator("#status")).to_have_text("live")
     expect(page.locator("#newer")).to_be_hidden()
     expect(page.locator("#over")).to_contain_text("A new run has started, and is shown now: ")
     expect(page.locator("#over")).to_contain_text(", started ")
     page.locator("#over button").first.click()  # the way back
-    task(page, "walk")
+    expect_task(page, "walk")
     expect(page.locator("#over")).to_be_hidden()
     page.go_back()
-    task(page, "rest")
+    expect_task(page, "rest")
     expect(page.locator("#over")).to_be_hidden()
     expect(page.locator("#runs option")).to_have_count(2)
     page.locator("#runs").select_option(index=1)
-    task(page, "walk")
+    expect_task(page, "walk")
     second.stop()
     start("third", Goal("sleep", int))
     expect(page.locator("#runs option")).to_have_count(3)
-    task(page, "walk")  # it was chosen: nobody is taken away from it
+    expect_task(page, "walk")  # a chosen run stays
     expect(page.locator("#newer")).to_be_visible()
 
 
 @pytest.mark.soak
-def test_note_links_to_the_newer_run(look: Look, serve: Callable[..., str], start: Start) -> None:
+def test_note_links_to_the_newer_run(
+    open_page: OpenPage, serve: Callable[..., str], start: Start
+) -> None:
     first = start("first", WALK)
-    page = look(serve())
-    task(page, "walk")
+    page = open_page(serve())
+    expect_task(page, "walk")
     page.keyboard.press("Home")
     first.stop()
     start("second", REST)
     page.locator("#newer button").click()
-    task(page, "rest")
+    expect_task(page, "rest")
 
 
-def begun_anew_after_a_kill(first: Central, start: Start) -> None:
+def restart_after_a_kill(first: Central, start: Start) -> None:
     first.kill()
     start("arm", REST)
 
 
 @pytest.mark.soak
 def test_chooser_names_the_shown_run_when_a_newer_exists(
-    look: Look, serve: Callable[..., str], start: Start
+    open_page: OpenPage, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("arm", WALK)
-    page = look(serve())
+    page = open_page(serve())
     page.locator(".row").click()
     expect(page.locator("#name")).to_have_text("arm/journal")
-    begun_anew_after_a_kill(first, start)
+    restart_after_a_kill(first, start)
     chosen = page.locator("#runs option:checked")
     expect(page.locator("#newer")).to_contain_text("a newer run has started: arm/journal#2 ")
     expect(page.locator("#runs option")).to_have_text(["arm/journal#2 (newest)", "arm/journal#1"])
@@ -111,30 +111,32 @@ def test_chooser_names_the_shown_run_when_a_newer_exists(
     expect(chosen).to_have_text("arm/journal#1")
     page.evaluate("location.hash = ''")
     page.locator("#runs").select_option(label="arm/journal#2 (newest)")
-    task(page, "rest")
+    expect_task(page, "rest")
     expect(chosen).to_have_text("arm/journal#2 (newest)")
     expect(page).to_have_url(re.compile(r"/$"))
 
 
 @pytest.mark.soak
 def test_back_button_returns_to_a_run_in_the_same_folder(
-    look: Look, serve: Callable[..., str], start: Start
+    open_page: OpenPage, serve: Callable[..., str], start: Start
 ) -> None:
     first = start("arm", WALK)
-    page = look(serve())
-    task(page, "walk")
-    begun_anew_after_a_kill(first, start)
-    task(page, "rest")
-    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, started ")
+    page = open_page(serve())
+    expect_task(page, "walk")
+    restart_after_a_kill(first, start)
+    expect_task(page, "rest")
+    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, begun ")
     page.get_by_role("button", name="back to arm/journal#1").click()
-    task(page, "walk")
+    expect_task(page, "walk")
     expect(page.locator("#runs option:checked")).to_have_text("arm/journal#1")
 
 
 @pytest.mark.soak
-def test_deleted_run_stays_on_the_page(look: Look, serve: Callable[..., str], start: Start) -> None:
+def test_deleted_run_stays_on_the_page(
+    open_page: OpenPage, serve: Callable[..., str], start: Start
+) -> None:
     first, second = start("arm", WALK), start("leg", REST)
-    page = look(serve())
+    page = open_page(serve())
     page.locator(".row").click()
     second.stop()
     shutil.rmtree(second.journal)
@@ -144,16 +146,16 @@ def test_deleted_run_stays_on_the_page(look: Look, serve: Callable[..., str], st
     first.stop()
 
 
-def begin_another_in(folder: Path) -> None:
+def write_second_run(folder: Path) -> None:
     story = stumbling()
     story.entries[0].facts[0] = facts.Opened(JOURNAL_VERSION, "later", 1, 1_700_000_100.0, "0.1.0")
     (folder / "00000002.tcaj").write_bytes(story.encoded())
 
 
-def test_chooser_lists_each_run_of_a_folder(look: Look, tmp_path: Path) -> None:
+def test_chooser_lists_each_run_of_a_folder(open_page: OpenPage, tmp_path: Path) -> None:
     folder = walking().write(tmp_path / "mixed")
-    begin_another_in(folder)
-    page = look(folder)
+    write_second_run(folder)
+    page = open_page(folder)
     expect(page.locator("#runs option")).to_have_text(["mixed#2 (newest)", "mixed#1"])
     expect(page.locator(".row[data-task='3'] .why")).to_contain_text("killed")
     page.route("**/api/outcome*", lambda route: route.fulfill(body=""))
@@ -185,14 +187,14 @@ def test_chooser_lists_each_run_of_a_folder(look: Look, tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_run_list_shows_the_whole_damage_of_a_journal(
-    look: Look, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    open_page: OpenPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     journals = default_journals()
     for name, content in {"20231115-garbage": b"no journal", "20231116-empty": b""}.items():
         (journals / name).mkdir(parents=True)
         (journals / name / "00000001.tcaj").write_bytes(content)
-    page = look(stumbling().write(journals / "20231114-walk"))
+    page = open_page(stumbling().write(journals / "20231114-walk"))
     page.locator("#outcomes").click()
     cells = page.locator("#all td:last-child")
     expect(cells).to_have_text(
@@ -213,30 +215,32 @@ def test_run_list_shows_the_whole_damage_of_a_journal(
 
 @pytest.mark.soak
 def test_page_of_a_log_announces_a_newer_run_when_opened(
-    look: Look, serve: Callable[..., str], tmp_path: Path
+    open_page: OpenPage, serve: Callable[..., str], tmp_path: Path
 ) -> None:
     folder = walking().write(tmp_path / "walk")
     address = serve(folder)
-    page = look(address)
+    page = open_page(address)
     expect(page.locator("#counts")).to_contain_text("1 handling")
-    begin_another_in(folder)
+    write_second_run(folder)
     for where in ("", "#t=1.4&task=7"):
         expect(page.locator("#newer")).to_contain_text("a newer run has started: walk#2")
         expect(page.locator("#runs option:checked")).to_have_text("walk#1")
-        page = look(address, where)
+        page = open_page(address, where)
     page.locator("#newer button").click()
     expect(page.locator("#status")).to_have_text("ended")
     expect(page.locator("#newer")).to_be_hidden()
-    page.locator("#runs").select_option(label="walk#1")  # by choice
+    page.locator("#runs").select_option(label="walk#1")  # chosen
     expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#newer")).to_be_hidden()
 
 
 @pytest.mark.soak
-def test_page_of_an_old_log_ignores_runs_that_existed_before(look: Look, tmp_path: Path) -> None:
+def test_page_of_an_old_log_ignores_runs_that_existed_before(
+    open_page: OpenPage, tmp_path: Path
+) -> None:
     folder = walking().write(tmp_path / "walk")
-    begin_another_in(folder)
-    page = look(folder.with_name("walk#1"))
+    write_second_run(folder)
+    page = open_page(folder.with_name("walk#1"))
     expect(page.locator("#runs option")).to_have_text(["walk#2 (newest)", "walk#1"])
     expect(page.locator("#status")).to_have_text("not closed")
     expect(page.locator("#newer")).to_be_hidden()

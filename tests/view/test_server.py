@@ -1,4 +1,4 @@
-"""The server of the page, asked by a program."""
+"""The server of the page, with requests from a program."""
 
 import json
 import re
@@ -41,15 +41,15 @@ END = "in the end for move leg {6}, which controller handles"
 
 def test_server_gives_all_details_of_a_task(address: str) -> None:
     get(f"{address}api/frame")
-    told = asked(address, "message/7?at=2.5")
+    details = asked(address, "message/7?at=2.5")
     waits = [{"text": "waits until move leg {6} is achieved", "since": 1.4}]
-    assert (told["state"], told["waits"], told["end"]) == ("held", waits, "")
-    told = asked(address, "message/7")
-    assert (told["state"], told["waits"]) == ("failed", [])
-    assert told["failure"] == r"terrain collision: leg 4 met\x1b[31m rock"
-    assert told["story"][-2] == {
+    assert (details["state"], details["waits"], details["end"]) == ("held", waits, "")
+    details = asked(address, "message/7")
+    assert (details["state"], details["waits"]) == ("failed", [])
+    assert details["failure"] == r"terrain collision: leg 4 met\x1b[31m rock"
+    assert details["story"][-2] == {
         "time": 4.5,
-        "text": f"failed: {told['failure']}",
+        "text": f"failed: {details['failure']}",
         "seconds": None,
         "isOpen": False,
     }
@@ -57,20 +57,24 @@ def test_server_gives_all_details_of_a_task(address: str) -> None:
         {"text": "start achieving not before take steps {3} end achieving", "isMet": False},
         {"text": "start planning not before take steps {3} start achieving", "isMet": False},
     ]
-    told = asked(address, "message/5")
-    assert (told["name"], told["class"], "state" in told) == ("elevation map", "query", False)
-    assert told["relations"] == [["sent by", "gait planner while handling take steps {2}"]]
+    details = asked(address, "message/5")
+    assert (details["name"], details["class"], "state" in details) == (
+        "elevation map",
+        "query",
+        False,
+    )
+    assert details["relations"] == [["sent by", "gait planner while handling take steps {2}"]]
 
 
 def test_server_gives_notes_and_messages_around_a_moment(address: str) -> None:
     get(f"{address}api/frame")
-    told = asked(address, "notes?ids=4,7,99,x&at=2.5")
-    assert [*told] == ["4", "7"]
-    assert [(one["text"], one["since"], one["start"], one["end"]) for one in told.values()] == [
+    notes = asked(address, "notes?ids=4,7,99,x&at=2.5")
+    assert [*notes] == ["4", "7"]
+    assert [(one["text"], one["since"], one["start"], one["end"]) for one in notes.values()] == [
         ("until take steps {3} is being achieved", 0.6, 0.6, END),
         ("until move leg {6} is achieved", 1.4, 1.4, ""),
     ]
-    assert (told["4"]["names"], told["4"]["last"]) == ([3], 6)
+    assert (notes["4"]["names"], notes["4"]["last"]) == ([3], 6)
     lines = asked(address, "messages?place=4&before=1&after=0")
     assert {line["place"] for line in lines} == {3, 4}
     assert asked(address, "messages?place=99999&before=5&after=5") == []
@@ -89,9 +93,9 @@ def test_server_answers_nonsense_with_nothing(address: str) -> None:
 
 def test_server_gives_the_final_cause_of_a_wait(address: str) -> None:
     get(f"{address}api/frame")
-    told = asked(address, "causes?at=2.5")
-    assert (told["waiting"], told["things"]) == (7, 1)
-    assert told["causes"] == [
+    causes = asked(address, "causes?at=2.5")
+    assert (causes["waiting"], causes["things"]) == (7, 1)
+    assert causes["causes"] == [
         {"text": "move leg {6}, which controller handles", "tasks": 7, "goto": 6}
     ]
     assert asked(address, "causes?at=-1") == {"waiting": 0, "things": 0, "causes": []}
@@ -155,8 +159,8 @@ def test_view_refuses_a_used_port_and_a_missing_journal(address: str, tmp_path: 
 def test_view_refuses_what_is_not_a_journal_before_serving(tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.tcaj"
     foreign.write_bytes(b"PK\x03\x04 this is something else altogether")
-    told = CliRunner().invoke(view, [str(foreign), "--no-browser"])
-    assert (told.exit_code, "not a journal of tca central" in told.stderr, told.stdout) == (
+    result = CliRunner().invoke(view, [str(foreign), "--no-browser"])
+    assert (result.exit_code, "not a journal of tca central" in result.stderr, result.stdout) == (
         2,
         True,
         "",
@@ -173,7 +177,7 @@ def test_empty_journal_is_reported_as_empty(tmp_path: Path, is_folder: bool) -> 
         found = re.fullmatch(r"new: (http://\S+)  .*\n", process.stdout.readline())
         assert found
         assert ("?key=" in found[1]) != is_folder
-        get(found[1])  # it serves: what it has to say it has said
+        get(found[1])  # it serves, after all its output
         process.terminate()
         assert (
             process.communicate()[0]
@@ -194,7 +198,7 @@ def test_live_view_waits_for_an_empty_journal(serve: Callable[[Path], str], tmp_
 
 
 def test_returning_page_learns_at_once_that_the_server_is_back(address: str) -> None:
-    """Without that it was told when there was news, or after ten seconds."""
+    """Otherwise it would learn that with the next news, or after ten seconds."""
     known, _ = parsed(get(f"{address}api/frame"))
     since = urllib.parse.quote(json.dumps(known["lengths"]))
     with urllib.request.urlopen(f"{address}api/frame?since={since}&wait=0", timeout=8) as answer:

@@ -1,4 +1,4 @@
-"""What clients ask of a task, and how it goes, as the page shows it."""
+"""Requests to a task and its progress, on the page."""
 
 from pathlib import Path
 
@@ -6,13 +6,13 @@ import pytest
 from playwright.sync_api import expect
 from tools.story import made
 
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
 
-def test_page_shows_requests_and_the_newest_progress(look: Look, tmp_path: Path) -> None:
-    page = look(made("grasping").write(tmp_path / "grasp"), "#t=3.5&task=1")
+def test_page_shows_requests_and_the_newest_progress(open_page: OpenPage, tmp_path: Path) -> None:
+    page = open_page(made("grasping").write(tmp_path / "grasp"), "#t=3.5&task=1")
     why = page.locator(".row[data-task='1'] .why")
     expect(why).to_have_text('update requested, progress: {"force": 1}')
     pane = page.locator("#task")

@@ -1,6 +1,4 @@
-"""Tasks of a live run are killed, suspended, resumed and retried from the page, by whoever has its
-key.
-"""
+"""Tasks of a live run are killed, suspended, resumed and retried from a page with its key."""
 
 import json
 import threading
@@ -19,7 +17,7 @@ from tca_module import Client, Command, Goal, Module, Task, connect
 from tca_tools.live.steering import steer
 from tca_tools.view.app import Steering
 from tca_wire.vocabulary import Outcome
-from view.conftest import Look
+from view.conftest import OpenPage
 
 pytestmark = pytest.mark.slow
 
@@ -27,13 +25,13 @@ PATROL, MOVE = Goal("patrol", int), Command("move", int)
 
 
 class Robot(NamedTuple):
-    """A central with two modules, and a user of it."""
+    """A central with two modules and a user."""
 
     daemon: Central
     user: Client
     begun: list[int]
     go_on: threading.Event
-    """Until it is set, moves last."""
+    """Moves return after it is set."""
 
 
 @pytest.fixture
@@ -63,13 +61,13 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 Serve = Callable[..., str]
 
 
-def told(page: Page) -> Locator:
-    """What became of what was asked last."""
+def steering_result(page: Page) -> Locator:
+    """The result of the last request."""
     return page.locator("#steering [role=status]")
 
 
 def ask(page: Page, what: str, task: int, rows: int) -> None:
-    """Ask for something to be done to a task, when so many are seen and one of them is handled."""
+    """Open the dialog of a request when *rows* tasks are visible and one of them is handled."""
     expect(page.locator(".row")).to_have_count(rows)
     expect(page.locator("#counts [data-state=handling]")).to_be_visible()
     page.locator(f".row[data-task='{task}']").click()
@@ -77,42 +75,46 @@ def ask(page: Page, what: str, task: int, rows: int) -> None:
     expect(page.locator("#steer h2")).to_have_text(f"{what} patrol {{{task}}}?")
 
 
-def say_yes(page: Page) -> None:
+def confirm(page: Page) -> None:
     page.locator("#steer button[type=submit]").click()
 
 
-def test_page_suspends_resumes_and_retries_a_task(look: Look, serve: Serve, robot: Robot) -> None:
+def test_page_suspends_resumes_and_retries_a_task(
+    open_page: OpenPage, serve: Serve, robot: Robot
+) -> None:
     task, steering = robot.user.goal(PATROL, 3), Steering(robot.daemon.address)
     address = serve(robot.daemon.journal, steering)
-    page = look(address, f"?key={steering.key.text}#t=0&task={task.id}")
+    page = open_page(address, f"?key={steering.key.text}#t=0&task={task.id}")
     assert steering.key.text not in page.url
-    page.locator("#steering button", has_text="go to the end").click()  # nobody steers the past
+    page.locator("#steering button", has_text="go to the end").click()  # the past cannot be steered
     expect(page.locator("#steering button")).to_have_text(["cancel", "kill", "suspend", "retry"])
-    for what, then, said in (
+    for what, then, result in (
         ("suspend", ["cancel", "kill", "resume", "retry"], "patrol {1}: suspended"),
         ("resume", ["cancel", "kill", "suspend", "retry"], "patrol {1}: resumed"),
         ("retry", ["cancel", "kill", "suspend", "retry"], "patrol {1}: to be handled again"),
     ):
         ask(page, what, task.id, rows=4)
         expect(page.locator("#steer p").first).to_contain_text("Under it: 3 living tasks.")
-        say_yes(page)
-        expect(told(page)).to_have_text(said)
+        confirm(page)
+        expect(steering_result(page)).to_have_text(result)
         expect(page.locator("#steering button")).to_have_text(then)
     robot.go_on.set()
     expect(page.locator("#counts")).to_contain_text("4 achieved")
     assert robot.begun == [3, 3]
 
 
-def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: Robot) -> None:
+def test_page_kills_a_task_with_reason_and_key(
+    open_page: OpenPage, serve: Serve, robot: Robot
+) -> None:
     task, steering = robot.user.goal(PATROL, 2), Steering(robot.daemon.address)
-    page = look(serve(robot.daemon.journal, steering), f"?key={steering.key.text}")
+    page = open_page(serve(robot.daemon.journal, steering), f"?key={steering.key.text}")
     ask(page, "kill", task.id, rows=3)
     page.locator("#steer-not").click()
     assert task.info() is not None
     ask(page, "kill", task.id, rows=3)
     page.locator("#steer input").fill("the battery is low")
     page.locator("#steer input").press("Enter")
-    expect(told(page)).to_contain_text("ends when its running handlers")
+    expect(steering_result(page)).to_contain_text("told to end")
     robot.go_on.set()
     assert task.wait(30) is Outcome.KILLED
     expect(page.locator("#task .lead").last).to_contain_text(
@@ -123,8 +125,10 @@ def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: 
     other = robot.user.goal(PATROL, 1)
     ask(page, "kill", other.id, rows=5)
     page.evaluate("sessionStorage.setItem('key', 'of another viewer')")
-    say_yes(page)
-    expect(told(page)).to_contain_text("to steer, open the address that 'tca view' printed")
+    confirm(page)
+    expect(steering_result(page)).to_contain_text(
+        "to steer, open the address that 'tca view' printed"
+    )
     expect(page.locator("[data-steer]")).to_have_count(0)
     assert other.info() is not None
     epoch = robot.user.status()["epoch"]
@@ -135,12 +139,12 @@ def test_page_kills_a_task_with_reason_and_key(look: Look, serve: Serve, robot: 
 
 def read(address: str, what: str) -> bytes:
     with urllib.request.urlopen(f"{address}api/{what}", timeout=20) as answer:
-        told: bytes = answer.read()
-    return told
+        content: bytes = answer.read()
+    return content
 
 
 def post(address: str, body: Any, **headers: str) -> tuple[int, str]:
-    """What the server says to a request."""
+    """The server's status and text for a request."""
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     asked = urllib.request.Request(f"{address}api/steer", json.dumps(body).encode(), named)
     try:
@@ -148,8 +152,10 @@ def post(address: str, body: Any, **headers: str) -> tuple[int, str]:
             return answer.status, json.load(answer)["said"]
     except urllib.error.HTTPError as error:
         with error:
-            told = error.read()
-        return error.code, json.loads(told)["error"] if told.startswith(b"{") else told.decode()
+            content = error.read()
+        return error.code, json.loads(content)["error"] if content.startswith(
+            b"{"
+        ) else content.decode()
 
 
 def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_path: Path) -> None:
@@ -176,12 +182,14 @@ def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_p
     for wrong in nonsense:
         assert post(address, wrong, X_TCA_Key=key)[0] == 400
     assert task.info() is not None
-    told = post(address, wish, X_TCA_Key=key, Origin=address.rstrip("/"))
-    assert told == (200, "patrol {1}: killed") or "ends when" in told[1]
-    assert post(serve(robot.daemon.journal), wish, X_TCA_Key=key)[0] == 404  # it only looks
+    reply = post(address, wish, X_TCA_Key=key, Origin=address.rstrip("/"))
+    assert reply == (200, "patrol {1}: killed") or "told to end" in reply[1]
+    assert (
+        post(serve(robot.daemon.journal), wish, X_TCA_Key=key)[0] == 404
+    )  # a server without steering
     ended = serve(walking().write(tmp_path / "walk"), steering)
-    told = post(ended, {"run": "", "task": 1, "what": "kill"}, X_TCA_Key=key)
-    assert told == (400, "this run has ended: nothing can be done to its tasks")
+    reply = post(ended, {"run": "", "task": 1, "what": "kill"}, X_TCA_Key=key)
+    assert reply == (400, "this run has ended: nothing can be done to its tasks")
     with central(tmp_path / "second", "--quiet") as second:
         other = Steering(second.address)
         address = serve(robot.daemon.journal, other)

@@ -1,6 +1,4 @@
-"""Between two messages of a run that goes on, only the time does: seen in a real browser, beside a
-real central.
-"""
+"""Time moves on between two messages of a live run: a real browser beside a real central."""
 
 import signal
 from collections.abc import Iterator
@@ -13,7 +11,7 @@ from playwright.sync_api import Page, expect
 from processes import Central, central
 
 from tca_module import Client, Command, Goal, Module, Task, connect
-from view.conftest import Look, until
+from view.conftest import OpenPage, until
 
 pytestmark = pytest.mark.slow
 
@@ -30,7 +28,7 @@ def daemon(tmp_path: Path) -> Iterator[Central]:
 @pytest.fixture
 def user(daemon: Central) -> Iterator[Client]:
     with connect("user", daemon.address) as client:
-        assert client.goal(WALK, 1).id  # nobody handles it; the client knows that central has it
+        assert client.goal(WALK, 1).id  # it has no handler; its id shows that central has it
         yield client
 
 
@@ -39,7 +37,7 @@ def seconds(page: Page, what: str) -> float:
 
 
 def shown(page: Page) -> tuple[str, str, str]:
-    """What moves: the clock, how long the task has waited, the end of the chart."""
+    """The moving parts: the clock, the duration of the wait, the end of the chart."""
     return (
         page.locator("#clock").inner_text(),
         page.locator(".row .age").inner_text(),
@@ -51,8 +49,10 @@ def entries(page: Page) -> int:
     return int(page.evaluate("tca.store.times.length"))
 
 
-def test_waits_and_chart_grow_without_new_facts(look: Look, daemon: Central, user: Client) -> None:
-    page = look(daemon.journal)
+def test_waits_and_chart_grow_without_new_facts(
+    open_page: OpenPage, daemon: Central, user: Client
+) -> None:
+    page = open_page(daemon.journal)
     expect(page.locator(".row .why")).to_contain_text("for a module that handles walk, for ")
     page.locator(".row").click()
     expect(page.locator("#task .lead .age")).to_have_count(1)
@@ -63,14 +63,14 @@ def test_waits_and_chart_grow_without_new_facts(look: Look, daemon: Central, use
     expect(page.locator("#task .lead .age")).not_to_have_text(inside)
     until(page, "(end) => tca.chart.window[1] > end", end)
     assert seconds(page, "#clock") > page.evaluate("tca.store.last")
-    assert entries(page) == known  # and yet nothing happened
+    assert entries(page) == known  # no new entries
     user.goal(WALK, 2)
     expect(page.locator(".row")).to_have_count(2)
     assert page.evaluate("tca.store.times.at(-1)") > float(
         clock.split()[0]
     )  # the page's clock is central's
 
-    page.keyboard.press("ArrowLeft")  # who looks at the past is not disturbed
+    page.keyboard.press("ArrowLeft")  # a view of the past does not move
     expect(page.locator("#follow")).not_to_have_class("on")
     expect(page.locator(".row")).to_have_count(1)
     there, known = page.locator("#clock").inner_text(), entries(page)
@@ -90,9 +90,9 @@ def test_waits_and_chart_grow_without_new_facts(look: Look, daemon: Central, use
     [(signal.SIGTERM, "ended"), pytest.param(signal.SIGKILL, "not closed", marks=pytest.mark.soak)],
 )
 def test_ended_run_stands_still(
-    look: Look, daemon: Central, user: Client, how: int, state: str
+    open_page: OpenPage, daemon: Central, user: Client, how: int, state: str
 ) -> None:
-    page = look(daemon.journal)
+    page = open_page(daemon.journal)
     expect(page.locator("#status")).to_have_text("live")
     daemon.signal(signal.Signals(how))
     expect(page.locator("#status")).to_have_text(state)
@@ -102,8 +102,8 @@ def test_ended_run_stands_still(
 
 
 @pytest.mark.soak
-def test_hidden_tab_stands_still(look: Look, daemon: Central, user: Client) -> None:
-    page = look(daemon.journal, clock=True)  # whose time is the test's
+def test_hidden_tab_stands_still(open_page: OpenPage, daemon: Central, user: Client) -> None:
+    page = open_page(daemon.journal, clock=True)  # the test moves its time
     page.clock.run_for(1000)
     expect(page.locator(".row .age")).to_have_count(1)
     page.evaluate(
@@ -121,19 +121,19 @@ def test_hidden_tab_stands_still(look: Look, daemon: Central, user: Client) -> N
 
 @pytest.mark.soak
 def test_page_stands_still_when_the_server_is_gone(
-    look: Look, daemon: Central, user: Client
+    open_page: OpenPage, daemon: Central, user: Client
 ) -> None:
-    page = look(daemon.journal)
+    page = open_page(daemon.journal)
     reason = page.locator(".row[data-task='1'] .why")
     expect(reason).to_contain_text("for a module that handles walk, for ")
-    page.route("**/api/notes*", lambda _route: None)  # no note comes from now on
+    page.route("**/api/notes*", lambda _route: None)  # no more notes
     with page.expect_request("**/api/notes*"):
         user.goal(WALK, 2)
         expect(page.locator(".row")).to_have_count(2)
-    expect(reason).to_contain_text("for a module that handles walk, for ")  # it stays
+    expect(reason).to_contain_text("for a module that handles walk, for ")  # unchanged
     expect(page.locator("#status")).to_have_text("live")
-    page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # no answer that makes sense
-    user.goal(WALK, 3)  # the answer that the page waits for is the last
+    page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # an answer without a meaning
+    user.goal(WALK, 3)  # the last answer that the page waits for
     expect(page.locator("#status")).to_have_text("away")
     assert not page.evaluate("tca.store.isLive")
     expect(reason).to_contain_text("for a module that handles walk, for ")
@@ -143,7 +143,7 @@ def test_page_stands_still_when_the_server_is_gone(
 
 
 def test_chosen_row_stays_in_place_when_rows_arrive_above(
-    look: Look, daemon: Central, user: Client
+    open_page: OpenPage, daemon: Central, user: Client
 ) -> None:
     go_on, legs = Semaphore(0), Module("legs", daemon.address)
 
@@ -155,8 +155,8 @@ def test_chosen_row_stays_in_place_when_rows_arrive_above(
 
     moves = [user.command(MOVE, number) for number in range(22)]
     with legs.running(), ExitStack() as at_last:
-        at_last.callback(go_on.release, 20)  # the handler ends, whatever comes of this test
-        page = look(daemon.journal, f"#task={moves[12].id}")
+        at_last.callback(go_on.release, 20)  # the handler ends even if the test fails
+        page = open_page(daemon.journal, f"#task={moves[12].id}")
         expect(page.locator(".row.chosen")).to_be_visible()
         until(page, has_rows(23))
         page.locator("#rows").evaluate("(rows) => { rows.scrollTop = 48; }")
@@ -166,7 +166,7 @@ def test_chosen_row_stays_in_place_when_rows_arrive_above(
         assert top_of(page, ".row.chosen") == before
         page.locator("#rows").evaluate(
             "(rows) => { rows.scrollTop = 16 * 24; }"
-        )  # he looks elsewhere
+        )  # scrolled elsewhere
         seen = f".row[data-task='{moves[6].id}']"
         until(page, f'!!document.querySelector("{seen}")')
         before = top_of(page, seen)
@@ -180,7 +180,5 @@ def has_rows(number: int) -> str:
 
 
 def top_of(page: Page, row: str) -> float:
-    """Where a row stands on the screen: asked at once, since rows are made anew with every
-    message.
-    """
+    """The place of a row on the screen, in one step, since each message replaces the rows."""
     return float(page.evaluate(f'document.querySelector("{row}").getBoundingClientRect().top'))
