@@ -58,15 +58,15 @@ def test_unprintable_name_is_refused_in_printable_words(player: Player, name: st
         assert isinstance(answer, Refused), header
         assert answer.refusal is Refusal.PROTOCOL
         assert answer.text.isprintable()
-    for header in (
+    for greeting in (
         hello(module=name),
         hello(resource=name),
         hello(process=name),
         hello(incarnation=name),
     ):
-        (answer,) = player.receive("new", header)
+        (answer,) = player.receive("new", greeting)
         assert answer.text.isprintable()
-        assert isinstance(answer, Refused), header
+        assert isinstance(answer, Refused), greeting
 
 
 def test_hello_without_incarnation_is_refused(player: Player) -> None:

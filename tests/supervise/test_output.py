@@ -14,7 +14,7 @@ def test_output_lines_are_whole_or_cut() -> None:
     lines = Lines(printed.append)
     for data in (b"one\ntw", b"o\r\n\n", b"x" * (LONGEST_LINE + 1) + b"\n", b"no end"):
         lines.feed(data)
-    lines.end()
+    lines.close()
     assert (
         printed == list(lines.last) == [b"one", b"two", b"", b"x" * (LONGEST_LINE + 1), b"no end"]
     )

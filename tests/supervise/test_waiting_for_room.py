@@ -30,7 +30,7 @@ def test_central_is_restarted_until_the_disk_has_room(tmp_path: Path) -> None:
     output.start()
     with Programs() as programs:
         kept = Supervised(program, output, events.append, programs)
-        kept.keep()
+        kept.run()
     output.close(10)
     os.close(nothing)
     assert kept.code == 0

@@ -183,9 +183,9 @@ def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> li
         describe_asker(run, failed, at, known),
     ]
     if task := run.tasks.get(TaskId(number)):
-        again = begun_again_with(run, task, at, known)
+        again = retried_ancestor(run, task, at, known)
         parts.append(f"begun again with {again}" if again else "")
-    parts.append(f"depends on {len(hinges(run, failed, at))}")
+    parts.append(f"depends on {len(undecided_by(run, failed, at))}")
     return ["; ".join(filter(None, parts))]
 
 
@@ -202,7 +202,7 @@ def path(run: Run, number: int = 0) -> list[str]:
     lines = []
     for step in found.steps:
         what = run.name(step.message_id) if step.doing is Doing.WORK else str(step.doing)
-        why = why_then(run, step)
+        why = why_not_sooner(run, step)
         lines.append(
             f"{step.start:g} to {step.end:g}: {what}{f' in {step.module}' if step.module else ''}{f': {why}' if why else ''}"
         )

@@ -172,7 +172,7 @@ def test_late_start_and_its_remedy_are_shown_by_every_tool(
     ((why, times),) = late.items()
     assert (machine, runs, times) == ("fork", 2, 2)
     logged = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-    assert logged == [f"{why.told}: {why.remedy}"], "logged once for two runs"
+    assert logged == [f"{why.reason}: {why.remedy}"], "logged once for two runs"
     assert "undo=" in why.remedy
     for name, command in (
         ("report.html", "report"),

@@ -260,7 +260,7 @@ def skip_waiting_messages(patch: Patch) -> None:
 
 
 def forget_passed_over_messages(patch: Patch) -> None:
-    patch.setattr(joining, "listeners_come", lambda *_: None)
+    patch.setattr(joining, "on_listeners_added", lambda *_: None)
 
 
 def leave_retried_tasks_unheld(patch: Patch) -> None:

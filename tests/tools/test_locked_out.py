@@ -108,7 +108,7 @@ def test_kept_out_time_matches_the_claims_of_all_copies(life: list[tuple[str, in
         if queueing.module:
             sender = run.messages[queueing.message_id].sender
             end = run.time if queueing.end is None else queueing.end
-            seconds, _ = kept_out(
+            seconds, _ = locked_out(
                 run, (queueing.module, queueing.resource), queueing.start, end, sender=sender
             )
             assert -1e-6 <= seconds <= end - queueing.start + 1e-6
