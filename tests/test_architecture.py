@@ -298,7 +298,7 @@ def test_packages_import_along_the_arrows(package: str) -> None:
             assert name in ONLY_IN.get(imported, {name}), f"{name} imports {imported}"
 
 
-def test_files_import_in_no_circle() -> None:
+def test_source_files_have_no_import_cycle() -> None:
     """Not for types either: who reads one file needs those that it builds on, and never both at
     once.
     """
@@ -322,7 +322,7 @@ def room(package: str, path: Path) -> str:
 
 
 @pytest.mark.parametrize("package", ROOMS)
-def test_rooms_import_along_the_arrows(package: str) -> None:
+def test_subpackages_import_along_the_arrows(package: str) -> None:
     TopologicalSorter(ROOMS[package]).prepare()
     for path in files(package):
         inside = [
@@ -337,7 +337,7 @@ def test_rooms_import_along_the_arrows(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", ["tca_central", "tca_module", "tca_tools", "tca_wire"])
-def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
+def test_architecture_picture_orders_subpackages_by_imports(package: str) -> None:
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
     heads = next(line for line in page if line.startswith("tca_central  "))
     starts = [*(found.start() for found in re.finditer(r"\S+", heads)), None]
@@ -354,7 +354,7 @@ def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
         assert all(heights.get(lower, -99) < height for lower in ROOMS[package][room]), room
 
 
-def test_the_explorer_knows_the_pure_core_only() -> None:
+def test_explorer_imports_the_pure_core_only() -> None:
     for path in files("tca_tools.explore"):
         of_central = {
             dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")
@@ -362,7 +362,7 @@ def test_the_explorer_knows_the_pure_core_only() -> None:
         assert not of_central & {"shell", "__main__"}, path
 
 
-def test_rich_is_for_screens() -> None:
+def test_live_commands_import_rich_for_screens_only() -> None:
     using = {
         path.name
         for path in files("tca_tools.live")
@@ -371,7 +371,7 @@ def test_rich_is_for_screens() -> None:
     assert using == {"top_screen.py"}
 
 
-def test_few_files_name_a_message_class() -> None:
+def test_message_classes_are_named_in_few_files() -> None:
     """A new one is a row of traits, a declaration and a route; all else asks for traits."""
     naming = {
         str(path.relative_to(ROOT))
@@ -392,7 +392,7 @@ def test_few_files_name_a_message_class() -> None:
     )
 
 
-def test_init_files_hold_only_imports() -> None:
+def test_init_files_contain_only_imports() -> None:
     for package in PACKAGES:
         for path in (ROOT / package).rglob("__init__.py"):
             for node in parsed(path).body:
@@ -405,13 +405,13 @@ def test_init_files_hold_only_imports() -> None:
                 )
 
 
-def test_no_file_is_too_long() -> None:
+def test_source_files_have_at_most_600_lines() -> None:
     for package in PACKAGES:
         for path in files(package):
             assert len(path.read_text().splitlines()) <= 600, path
 
 
-def test_nothing_runs_what_it_reads() -> None:
+def test_source_code_never_executes_its_input() -> None:
     """But for the explorer, which copies its plays by pickle: the bytes never leave the process."""
     never = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "yaml", "dbm"}
     for package in (*PACKAGES, "dev"):
@@ -433,7 +433,7 @@ def test_nothing_runs_what_it_reads() -> None:
                 ), path
 
 
-def test_files_of_tests_have_names_of_their_own() -> None:
+def test_file_names_are_unique() -> None:
     """pytest takes two of one name for the same, unless their folders are packages: then nothing at
     all is tested.
     """

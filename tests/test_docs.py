@@ -240,19 +240,19 @@ CODE = [block for block in BLOCKS if block.is_python]
 
 
 @pytest.mark.parametrize("block", CODE, ids=[block.where for block in CODE])
-def test_each_block_is_python_or_listed_as_something_else(block: Block) -> None:
+def test_doc_block_is_python_or_listed(block: Block) -> None:
     ast.parse(block.text)
 
 
 @pytest.mark.parametrize(("beginning", "example"), QUOTES.items(), ids=QUOTES.values())
-def test_quotes_are_in_their_examples(beginning: str, example: str) -> None:
+def test_doc_quote_matches_its_example(beginning: str, example: str) -> None:
     (block,) = [block for block in CODE if block.text.startswith(beginning)]
     known = {without_comment(line) for line in EXAMPLES[example].splitlines()}
     assert [line for line in block.lines if line not in known] == []
 
 
 @pytest.mark.slow
-def test_the_code_in_the_docs_fits_the_library(tmp_path: Path) -> None:
+def test_doc_code_passes_mypy(tmp_path: Path) -> None:
     for block in CODE:
         if not block.is_quote:
             (tmp_path / f"{block.name}.py").write_text(block.names + block.text)

@@ -66,7 +66,7 @@ def keywords() -> set[str]:
 
 
 @pytest.mark.parametrize("token", TOKENS)
-def test_each_counterpart_exists(token: str) -> None:
+def test_each_mapped_name_exists(token: str) -> None:
     if token.startswith("tca "):
         assert token.split()[1] in commands()
     elif token.endswith("="):
@@ -83,10 +83,10 @@ def test_each_counterpart_exists(token: str) -> None:
         assert set(re.findall(r"(\w+)=(?!=)", token.replace("<=", ""))) <= keywords()
 
 
-def test_every_link_leads_somewhere() -> None:
+def test_mapping_page_links_exist() -> None:
     for link in re.findall(r"\]\(([^)#]+)\)", PAGE):
         assert (ROOT / "docs" / link).exists(), link
 
 
-def test_rows_have_three_cells() -> None:
+def test_mapping_page_rows_have_three_cells() -> None:
     assert all(len(cells) == 3 for cells in CELLS), [cells for cells in CELLS if len(cells) != 3]

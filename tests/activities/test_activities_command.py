@@ -26,7 +26,7 @@ def said(address: str, *arguments: str) -> str:
 
 
 @pytest.mark.slow
-def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
+def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon:
         assert (
             said(daemon.address)
@@ -56,7 +56,7 @@ def until_told(live: LiveApplication, part: str, words: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
+def test_page_shows_lost_central_and_new_central_gets_all_state(
     tmp_path: Path,
 ) -> None:
     address, names = f"ipc://{tmp_path}/central.sock", ApplicationMessages("arm")
@@ -86,7 +86,7 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_an_application_stands_still(
+def test_page_shows_that_an_application_is_stalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Here a picture takes for ever; a program that was stopped (SIGSTOP) is as silent."""

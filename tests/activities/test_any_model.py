@@ -75,7 +75,7 @@ def faulty(draw: st.DrawFn) -> dict[str, Any]:
 
 @settings(max_examples=60)
 @given(faulty())
-def test_a_model_is_refused_or_runs(tables: dict[str, Any]) -> None:
+def test_random_model_is_rejected_or_runs(tables: dict[str, Any]) -> None:
     try:
         model = model_of("cleaning", tables)
     except BadUserFile:

@@ -24,7 +24,7 @@ NAMES, POSITION, OTHER = (
 )
 
 
-def test_what_changes_while_central_is_away_is_told_later(
+def test_changes_during_central_downtime_are_published_later(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     joint, baton, losses = Joint(), VirtualBaton(), threading.Semaphore(0)
@@ -68,7 +68,7 @@ def test_what_changes_while_central_is_away_is_told_later(
 
 
 @pytest.mark.soak
-def test_a_page_is_obeyed_at_once_when_central_is_back(tmp_path: Path) -> None:
+def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> None:
     """Central need not wait for a connection that the page has given up."""
     central = Central(tmp_path)
     module, live = Module("robot", central.address), LiveApplication("robot", central.address)

@@ -43,7 +43,7 @@ def ready(joint: Joint) -> Joint:
     return joint
 
 
-def test_a_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
+def test_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
     assert states(joint) == {
         "limits": "inside",
         "referencing": "unreferenced",
@@ -60,7 +60,7 @@ def test_a_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
     assert joint.position.value == pytest.approx(0.3)
 
 
-def test_regions_see_each_others_states(joint: Joint) -> None:
+def test_region_transition_needs_states_of_other_regions(joint: Joint) -> None:
     joint.command.put("reference")  # it is not enabled: the event leads nowhere
     tick(joint)
     joint.command.put("enable")
@@ -71,7 +71,7 @@ def test_regions_see_each_others_states(joint: Joint) -> None:
     assert states(joint)["movement"] == "stopped"
 
 
-def test_an_event_reaches_all_regions(joint: Joint) -> None:
+def test_event_reaches_all_regions(joint: Joint) -> None:
     ready(joint).target.put(Target(0.9))
     tick(joint)
     joint.command.put("disable")
@@ -79,7 +79,7 @@ def test_an_event_reaches_all_regions(joint: Joint) -> None:
     assert (states(joint)["movement"], states(joint)["enabling"]) == ("stopped", "disabled")
 
 
-def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
+def test_tick_makes_at_most_one_transition(joint: Joint) -> None:
     changes: list[RegionChange] = []
     joint.regions["enabling"].on_transition(changes.append)
     for event in ("enable", "enable", "disable"):
@@ -92,7 +92,7 @@ def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
     assert changes[1:] == [RegionChange("x", "enabling", "enabled", "disabled", "disable")]
 
 
-def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
+def test_activities_are_listed_in_declaration_order(joint: Joint) -> None:
     assert [(one.name, one.period, one.estimate) for one in joint.activities()] == [
         ("x.port handler", 0.01, None),
         ("x.limits.machine", 0.01, None),
@@ -105,7 +105,7 @@ def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
     ]
 
 
-def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
+def test_component_can_be_initialised_again(joint: Joint) -> None:
     first = states(joint)
     changes: list[RegionChange] = []
     joint.regions["movement"].on_transition(changes.append)
@@ -126,7 +126,7 @@ def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
     assert states(joint) == first
 
 
-def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
+def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) -> None:
     """Near its target it goes slowly; beyond its range it stops."""
     ready(joint).target.put(Target(2.0))
     changes: list[RegionChange] = []
@@ -174,7 +174,7 @@ class Chain(Component[None]):
         other.to(two, on="back")
 
 
-def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
+def test_states_exit_inside_out_and_enter_outside_in() -> None:
     log: list[str] = []
     chain = Chain(log)
     chain.initialise()
@@ -198,7 +198,7 @@ def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
 # --- ports ----------------------------------------------------------------------------------------
 
 
-def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
+def test_port_rejects_values_of_another_type(joint: Joint) -> None:
     with pytest.raises(
         MisuseError, match=r"port x\.target \(Target\) does not accept 0\.3, of type float"
     ):
@@ -219,7 +219,7 @@ def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
         connect(joint.target, joint.target)  # type: ignore[arg-type]
 
 
-def test_a_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
+def test_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
     for number in range(10):
         joint.command.put(f"{number}")
         joint.target.put(Target(number))
@@ -244,7 +244,7 @@ class Watch(Component[list[float]]):
             self.all.set(1.5)
 
 
-def test_a_value_set_at_the_beginning_arrives() -> None:
+def test_value_set_at_initialisation_arrives() -> None:
     components = [Watch("a", begins=True), Watch("b", begins=False)]
     for one, other in (components, components[::-1]):
         connect(one.all, other.seen)
@@ -258,14 +258,14 @@ def test_a_value_set_at_the_beginning_arrives() -> None:
 # --- data -----------------------------------------------------------------------------------------
 
 
-def test_data_are_for_activities_only(joint: Joint) -> None:
+def test_component_data_is_accessible_to_its_activities_only(joint: Joint) -> None:
     with pytest.raises(
         MisuseError, match="the data of Joint 'x' are for its own activities: use a port"
     ):
         _ = joint.data
 
 
-def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
+def test_tick_sees_consistent_data_under_concurrent_ticks() -> None:
     class Pair(Component[dict[str, int]]):
         def __init__(self) -> None:
             super().__init__("pair", lambda: {"left": 0, "right": 0})
@@ -301,7 +301,7 @@ def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
 # --- what is refused ------------------------------------------------------------------------------
 
 
-def test_an_activity_that_raises_leaves_the_component_usable(joint: Joint) -> None:
+def test_raising_activity_leaves_the_component_usable(joint: Joint) -> None:
     joint.command.put("fly")
     with pytest.raises(
         MisuseError,
@@ -321,7 +321,7 @@ def two(region: Region, on: str = "", needs: str = "") -> None:
     region.state("a").to(region.state("b"), on=on, needs=[needs] if needs else [])
 
 
-def test_a_component_that_cannot_run_is_refused(approve: Callable[..., None]) -> None:
+def test_invalid_component_is_rejected(approve: Callable[..., None]) -> None:
     def tell(case: str) -> str:
         bare = Bare()
         with pytest.raises(MisuseError) as error:

@@ -62,7 +62,7 @@ def town() -> Iterator[Town]:
             yield Town(central, user, joint, baton, application)
 
 
-def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
+def test_manager_publishes_the_application_in_variables(town: Town) -> None:
     entry = town.user.get_variable(NAMES.application)
     assert (entry.name, entry.module, entry.policies) == (
         "robot",
@@ -79,7 +79,7 @@ def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
     assert not town.user.get_variable(NAMES.allocation).is_running
 
 
-def test_every_transition_is_told(town: Town) -> None:
+def test_every_transition_is_published(town: Town) -> None:
     town.carry_out(NAMES.start)
     town.joint.command.put("enable")
     town.joint.command.put("disable")
@@ -99,7 +99,7 @@ def test_every_transition_is_told(town: Town) -> None:
 
 
 @pytest.mark.usefixtures("few_wait")
-def test_a_transition_is_told_that_is_made_while_others_are(
+def test_transition_during_publication_is_published(
     town: Town, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
@@ -122,7 +122,7 @@ def test_a_transition_is_told_that_is_made_while_others_are(
     assert told == ["enable", "disable", "enable", "disable"]
 
 
-def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
+def test_added_component_is_published(town: Town) -> None:
     town.carry_out(NAMES.start)
     late = Joint("late")
     town.application.add(late)
@@ -161,7 +161,7 @@ def test_commands_change_the_allocation(town: Town) -> None:
     assert (first.name, first.priority, first.period) == ("fast", 3, 0.5)
 
 
-def test_a_control_is_checked_when_it_is_made() -> None:
+def test_invalid_control_is_rejected() -> None:
     assert Control("on", "lamp", {"": True}).data == {"": True}
     with pytest.raises(MisuseError) as refused:
         Control("on", Command("lamp", bool))  # type: ignore[arg-type]
@@ -180,7 +180,7 @@ def test_a_control_is_checked_when_it_is_made() -> None:
         Control("on", "lamp", fields=["speed"])  # type: ignore[list-item]
 
 
-def test_it_starts_stops_and_begins_anew(town: Town) -> None:
+def test_application_starts_stops_and_initialises_by_command(town: Town) -> None:
     town.carry_out(NAMES.start)
     assert town.user.get_variable(NAMES.allocation).is_running
     with pytest.raises(TaskFailed, match="call stop"):
@@ -205,7 +205,7 @@ def test_it_starts_stops_and_begins_anew(town: Town) -> None:
         (NAMES.set_policy, "automatic", "neither an estimate nor a measured time"),
     ],
 )
-def test_what_can_not_be_done_is_refused_with_the_reason(
+def test_invalid_application_command_fails_with_the_reason(
     town: Town, message: Command[Any, None], data: Any, why: str
 ) -> None:
     with pytest.raises(TaskFailed) as failed:

@@ -52,7 +52,9 @@ def python(folder: Path, *code: str) -> str:
 # --- bad models -----------------------------------------------------------------------------------
 
 
-def test_each_bad_model_has_its_line(tmp_path: Path, approve: Callable[..., None]) -> None:
+def test_invalid_model_is_rejected_with_its_line(
+    tmp_path: Path, approve: Callable[..., None]
+) -> None:
     """A case is what is replaced in the good model, and by what: " / " begins a line."""
     path = tmp_path / "cleaning.toml"
 
@@ -67,7 +69,7 @@ def test_each_bad_model_has_its_line(tmp_path: Path, approve: Callable[..., None
     approve("bad_models.txt", tell)
 
 
-def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
+def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:
     shown = said(tmp_path / "no.toml")
     assert (shown.exit_code, shown.output) == (
         2,
@@ -75,7 +77,7 @@ def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
     )
 
 
-def test_the_model_of_the_docs_is_good() -> None:
+def test_model_of_the_docs_is_valid() -> None:
     page = (HERE.parent.parent / "docs" / "activities.md").read_text()
     model = model_of("docs", tomllib.loads(page.split("```toml\n")[1].split("```")[0]))
     assert list(model.instances) == ["x", "y", "panel"]
@@ -108,7 +110,7 @@ application.main()
 """
 
 
-def test_what_is_generated_runs_at_once(model: Path) -> None:
+def test_generated_code_runs_at_once(model: Path) -> None:
     assert said(model).output.splitlines() == [
         f"{model.parent}/{name}: written"
         for name in ("generated.py", "application.py", "joint.py", "panel.py")
@@ -123,7 +125,7 @@ def test_what_is_generated_runs_at_once(model: Path) -> None:
     ]
 
 
-def test_what_is_written_by_hand_stays(model: Path) -> None:
+def test_generate_keeps_handwritten_code(model: Path) -> None:
     said(model)
     by_hand = model.parent / "joint.py"
     by_hand.write_text(
@@ -151,7 +153,7 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
     assert python(model.parent, "-c", TRY)
 
 
-def test_files_of_others_stay(model: Path) -> None:
+def test_generate_does_not_overwrite_foreign_files(model: Path) -> None:
     other = model.parent / "generated.py"
     other.write_text("mine = 1\n")
     shown = said(model)
@@ -174,7 +176,7 @@ def test_files_of_others_stay(model: Path) -> None:
     )
 
 
-def test_a_package_imports_its_own_name(model: Path) -> None:
+def test_generated_package_imports_its_own_name(model: Path) -> None:
     inner = model.parent / "inner"
     inner.mkdir()
     for package in (model.parent, inner):
@@ -184,7 +186,7 @@ def test_a_package_imports_its_own_name(model: Path) -> None:
     python(model.parent.parent, "-c", TRY.replace("from app", "from robot.inner.app"))
 
 
-def test_types_of_a_module_are_imported_from_there(model: Path) -> None:
+def test_generated_code_imports_types_of_a_module(model: Path) -> None:
     fields = '[types.Target]\nposition = "float"\nspeed = "float"'
     model.write_text(TEXT.replace(fields, '[types]\nTarget = "messages:Target"'))
     (model.parent / "messages.py").write_text("class Target: ...\n")
@@ -193,7 +195,7 @@ def test_types_of_a_module_are_imported_from_there(model: Path) -> None:
     python(model.parent, "-c", "import joint")
 
 
-def test_its_style_is_that_of_formatters(model: Path) -> None:
+def test_generated_code_passes_formatter_and_linter(model: Path) -> None:
     said(model)
     ruff = Path(sys.executable).parent / "ruff"
     for length in (88, 120):
@@ -219,7 +221,7 @@ def test_its_style_is_that_of_formatters(model: Path) -> None:
 
 
 @pytest.mark.soak
-def test_its_types_are_right(model: Path) -> None:
+def test_generated_code_passes_mypy(model: Path) -> None:
     said(model)
     python(model.parent, "-m", "mypy", "--strict", ".")
 
@@ -227,7 +229,7 @@ def test_its_types_are_right(model: Path) -> None:
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
+def test_each_transition_has_its_own_arrow(model: Path) -> None:
     """Between two states a stop and a loss of power are two ways, not one that needs both."""
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
@@ -237,7 +239,7 @@ def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
     ]
 
 
-def test_a_model_is_drawn(model: Path) -> None:
+def test_generate_draws_a_model(model: Path) -> None:
     picture = model.with_suffix(".svg")
     assert not said(model, "-o", picture).exit_code
     shown = picture.read_text()

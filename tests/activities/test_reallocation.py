@@ -30,7 +30,7 @@ class Counted(Component[dict[str, int]]):
         self.ticks[name] += 1
 
 
-def test_no_tick_is_lost_or_doubled_by_any_allocation() -> None:
+def test_no_tick_is_lost_or_doubled_by_reallocation() -> None:
     counted = Counted()
     application = Application("counters", [counted], one_for_all)
     with LocalCentral() as central, connect("user", central) as user:

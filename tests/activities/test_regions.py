@@ -68,7 +68,7 @@ def _logged(log: list[str], text: str) -> Callable[[], None]:
     drawn(),
     st.lists(st.tuples(st.sampled_from(EVENTS), st.sets(st.sampled_from(GUARDS[1:]))), max_size=8),
 )
-def test_a_region_agrees_with_the_statechart_library(
+def test_region_agrees_with_the_statechart_library(
     chart: Drawn, events: list[tuple[str, set[str]]]
 ) -> None:
     flags: set[str] = set()

@@ -72,7 +72,7 @@ def preemptive_responses(processors: Processors) -> list[float]:
 
 
 @given(processors())
-def test_bounds_are_exact_where_processors_preempt_each_other(processors: Processors) -> None:
+def test_response_bounds_are_exact_for_preemptive_processors(processors: Processors) -> None:
     bounds = response_bounds(processors, preemptive=True)
     for each, bound, longest in zip(
         processors, bounds, preemptive_responses(processors), strict=True
@@ -84,7 +84,7 @@ def test_bounds_are_exact_where_processors_preempt_each_other(processors: Proces
 
 
 @given(processors(), st.lists(st.integers(0, 24_000), min_size=6, max_size=6))
-def test_bounds_are_safe_where_they_are_switched_between_activities(
+def test_response_bounds_are_safe_without_preemption(
     processors: Processors, offsets: list[int]
 ) -> None:
     """And whenever each activity begins."""
@@ -103,7 +103,7 @@ def test_bounds_are_safe_where_they_are_switched_between_activities(
 
 
 @given(task_sets())
-def test_the_automatic_policy_needs_the_fewest_processors(activities: list[Demand]) -> None:
+def test_automatic_policy_uses_the_fewest_processors(activities: list[Demand]) -> None:
     order = sorted(activities, key=lambda one: one.period)
     named = {one.name: one for one in activities}
     found = [[named[name] for name in names] for names in automatic(activities).values()]
@@ -118,7 +118,7 @@ def test_the_automatic_policy_needs_the_fewest_processors(activities: list[Deman
 
 
 @given(task_sets())
-def test_the_classical_bounds_are_safe(activities: list[Demand]) -> None:
+def test_classical_utilisation_bounds_are_safe(activities: list[Demand]) -> None:
     each = [[one] for one in sorted(activities, key=lambda one: one.period)]
     used = [utilisation(one) for one in each]
     if sum(used) <= liu_layland(len(used)):
@@ -127,7 +127,7 @@ def test_the_classical_bounds_are_safe(activities: list[Demand]) -> None:
         assert None not in response_bounds(each, preemptive=True)
 
 
-def test_policies() -> None:
+def test_policies_divide_activities_among_processors() -> None:
     activities = [
         Demand("slow", 0.1, 0.03),
         Demand("fast", 0.01, 0.002),

@@ -63,7 +63,7 @@ def test_no_tick_is_lost_or_doubled_when_activities_move(
 
 
 @given(st.data())
-def test_a_new_period_counts_from_the_tick_before(data: st.DataObject) -> None:
+def test_changed_period_counts_from_the_previous_tick(data: st.DataObject) -> None:
     made = Made([4 * UNIT, 3 * UNIT])
     wanted = 4 * UNIT
     in_force = [(0.0, wanted)]
@@ -85,7 +85,7 @@ def test_a_new_period_counts_from_the_tick_before(data: st.DataObject) -> None:
 
 
 @given(st.lists(task_sets(), min_size=1, max_size=3))
-def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
+def test_processor_of_highest_priority_runs_first(sets: list[list[Demand]]) -> None:
     processors = [
         [Demand(f"{number}.{one.name}", *one[1:]) for one in demands]
         for number, demands in enumerate(sets)
@@ -110,7 +110,7 @@ def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
 
 
 @given(st.permutations(["a", "b", "c", "d"]), st.integers(1, 1000))
-def test_a_processor_keeps_the_order_of_subscription(names: list[str], cost: int) -> None:
+def test_processor_ticks_activities_in_subscription_order(names: list[str], cost: int) -> None:
     """Under overload, too: then all tick less often."""
     baton = in_virtual_time([[Demand(name, 1000.0, cost) for name in names]])
     baton.run(100_000)
@@ -119,7 +119,7 @@ def test_a_processor_keeps_the_order_of_subscription(names: list[str], cost: int
     assert log.count(names[0]) == -(-100_000 // max(1000, 4 * cost)) or 4 * cost > 1000
 
 
-def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
+def test_activity_due_during_a_round_waits_for_the_next() -> None:
     made = Made([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
     made.baton.run(6 * UNIT)
     assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
@@ -130,7 +130,7 @@ def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
     ]  # due at 2 and 6; that at 4 is left out
 
 
-def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:
+def test_unassigned_activity_is_due_when_reassigned() -> None:
     made = Made([2 * UNIT, 2 * UNIT])
     with made.baton.changing() as schedule:
         schedule.unassign(schedule.activity("a0"))
@@ -141,7 +141,7 @@ def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:
     assert made.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
 
 
-def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> None:
+def test_activity_moved_during_its_tick_is_not_ticked_twice() -> None:
     schedule = Schedule()
     schedule.add(Ticked("a", 10.0))
     one = schedule.activity("a")
@@ -159,7 +159,7 @@ def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> Non
     assert (turn.processor.name, turn.at) == ("q", 5.0)
 
 
-def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only() -> None:
+def test_activity_moved_in_a_round_runs_on_its_new_processor() -> None:
     schedule = Schedule()
     old = schedule.new_processor("old", 0.0)
     for name in ("first", "second"):
@@ -181,7 +181,7 @@ def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only()
     assert turn.at == 10.0
 
 
-def test_response_times_overruns_and_jitter() -> None:
+def test_schedule_measures_response_times_overruns_and_jitter() -> None:
     baton = in_virtual_time([[Demand("fast", 4.0, 1.0)], [Demand("slow", 12.0, 6.0)]])
     baton.run(24.0)
     fast, slow = baton.schedule.processors

@@ -23,18 +23,18 @@ STEPS = [10.0 * number for number in range(1, 31)]
         ([299.0], [], 0),
     ],
 )
-def test_a_fault_is_recovered_by_what_follows_soon(
+def test_fault_is_recovered_only_by_a_recovery_soon_after(
     faults: list[float], recoveries: list[float], count: int
 ) -> None:
     assert recovered(faults, recoveries, STEPS) == count
 
 
-def test_a_lost_program_is_recovered_from_when_the_robot_walks_on() -> None:
+def test_lost_program_is_recovered_when_the_robot_walks_on() -> None:
     assert walked_on([12.0, 13.0, 300.0], STEPS) == 2
     assert walked_on([12.0], []) == 0
 
 
-def test_memory_is_compared_within_one_life_of_a_program() -> None:
+def test_memory_growth_is_measured_within_one_process() -> None:
     usage = Usage()
     for metres in (0.0, WARM_UP, 2 * WARM_UP):
         usage.look(metres, {"central": os.getpid(), "gone": -1})
@@ -45,6 +45,6 @@ def test_memory_is_compared_within_one_life_of_a_program() -> None:
     assert usage.at_end().growth == memory.growth  # its new life is too short
 
 
-def test_growth_is_what_came_after_the_warm_up() -> None:
+def test_memory_growth_counts_from_the_warm_up() -> None:
     assert growth_of([(10.0, 20.0), (100.0, 30.0), (160.0, 40.0), (260.0, 42.5)]) == 2.5
     assert growth_of([(10.0, 20.0), (200.0, 45.0)]) is None

@@ -27,7 +27,7 @@ NO_PHYSICS = "the kinematic backend has no physics to look at: leave --backend o
         ),
     ],
 )
-def test_a_walk_that_cannot_be_seen_is_refused_at_once(
+def test_walk_without_a_usable_display_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     options: list[str],

@@ -65,7 +65,7 @@ def run_to_the_end(run: Play) -> None:
     assert ran.result(timeout=5).kept == 1
 
 
-def test_data_for_a_speed_are_made_once_and_used(caplog: pytest.LogCaptureFixture) -> None:
+def test_adapted_data_is_made_once_per_speed(caplog: pytest.LogCaptureFixture) -> None:
     """The task runs on where there are none for another speed; that is told once."""
     told: list[tuple[float, str]] = []
     activity = Activity(Do(MOVE_ARM, "box B", ARM), adapt=fails_from(2))
@@ -76,7 +76,7 @@ def test_data_for_a_speed_are_made_once_and_used(caplog: pytest.LogCaptureFixtur
     assert warnings == ['Activity(arm to "box B") keeps its speed: ValueError: no data at 0.5']
 
 
-def test_arrays_are_other_data_if_their_elements_are() -> None:
+def test_adapted_array_is_sent_when_its_elements_change() -> None:
     told: list[tuple[float, Speeds]] = []
 
     def adapt(speeds: Speeds, share: float, _: int) -> Speeds:

@@ -40,7 +40,7 @@ def reaching() -> Coordination:
     return machine
 
 
-def test_a_coordinator_as_a_process(tmp_path: Path) -> None:
+def test_coordinator_process_previews_stops_and_is_learned_from(tmp_path: Path) -> None:
     robot, moving, is_quick = Module("robot"), threading.Semaphore(0), True
 
     def move(task: Task, _: str) -> None:

@@ -60,7 +60,7 @@ def mistaken(run: Play) -> list[str]:
     return [line for line in run.happened() if float(line.split()[0]) > 4]
 
 
-def test_what_is_done_outlives_a_flicker() -> None:
+def test_early_result_survives_a_short_wrong_observation() -> None:
     """A camera is wrong for a moment. The arm stays where it is, and is kept."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=4)
@@ -76,7 +76,7 @@ def test_what_is_done_outlives_a_flicker() -> None:
         assert ran.result(timeout=5).wasted == 0
 
 
-def test_nothing_is_undone_that_is_made_anew() -> None:
+def test_early_result_is_not_undone_when_overwritten() -> None:
     with play(
         fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")),
         AS_SOON_AS_LIKELY,
@@ -85,7 +85,7 @@ def test_nothing_is_undone_that_is_made_anew() -> None:
         assert run.happened()[-1].endswith("-> end (done)")
 
 
-def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
+def test_partly_overwritten_early_result_is_undone() -> None:
     both = Activity(Do(MOVE_ARM, "box B", ARM), makes={"arm": "box B", "lid": "open"}, undo=HOME)
     with play(fork(both, arm("box C"), opened(lid="shut", arm="box C")), AS_SOON_AS_LIKELY) as run:
         assert mistaken(run) == [
@@ -103,18 +103,18 @@ def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
         ]
 
 
-def test_the_end_of_a_run_leaves_all_as_it_would_be_without_a_preview() -> None:
+def test_run_end_undoes_wasted_early_work() -> None:
     """The next run believes that the arm is at home."""
     with play(fork(arm("box B", undo=HOME), opened()), AS_SOON_AS_LIKELY) as run:
         assert mistaken(run)[-2:] == ["8 arm to home: restoring", "11 arm to home: done"]
 
 
-def test_what_could_not_be_undone_at_the_end_is_not_begun() -> None:
+def test_work_without_undo_is_not_started_early() -> None:
     with play(fork(arm("box B"), opened()), AS_SOON_AS_LIKELY) as run:
         assert "arm" not in " ".join(mistaken(run))
 
 
-def test_nothing_is_undone_that_never_began() -> None:
+def test_early_task_that_never_started_is_not_undone() -> None:
     """The arm is locked, so its early task waits in a queue until it is stopped."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         with connect("locker", run.central) as locker, locker.lock("arm"):
@@ -122,7 +122,7 @@ def test_nothing_is_undone_that_never_began() -> None:
         assert "arm to home" not in " ".join(run.happened())
 
 
-def test_what_cannot_be_restored_fails() -> None:
+def test_failed_undo_fails_the_state_that_needs_it() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken()
@@ -132,7 +132,7 @@ def test_what_cannot_be_restored_fails() -> None:
             ran.result(timeout=5)
 
 
-def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
+def test_state_cannot_start_on_facts_of_wasted_early_work() -> None:
     with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken()
         with pytest.raises(
@@ -142,7 +142,7 @@ def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
         assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
 
 
-def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> None:
+def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
     """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the
     arm is not there.
     """
@@ -165,7 +165,7 @@ def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> Non
             ran.result(timeout=5)
 
 
-def test_guards_see_the_facts_of_the_machine() -> None:
+def test_guards_see_facts_as_without_early_work() -> None:
     def is_home(situation: Situation) -> bool:
         return situation.facts["arm"] == "home"
 
@@ -185,7 +185,7 @@ def test_guards_see_the_facts_of_the_machine() -> None:
         assert (end_of_run.state, end_of_run.kept) == ("end", 1)
 
 
-def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
+def test_endless_cycle_of_failing_states_fails_the_run() -> None:
     with Coordination("round", facts=FACTS) as machine:
         reach, grasp = (
             machine.state("reach", arm("stuck")),
@@ -202,7 +202,7 @@ def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
             ran.result(timeout=5)
 
 
-def test_what_is_left_lets_go_of_facts_first() -> None:
+def test_next_activity_waits_for_facts_that_a_left_one_needs() -> None:
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
@@ -238,7 +238,7 @@ def test_what_is_left_lets_go_of_facts_first() -> None:
         ]
 
 
-def test_nothing_runs_on_where_somebody_takes_care_of_the_runs_failure() -> None:
+def test_recovered_run_failure_stops_early_work() -> None:
     shrug = ExceptionHandler("shrug")
     carefree = Module("carefree")
     carefree.handles(shrug)(lambda _: None)
@@ -256,7 +256,7 @@ def test_nothing_runs_on_where_somebody_takes_care_of_the_runs_failure() -> None
             assert run.user.tasks() == []
 
 
-def test_a_report_tells_of_news_only() -> None:
+def test_coordination_report_is_sent_on_change_only() -> None:
     with play(fork(arm("box B"), arm("box C")), Discrete(2.0)) as run:
         run.box_b(1.0)
         run.begin()

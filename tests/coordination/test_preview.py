@@ -146,7 +146,7 @@ def ahead(label: str, phase: WorkPhase = WorkPhase.RUNNING, progress: float = 0.
 # --- what is foreseen -----------------------------------------------------------------------------
 
 
-def test_the_likely_way_is_foreseen_up_to_the_state_that_waits() -> None:
+def test_preview_ends_at_a_waiting_state() -> None:
     way_back = ["tucking", "going to A", "homing", "waiting"]
     assert foreseen("going to B") == ["arm to B", "dropping at B", "dropped at B", *way_back]
     assert foreseen("going to B", free=0.3) == [
@@ -159,17 +159,17 @@ def test_the_likely_way_is_foreseen_up_to_the_state_that_waits() -> None:
     assert foreseen("waiting") == [], "an event of others is not foreseen"
 
 
-def test_probabilities_are_those_of_the_path() -> None:
+def test_preview_probabilities_multiply_along_the_path() -> None:
     first, second, *_ = most_likely(DELIVER.automaton(situation(0.75)), number("going to B"))
     assert first == Foreseen(number("arm to B"), 0.75, 0.75)
     assert second == Foreseen(number("dropping at B"), 1.0, 0.75)
 
 
-def test_a_list_ends_at_its_horizon() -> None:
+def test_preview_ends_at_its_horizon() -> None:
     assert foreseen("going to B", limits=PreviewLimits(horizon=2)) == ["arm to B", "dropping at B"]
 
 
-def test_of_equally_probable_paths_the_shorter_one_and_then_the_first_one() -> None:
+def test_preview_prefers_the_shorter_then_the_first_path() -> None:
     def arrows(*targets: int) -> list[LikelyArrow]:
         return [LikelyArrow("done", target, 1 / len(targets)) for target in targets]
 
@@ -201,7 +201,7 @@ def test_of_equally_probable_paths_the_shorter_one_and_then_the_first_one() -> N
     )
 
 
-def test_a_path_of_a_thousand_unlikely_arrows_is_the_best_one_still() -> None:
+def test_most_likely_path_is_found_below_float_range() -> None:
     """Its probability is less than the least float."""
     length = 2000
     arrows = {state: [LikelyArrow("done", state + 1, 0.55)] for state in range(length)}
@@ -212,7 +212,7 @@ def test_a_path_of_a_thousand_unlikely_arrows_is_the_best_one_still() -> None:
     assert found[-1].probability == 0
 
 
-def test_thresholds_make_states_steady() -> None:
+def test_preview_ends_where_limits_make_a_state_steady() -> None:
     with Coordination("doubt") as doubt:
         first, second, third = (doubt.state(label, arm(label)) for label in ("one", "two", "three"))
         first.to(second, likelihood=Prior(0.7))
@@ -224,7 +224,7 @@ def test_thresholds_make_states_steady() -> None:
     assert len(most_likely(automaton, 0, PreviewLimits(0.9, transition=0.4))) == 1
 
 
-def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
+def test_preview_of_an_endless_machine_covers_one_cycle() -> None:
     with Coordination("round") as machine:
         labels = ("one", "two", "three")
         states = [machine.state(label, arm(label)) for label in labels]
@@ -248,7 +248,7 @@ def test_a_machine_without_a_steady_state_is_followed_once_round() -> None:
         ({"horizon": 0}, "horizon must be 1 or more, or None for any number, not 0"),
     ],
 )
-def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: str) -> None:
+def test_invalid_preview_limits_are_rejected(wrong: dict[str, float], told: str) -> None:
     with pytest.raises(MisuseError, match=told):
         PreviewLimits(**wrong)  # type: ignore[arg-type]
 
@@ -256,7 +256,7 @@ def test_limits_that_make_no_sense_are_refused(wrong: dict[str, float], told: st
 # --- what starts, and what does not ---------------------------------------------------------------
 
 
-def test_the_arm_moves_while_the_base_is_under_way() -> None:
+def test_likely_next_activity_starts_early() -> None:
     decision = decided("going to B")
     assert decision.shares == {number("arm to B"): 1.0}
     assert decision.refused == [
@@ -267,7 +267,7 @@ def test_the_arm_moves_while_the_base_is_under_way() -> None:
     ]
 
 
-def test_nothing_starts_before_its_utility_is_enough() -> None:
+def test_low_utility_prevents_an_early_start() -> None:
     early = decided("going to B", progress=0.4)
     assert early.shares == {}
     assert early.refused[0] == Objection(
@@ -275,13 +275,13 @@ def test_nothing_starts_before_its_utility_is_enough() -> None:
     )
 
 
-def test_what_is_done_ahead_is_what_the_next_one_builds_on() -> None:
+def test_early_result_meets_the_needs_of_the_next_state() -> None:
     facts: dict[str, Fact] = {"base": "B", "arm": "B", "holding": True}
     decision = decided("going to B", facts, [ahead("arm to B", WorkPhase.DONE)], is_done=True)
     assert (decision.shares, decision.stops) == ({number("dropping at B"): 1.0}, [])
 
 
-def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
+def test_wrong_prediction_stops_work_before_a_new_start() -> None:
     without_arm: dict[str, Fact] = {"base": "A", "holding": True}
     occupied = decided("going to C", without_arm, [ahead("arm to B")])
     assert occupied.stops == [Objection(number("arm to B"), Reason.NOT_FORESEEN)]
@@ -299,9 +299,7 @@ def test_a_wrong_prediction_stops_the_arm_and_then_sends_it_elsewhere() -> None:
     assert decided("going to C", without_arm).shares == {number("arm to C"): 1.0}
 
 
-def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_makes_the_same() -> (
-    None
-):
+def test_unforeseen_result_is_wasted_when_overwritten() -> None:
     decision = decided("going to C", {**START, "arm": "B"}, [ahead("arm to B", WorkPhase.DONE)])
     assert decision.stops == [
         Objection(number("arm to B"), Reason.CONFLICT, "arm", number("arm to C"))
@@ -309,7 +307,7 @@ def test_a_result_that_is_no_longer_foreseen_is_wasted_where_another_activity_ma
     assert decision.shares == {number("arm to C"): 1.0}
 
 
-def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state() -> None:
+def test_unforeseen_result_lasts_as_long_as_the_current_state() -> None:
     """The arm was on its way to box B, which is occupied now. Nothing else moves the arm before the
     gripper opens.
     """
@@ -338,7 +336,7 @@ def test_a_result_that_is_no_longer_foreseen_lasts_as_long_as_the_current_state(
     assert stops("going to B", 1.0, is_new=True) == [], "the path that was taken leads there"
 
 
-def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine() -> None:
+def test_unforeseen_result_needs_no_search_of_the_machine() -> None:
     asked: list[str] = []
 
     def likely(situation: Situation) -> float:
@@ -364,7 +362,7 @@ def test_a_result_that_is_no_longer_foreseen_costs_no_look_at_the_whole_machine(
     assert len(asked) < 5
 
 
-def test_what_failed_ahead_is_left_to_its_turn() -> None:
+def test_failed_early_work_is_not_restarted_early() -> None:
     decision = decided(
         "going to B", {"base": "A", "holding": True}, [ahead("arm to B", WorkPhase.FAILED)]
     )
@@ -388,14 +386,14 @@ def watched(undo: bool) -> Coordination:
     return machine
 
 
-def test_a_branch_that_needs_the_old_value_forbids_what_cannot_be_undone() -> None:
+def test_branch_needing_old_value_forbids_irreversible_work() -> None:
     refused = decided("going to B", machine=watched(undo=False))
     assert refused.shares == {}
     assert refused.refused == [Objection(1, Reason.BRANCH, "arm", 2)]
     assert decided("going to B", machine=watched(undo=True)).shares == {1: 1.0}
 
 
-def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
+def test_failing_branch_still_needs_the_old_value() -> None:
     """The arm is moved anew by greeting. But that needs the light; without it, the arm is looked at
     as it is.
     """
@@ -420,7 +418,7 @@ def test_a_branch_may_fail_before_it_makes_a_variable_anew() -> None:
     assert decided("going to B", machine=machine).refused == [Objection(1, Reason.BRANCH, "arm", 2)]
 
 
-def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
+def test_no_early_work_starts_on_wasted_facts() -> None:
     """The arm was moved for nothing, and is at B by chance. It may have to go back first."""
     machine = watched(undo=True)
     spoilt = decided("going to B", {**START, "arm": "B"}, machine=machine, spoilt=["arm"])
@@ -432,7 +430,7 @@ def test_nothing_is_built_on_work_that_may_be_in_vain() -> None:
     assert decided("arm to B", by_chance, is_done=True).shares == {number("dropping at B"): 1.0}
 
 
-def test_what_is_being_restored_is_left_alone() -> None:
+def test_restoring_work_blocks_its_state_and_agents() -> None:
     machine = watched(undo=False)
     home = EarlyWork(1, WorkPhase.RESTORING)
     assert decided("greeting", machine=machine, work=[home]).refused == [
@@ -458,20 +456,20 @@ def lifting(**options: Any) -> Coordination:
     return machine
 
 
-def test_an_activity_that_runs_may_change_what_it_needed() -> None:
+def test_running_activity_may_change_its_own_needs() -> None:
     machine = lifting(undo=Do(MOVE_ARM, "home", ARM))
     assert decided("going to B", machine=machine).shares == {1: 1.0}
     runs = decided("going to B", {"base": "A", "holding": True}, [EarlyWork(1)], machine=machine)
     assert (runs.stops, runs.refused) == ([], [])
 
 
-def test_an_activity_that_changes_what_it_needs_must_be_undoable() -> None:
+def test_activity_changing_its_needs_must_be_undoable() -> None:
     assert decided("going to B", machine=lifting()).refused == [
         Objection(1, Reason.BRANCH, "arm", 1)
     ]
 
 
-def test_nothing_is_built_on_what_comes_later() -> None:
+def test_early_result_of_a_later_state_meets_no_needs() -> None:
     """The camera could look at B now: the arm is there. But it is there for a later state."""
     look = Activity(Do(MOVE_GRIPPER, "look", GRIPPER), needs={"arm": "B"})
     with Coordination("later", facts={**START, "arm": "B"}) as machine:
@@ -500,19 +498,19 @@ def reaching(likelihood: Prior | None, event: str = "done", *, progress: bool = 
     return decided("going to B", progress=0.0, machine=machine, policy=policy)
 
 
-def test_a_failure_begins_no_branch_when_it_is_impossible() -> None:
+def test_impossible_failure_opens_no_branch() -> None:
     """Nor does an activity without progress hold others back."""
     assert reaching(None).refused == [Objection(1, Reason.BRANCH, "arm", 3)]
     assert reaching(Prior(0.0)).shares == {1: 1.0}
     assert reaching(Prior(0.0), progress=True).refused == [Objection(1, Reason.UTILITY, other=0)]
 
 
-def test_an_arrow_is_certain_beside_an_impossible_one() -> None:
+def test_arrow_is_certain_beside_an_impossible_failure() -> None:
     assert reaching(Prior(0.0), "arrived").shares == {1: 1.0}
     assert reaching(None, "arrived").refused == [Objection(0, Reason.STEADY)], "that may never come"
 
 
-def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
+def test_progress_before_crosses_compound_end_but_not_a_wait() -> None:
     with Coordination("passing", facts=START) as machine:
         with machine.compound("first") as first:
             going = machine.state("going to B", base("B"))
@@ -533,7 +531,7 @@ def test_the_progress_before_passes_the_end_of_a_compound_but_no_wait() -> None:
     assert decision.refused == [Objection(grip.number, Reason.UTILITY, other=pause.number)]
 
 
-def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
+def test_undo_cost_counts_when_a_branch_may_need_it() -> None:
     """The arm costs 0.2, and as much again to undo."""
     policy = Discrete(0.3)
     with Coordination("costs", facts=START) as machine:
@@ -553,7 +551,7 @@ def test_the_cost_of_undoing_counts_where_a_branch_may_need_it() -> None:
     assert decided("going to B", machine=machine, policy=policy, progress=0.6).shares == {1: 1.0}
 
 
-def test_the_agent_of_the_current_activity_is_its_own() -> None:
+def test_agent_capacity_limits_early_work() -> None:
     with Coordination("one arm", facts=START) as machine:
         look = machine.state("looking", Activity(Do(MOVE_ARM, "look", ARM)))
         point = machine.state("pointing", Activity(Do(MOVE_ARM, "point", ARM)))
@@ -585,13 +583,13 @@ LIKELY = Candidate(
 )
 
 
-def test_the_expected_gain_counts_what_is_lost_if_the_prediction_is_wrong() -> None:
+def test_expected_gain_subtracts_the_cost_of_a_wrong_prediction() -> None:
     assert expected_gain(LIKELY) == pytest.approx(0.9 * 0.5 - 0.1 * (0.4 + 0.6))
     half_done = Candidate(1, 1, 0.9, 0.9, 0.5, 0.4, 0.6, progress=0.5, share=1.0)
     assert expected_gain(half_done) == pytest.approx(0.9 * 0.5 - 0.1 * 0.5 * (0.4 + 0.6))
 
 
-def test_an_activity_that_runs_is_not_asked_again_whether_it_is_too_early() -> None:
+def test_discrete_policy_keeps_running_work_at_low_progress() -> None:
     policy = Discrete(0.5)
     assert policy.share(LIKELY) == 0
     assert policy.share(Candidate(1, 1, 0.9, 0.9, 0.5, 0.4, 0.6, share=1.0)) == 1
@@ -600,7 +598,7 @@ def test_an_activity_that_runs_is_not_asked_again_whether_it_is_too_early() -> N
     )
 
 
-def test_a_continuous_policy_begins_slowly() -> None:
+def test_continuous_policy_starts_slowly() -> None:
     policy = Continuous(0.2, 0.7, progress_only)
     shares = [
         policy.share(Candidate(1, 1, 1, 1, before, 0)) for before in (0.1, 0.2, 0.3, 0.46, 0.7, 1.0)
@@ -608,7 +606,7 @@ def test_a_continuous_policy_begins_slowly() -> None:
     assert shares == [0, 0, 0.1, 0.5, 1, 1]
 
 
-def test_speeds_follow_the_utility() -> None:
+def test_speed_of_adaptable_work_follows_the_utility() -> None:
     slow = Activity(Do(MOVE_ARM, "B", ARM), adapt=lambda pose, share, _: f"{pose} at {share:.0%}")
     with Coordination("slow", facts=START) as machine:
         going = machine.state("going to B", base("B"))
@@ -628,6 +626,6 @@ def test_speeds_follow_the_utility() -> None:
 
 
 @pytest.mark.parametrize("make", [lambda: Discrete(float("nan")), lambda: Continuous(0.5, 0.5)])
-def test_policies_that_make_no_sense_are_refused(make: object) -> None:
+def test_invalid_policy_is_rejected(make: object) -> None:
     with pytest.raises(MisuseError, match="must be"):
         make()  # type: ignore[operator]

@@ -89,9 +89,7 @@ def probability(path: list[tuple[int, int, float]]) -> float:
 
 
 @given(automata(), LIMITS)
-def test_the_list_is_what_a_search_of_all_paths_finds(
-    automaton: Drawn, limits: PreviewLimits
-) -> None:
+def test_preview_agrees_with_a_search_of_all_paths(automaton: Drawn, limits: PreviewLimits) -> None:
     paths = list(all_paths(automaton, [(0, 0, 1.0)], limits))
     if not paths:
         return
@@ -105,9 +103,7 @@ def test_the_list_is_what_a_search_of_all_paths_finds(
 
 
 @given(automata(), LIMITS)
-def test_a_list_without_an_end_stops_before_a_state_comes_again(
-    automaton: Drawn, limits: PreviewLimits
-) -> None:
+def test_preview_without_horizon_repeats_no_state(automaton: Drawn, limits: PreviewLimits) -> None:
     found = [0, *(one.state for one in most_likely(automaton, 0, limits))]
     if limits.horizon is None:
         assert len(found) == len(set(found))
@@ -119,7 +115,9 @@ def test_a_list_without_an_end_stops_before_a_state_comes_again(
     st.integers(0, 2**32),
     st.sampled_from((Discrete(0.0, progress_only), Discrete(0.3), Continuous(-0.5, 0.1))),
 )
-def test_early_work_is_in_nobodys_way(seed: int, policy: Discrete | Continuous) -> None:
+def test_early_work_never_blocks_the_current_activity(
+    seed: int, policy: Discrete | Continuous
+) -> None:
     random = Random(seed)
     run = PlayedRun(
         drawn_machine(random), policy, random, PreviewLimits(0.6, horizon=random.choice((None, 4)))
@@ -128,7 +126,7 @@ def test_early_work_is_in_nobodys_way(seed: int, policy: Discrete | Continuous) 
         run.step()
 
 
-def test_such_runs_start_keep_and_restore() -> None:
+def test_played_runs_start_keep_and_restore_early_work() -> None:
     started = kept = restored = 0
     for seed in range(120):
         random = Random(seed)
@@ -140,7 +138,7 @@ def test_such_runs_start_keep_and_restore() -> None:
 
 
 @given(st.integers(0, 2**32))
-def test_without_likelihoods_nothing_ever_starts(seed: int) -> None:
+def test_no_early_work_starts_without_likelihoods(seed: int) -> None:
     random = Random(seed)
     run = PlayedRun(BlindMachine(drawn_machine(random)), Discrete(-1.0, progress_only), random)
     for _ in range(30):

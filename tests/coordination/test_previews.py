@@ -53,7 +53,7 @@ def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coor
     return machine
 
 
-def test_the_arm_moves_while_the_base_drives() -> None:
+def test_arm_moves_early_while_the_base_drives() -> None:
     with play(delivery()) as run:
         ran = run.start("object given", seconds=30)
         assert run.happened() == [
@@ -79,7 +79,7 @@ def test_the_arm_moves_while_the_base_drives() -> None:
         assert (end.state, end.transitions, end.kept, end.wasted) == ("end", 6, 1, 0)
 
 
-def test_without_a_policy_nothing_is_ahead() -> None:
+def test_no_early_work_starts_without_a_policy() -> None:
     with play(delivery(), None) as run:
         ran = run.start("object given", seconds=30)
         assert [line for line in run.happened() if line.startswith(("8 ", "11 "))] == [
@@ -93,7 +93,7 @@ def test_without_a_policy_nothing_is_ahead() -> None:
         assert ran.result(timeout=5).kept == 0
 
 
-def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
+def test_changed_observation_replaces_early_work() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken("object given", seconds=1, later=40)
         assert run.happened()[:13] == [
@@ -115,7 +115,7 @@ def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
         assert (end.kept, end.wasted) == (1, 1)
 
 
-def test_what_a_state_needs_as_it_was_is_undone() -> None:
+def test_early_work_is_undone_for_a_state_needing_the_old_fact() -> None:
     ahead = arm("box B", undo=HOME)
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start_mistaken()
@@ -135,7 +135,7 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
-def test_each_visitor_is_greeted() -> None:
+def test_early_greeting_is_not_reused_for_the_next_visitor() -> None:
     """The first one has gone before the robot comes to the door. What was said then is not for the
     second one.
     """
@@ -175,7 +175,7 @@ def test_each_visitor_is_greeted() -> None:
         assert (end.kept, end.wasted) == (1, 1)
 
 
-def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_failed_undo_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     robot = make_driving_base()
 
     @robot.handles(MOVE_ARM, resource="arm")
@@ -189,7 +189,7 @@ def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
     assert "did not undo wasted early work" in caplog.text
 
 
-def test_others_come_before_an_early_task_in_a_queue() -> None:
+def test_early_task_queues_behind_other_tasks() -> None:
     robot, places = make_driving_base(), list[str]()
 
     @robot.handles(MOVE_ARM, resource="arm")
@@ -206,13 +206,13 @@ def test_others_come_before_an_early_task_in_a_queue() -> None:
     assert places == ["look around", "box B"]
 
 
-def test_what_cannot_be_undone_is_not_begun() -> None:
+def test_work_without_undo_waits_for_its_state() -> None:
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.start(seconds=20)
         assert "8 arm to box B: current" in run.happened()
 
 
-def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
+def test_slow_early_task_gets_full_speed_on_state_entry() -> None:
     robot = Module("robot")
     speeds: list[tuple[float, str]] = []
 
@@ -236,7 +236,7 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
     assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
 
 
-def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
+def test_agent_with_capacity_two_ranks_its_tasks() -> None:
     robot = make_driving_base()
     told: list[tuple[float, str]] = []
     robot.resource("arms", capacity=2)
@@ -271,7 +271,7 @@ def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
     ]
 
 
-def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
+def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCaptureFixture) -> None:
     """They divide by zero, or give what is no number. Each is told once, and the arm does not move
     early.
     """
@@ -313,7 +313,9 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
         )
 
 
-def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
+def test_invalid_progress_of_early_task_does_not_end_the_run(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """It raises, or gives what is no number. That is told once, and counts only if the state is
     entered.
     """
@@ -332,14 +334,14 @@ def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixtur
         assert 'the progress of Activity(arm to "box B") does not change: ' in told[0]
 
 
-def test_a_progress_of_the_current_task_that_fails_ends_a_run() -> None:
+def test_invalid_progress_of_current_task_fails_the_run() -> None:
     with play(fork(arm("box B", progress=lambda _: "half way"), base("C")), Discrete(2.0)) as run:
         ran = run.start(seconds=30)
         with pytest.raises(TaskFailed, match="could not convert string to float"):
             ran.result(timeout=5)
 
 
-def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
+def test_undo_task_may_report_any_progress_type() -> None:
     unfold = Command("unfold", progress=str)
     robot = make_driving_base()
 
@@ -369,7 +371,7 @@ class Odd(Policy):
         return 7.0
 
 
-def test_a_failure_ahead_is_none_of_the_run() -> None:
+def test_failure_of_early_work_does_not_fail_the_run() -> None:
     with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=20)
         assert run.happened() == [
@@ -389,7 +391,7 @@ def test_a_failure_ahead_is_none_of_the_run() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
-def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
+def test_exception_handler_can_retry_an_early_task() -> None:
     around = ExceptionHandler("go around", float)
     expert = Module("expert")
 
@@ -412,7 +414,7 @@ def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
             assert ran.result(timeout=5).kept == 1
 
 
-def test_a_kill_ends_all_that_runs() -> None:
+def test_kill_of_the_run_ends_all_its_tasks() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         ran = run.start("object given", seconds=1)
         ran.kill("enough")
@@ -421,7 +423,7 @@ def test_a_kill_ends_all_that_runs() -> None:
         assert run.user.tasks() == []
 
 
-def test_a_suspended_run_starts_nothing() -> None:
+def test_suspended_run_starts_no_task() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         run.box_b(0.0)
         ran = run.begin()
@@ -435,7 +437,7 @@ def test_a_suspended_run_starts_nothing() -> None:
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
-def test_the_end_of_the_module_ends_all_that_runs() -> None:
+def test_module_stop_ends_all_tasks_of_the_run() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
         with connect("another", run.central) as other:
@@ -453,7 +455,7 @@ def test_the_end_of_the_module_ends_all_that_runs() -> None:
             assert other.tasks() == []
 
 
-def test_work_ahead_inside_a_compound() -> None:
+def test_early_work_inside_a_compound_is_kept_or_wasted() -> None:
     with Coordination("tour", facts=AT_HOME) as machine:
         with machine.compound("fetching") as fetching:
             to_b = machine.state("to B", base("B"))
@@ -503,7 +505,7 @@ def test_work_ahead_inside_a_compound() -> None:
         ]
 
 
-def test_the_likely_way_round_again() -> None:
+def test_early_work_repeats_in_each_round_of_a_loop() -> None:
     """A loop: what is ahead once may be ahead the next time, too."""
     with Coordination("rounds", facts=AT_HOME) as machine:
         there = machine.state("there", base("B"))

@@ -118,7 +118,7 @@ def foreseen(
 
 @MOST_ARE_REFUSED
 @given(st.data())
-def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None:
+def test_machine_follows_its_automaton(data: st.DataObject) -> None:
     machine = drawn(data)
     check_definition(machine, machine.automaton(Situation()))
     run = machine.interpreter()

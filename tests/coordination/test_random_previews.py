@@ -52,7 +52,7 @@ def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 2
 
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
+def test_run_without_likelihoods_equals_a_plain_run(seed: int) -> None:
     machine = random_machine(Random(seed), unlikely=True)
     ahead, plain = lived(machine, EAGER, seed).transcript, lived(machine, None, seed).transcript
     assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', ahead) == plain
@@ -60,7 +60,7 @@ def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -
 
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -> None:
+def test_early_work_keeps_conditions_of_the_current_activity(seed: int) -> None:
     machine = random_machine(Random(seed))
     check_conditions(machine, lived(machine, EAGER, seed).entries)
 
@@ -68,7 +68,7 @@ def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -
 @pytest.mark.soak
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
+def test_preview_does_not_change_the_path_of_the_machine(seed: int) -> None:
     machine = random_machine(Random(seed))
     ahead, plain = (lived(machine, policy, seed, acts=0).path for policy in (EAGER, None))
     both = min(len(ahead), len(plain))
@@ -81,13 +81,13 @@ def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> Non
 @pytest.mark.soak
 @settings(max_examples=lives(7, soak=200))
 @given(SEEDS)
-def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
+def test_each_state_visit_has_its_own_execution(seed: int) -> None:
     machine = random_round(Random(seed))
     check_executions(machine, lived(machine, EAGER, seed).entries)
 
 
 @pytest.mark.soak
-def test_such_executions_often_begin_ahead() -> None:
+def test_random_rounds_often_start_executions_early() -> None:
     rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
     assert (
         sum(

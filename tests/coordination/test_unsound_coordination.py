@@ -162,7 +162,7 @@ def _circle(m: Coordination) -> None:
     m.state("d", needing({"z": 1}, {"x": 1})).to("a")
 
 
-def test_an_unsound_machine_is_refused(approve: Callable[..., None]) -> None:
+def test_unsound_machine_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
     def tell(write: str) -> str:
         machine = Coordination("m")
         with pytest.raises(UnsoundMachine) as refused, machine:
@@ -172,7 +172,7 @@ def test_an_unsound_machine_is_refused(approve: Callable[..., None]) -> None:
     approve("unsound_machines.txt", tell)
 
 
-def test_misuse_is_refused(approve: Callable[..., None]) -> None:
+def test_coordination_misuse_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
     def tell(case: str) -> str:
         machine = Coordination("m")
         with pytest.raises((MisuseError, BadData)) as refused, machine:

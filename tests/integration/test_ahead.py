@@ -57,7 +57,7 @@ def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
     return Quick(address)
 
 
-def test_informs_are_all_handled_in_order(quick: Quick, user: Client) -> None:
+def test_prefetched_informs_are_handled_once_in_order(quick: Quick, user: Client) -> None:
     with quick.module.running():
         for number in range(MANY):
             user.inform(NOTE, number)
@@ -65,7 +65,7 @@ def test_informs_are_all_handled_in_order(quick: Quick, user: Client) -> None:
     assert quick.most > 1
 
 
-def test_queries_get_their_own_answers(quick: Quick, user: Client) -> None:
+def test_prefetched_queries_get_their_own_replies(quick: Quick, user: Client) -> None:
     with quick.module.running():
         asked = [user.query_send(DOUBLE, number) for number in range(MANY)]
         assert [one.receive(timeout=SOON) for one in asked] == [
@@ -74,7 +74,9 @@ def test_queries_get_their_own_answers(quick: Quick, user: Client) -> None:
     assert quick.most > 1
 
 
-def test_the_handlers_own_lock_goes_before_what_is_ahead(quick: Quick, user: Client) -> None:
+def test_handler_lock_of_own_resource_delays_prefetched_messages(
+    quick: Quick, user: Client
+) -> None:
     with quick.module.running():
         for number in range(MANY):
             user.inform(NOTE, number)
@@ -85,7 +87,7 @@ def test_the_handlers_own_lock_goes_before_what_is_ahead(quick: Quick, user: Cli
         assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
 
 
-def test_nothing_is_handled_while_others_hold_the_lock(
+def test_prefetched_messages_are_not_handled_while_locked(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
 
@@ -117,7 +119,7 @@ def test_nothing_is_handled_while_others_hold_the_lock(
             inside.discard(fact.id)
 
 
-def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Client) -> None:
+def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: Client) -> None:
     owed: list[tuple[LaterReply[bool], int]] = []
     later = Query("later", reply=bool)
 
@@ -142,7 +144,7 @@ def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Clie
         assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
 
 
-def test_a_handler_that_hangs_keeps_no_reply_of_those_before_it(
+def test_hanging_handler_does_not_delay_earlier_replies(
     quick: Quick, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(turns, "QUICK", SOON)
@@ -160,7 +162,7 @@ def test_a_handler_that_hangs_keeps_no_reply_of_those_before_it(
             goes_on.clear()
 
 
-def test_what_a_handler_sends_comes_after_the_replies_of_those_before_it(
+def test_message_of_prefetched_handler_keeps_its_origin(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
     echo, tell, echoes = Inform("echo", int), Inform("tell", int), Query("echoes", reply=list[int])
@@ -183,7 +185,9 @@ def test_what_a_handler_sends_comes_after_the_replies_of_those_before_it(
     assert daemon.facts(RequestRefused) == []
 
 
-def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address: str) -> None:
+def test_leaving_module_returns_unstarted_prefetched_messages(
+    quick: Quick, user: Client, address: str
+) -> None:
     """What it had ahead and not begun goes to the next."""
     with quick.module.running():
         for number in range(MANY):
@@ -194,7 +198,7 @@ def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address:
     assert sorted(quick.heard + after.heard) == list(range(MANY))
 
 
-def test_a_callback_that_waits_lets_what_is_next_be_handled(
+def test_waiting_callback_lets_its_slot_handle_messages(
     quick: Quick, user: Client, daemon: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Who answers it may ask the slot that it waits in."""

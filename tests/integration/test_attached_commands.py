@@ -18,7 +18,9 @@ from tca_wire.journal import facts
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
 
-def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Client) -> None:
+def test_attached_command_lists_handlers_wiretaps_and_monitors(
+    robot: list[str], user: Client
+) -> None:
     assert tca(attached) == (0, "no exception handlers, wiretaps or monitors\n", "")
     walk = user.goal(WALK, 1)
     fell = user.on_failure(FELL, FIX, of=WALK, maximum=2)
@@ -75,7 +77,7 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     ]  # also when one of them is gone
 
 
-def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_number(
+def test_monitor_beyond_listing_limit_is_detached_by_number(
     robot: list[str], user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_central.status.topics.SHOWN_TASKS", 20)
@@ -92,7 +94,7 @@ def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_
     assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
 
 
-def test_what_outlives_its_module_is_detached(
+def test_detach_removes_attachments_of_a_disconnected_module(
     robot: list[str], user: Client, daemon: RealCentral
 ) -> None:
     walk = user.goal(WALK, 1)
@@ -182,9 +184,7 @@ def stale() -> list[str]:
     ]
 
 
-def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_away(
-    user: Client, tmp_path: Path
-) -> None:
+def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Path) -> None:
     program = tmp_path / "guard.py"
     program.write_text(_GUARD)
     for words in (["checks"], []):
@@ -216,9 +216,7 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
         assert stale() == []  # a program that is not there may yet come back as it was
 
 
-def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
-    address: str, user: Client
-) -> None:
+def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Client) -> None:
     first = Module("guard", address)
 
     @first.at_start
@@ -246,7 +244,7 @@ def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
         assert (code, text.count("detached"), stale()) == (0, 2, [])
 
 
-def test_what_hangs_at_a_task_ends_with_it_and_is_not_stale(address: str, user: Client) -> None:
+def test_wiretap_on_one_task_is_not_stale(address: str, user: Client) -> None:
     user.goal(WALK, 1)
     with Module("guard", address).running() as guard:
         (walk,) = guard.tasks(WALK)
@@ -256,7 +254,7 @@ def test_what_hangs_at_a_task_ends_with_it_and_is_not_stale(address: str, user: 
         assert stale() == []
 
 
-def test_what_another_run_or_program_holds_is_not_stale(address: str, user: Client) -> None:
+def test_attachment_shared_with_another_module_is_not_stale(address: str, user: Client) -> None:
     user.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
     with Module("guard", address).running() as guard, Module("guard", address).running():
         guard.on_failure(FELL, FIX, of=WALK)
@@ -271,7 +269,7 @@ def test_what_another_run_or_program_holds_is_not_stale(address: str, user: Clie
         assert listed("wiretaps")["later"]["earlier"] == ["guard#3"]  # the user has it, too
 
 
-def test_scripts_of_one_name_leave_what_they_have_attached(address: str) -> None:
+def test_attachment_of_an_earlier_script_is_not_stale(address: str) -> None:
     with connect("script", address) as script:
         script.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
     with connect("script", address) as script:
@@ -280,6 +278,6 @@ def test_scripts_of_one_name_leave_what_they_have_attached(address: str) -> None
         assert stale() == []
 
 
-def test_stale_goes_without_a_name(user: Client) -> None:
+def test_detach_rejects_stale_with_a_name_and_neither(user: Client) -> None:
     assert tca(detach, "--stale", "later")[0] == 2
     assert tca(detach)[0] == 2

@@ -75,7 +75,7 @@ def at(story: list[Told], message: str, number: int, transition: str) -> int:
     )
 
 
-def test_three_task_types_one_pattern(story_of: Play) -> None:
+def test_label_query_point_and_say_follow_figure_13(story_of: Play) -> None:
     """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side
     by side (7-11); another question comes and is rejected (12-16); the arm goes back and the voice
     says thanks, side by side (18-21).
@@ -103,7 +103,7 @@ def test_three_task_types_one_pattern(story_of: Play) -> None:
     assert at(story, "label query", 1, "completed") == len(story) - 1
 
 
-def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
+def test_grasp_feedback_and_updates_follow_figure_14(story_of: Play) -> None:
     """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its
     acceptance up.
     """
@@ -139,7 +139,7 @@ def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
         assert at(story, "grasp", 1, transition) < at(story, "reach", 1, transition)
 
 
-def test_gaze_is_added_by_observation_alone(story_of: Play) -> None:
+def test_gaze_follows_figure_15_without_messages_of_its_own(story_of: Play) -> None:
     """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of
     what is rejected it does not. No message is there for gaze's sake.
     """

@@ -81,7 +81,7 @@ MOVES_UNTIL_TERMINATED = (
 )
 
 
-def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: Path) -> None:
+def test_central_process_routes_tasks_and_reports_killed_module(tmp_path: Path) -> None:
     with central(tmp_path, bind="tcp://127.0.0.1:*") as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with (
@@ -106,7 +106,7 @@ def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: P
     ]
 
 
-def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
+def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         program(SQUARES, daemon.address) as squares,
@@ -169,7 +169,7 @@ def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
     return start
 
 
-def test_a_second_central_takes_neither_address_nor_folder(
+def test_second_central_is_refused_address_and_journal_in_use(
     tmp_path: Path, refused: Refused
 ) -> None:
     with central(tmp_path) as daemon:
@@ -183,7 +183,7 @@ def test_a_second_central_takes_neither_address_nor_folder(
             assert user.status("status")["modules"] == 1
 
 
-def test_a_port_in_use_is_named(refused: Refused) -> None:
+def test_start_error_names_the_port_in_use(refused: Refused) -> None:
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -207,13 +207,13 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         ),
     ],
 )
-def test_wrong_options_are_explained(
+def test_start_error_explains_invalid_option(
     tmp_path: Path, refused: Refused, options: list[str], words: str
 ) -> None:
     assert words in refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
 
 
-def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None:
+def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
     """Each run has segments of its own in the folder. To those before nothing is written, but that
     their run is over.
     """
@@ -242,7 +242,7 @@ def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None
     assert len(links) == 1
 
 
-def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
+def test_tasks_survive_module_handovers_under_load(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         connect("user", daemon.address) as user,
@@ -274,7 +274,7 @@ BROKEN = """
 """
 
 
-def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
+def test_internal_error_ends_central_with_its_reason(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     address, journal = f"ipc://{tmp_path}/central.sock", tmp_path / "journal"
@@ -304,7 +304,9 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
     assert failed.why.startswith("internal error: AssertionError in event")
 
 
-def test_a_failure_is_a_line_of_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_failure_is_logged_as_one_printable_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """The first of its text, which says what happened, without what would steer a terminal."""
     with caplog.at_level("INFO"), RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
         legs = Module("legs", daemon.address)
@@ -340,7 +342,7 @@ PARENT = """
 """
 
 
-def test_a_child_of_a_module_connects_anew_and_its_parent_goes_on(tmp_path: Path) -> None:
+def test_forked_child_gets_a_connection_of_its_own(tmp_path: Path) -> None:
     """ZeroMQ's threads are not forked: with its parent's context a child would wait for ever."""
     with central(tmp_path) as daemon, program(PARENT, daemon.address) as parent:
         said, errors = parent.communicate(timeout=60)
@@ -371,7 +373,7 @@ CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
 }
 
 
-def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> None:
+def test_first_call_after_central_restart_keeps_client_state(tmp_path: Path) -> None:
     """Each call is the first one of its user."""
     with ExitStack() as stack:
         first = stack.enter_context(central(tmp_path))

@@ -24,7 +24,7 @@ LEGS = """
 TIMES = 20
 
 
-def test_an_order_that_is_given_before_they_are_let_go_is_never_too_late(tmp_path: Path) -> None:
+def test_constraint_between_suspended_tasks_is_never_too_late(tmp_path: Path) -> None:
     lost: list[bool] = []
 
     with central(tmp_path) as daemon, program(LEGS, daemon.address):

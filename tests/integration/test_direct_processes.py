@@ -54,7 +54,7 @@ def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:
     return pending
 
 
-def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
+def test_direct_query_fails_when_its_handler_module_is_killed(tmp_path: Path) -> None:
     """The query fails as it would through central; what is asked next waits for the next module
     that can answer.
     """
@@ -79,7 +79,7 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
     assert "direct         height from user to map, 9 bytes, " in shown
 
 
-def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Path) -> None:
+def test_direct_informs_to_a_killed_module_are_reported_lost(tmp_path: Path) -> None:
     """Its sender says how many may not have been handled: to central, in its log, and when it
     leaves.
     """

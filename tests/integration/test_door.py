@@ -36,7 +36,7 @@ def _many_files() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
-def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None:
+def test_central_survives_running_out_of_file_descriptors(tmp_path: Path) -> None:
     with central(tmp_path, command=limited(1024, 1024)) as daemon, ExitStack() as stack:
         for _ in range(1100):
             stack.enter_context(socket.socket(socket.AF_UNIX)).connect(
@@ -50,7 +50,7 @@ def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("bind", ["", "tcp://127.0.0.1:*"])
-def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: Path) -> None:
+def test_full_central_rejects_newcomers_and_serves_connected(bind: str, tmp_path: Path) -> None:
     with central(tmp_path, bind=bind, command=limited(100, 100)) as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with connect("early", address) as early, zmq.Context() as context:
@@ -69,13 +69,13 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
             connect("later", address).close()
 
 
-def test_central_has_as_many_descriptors_as_it_may(tmp_path: Path) -> None:
+def test_central_raises_its_descriptor_limit_to_the_maximum(tmp_path: Path) -> None:
     with central(tmp_path, command=limited(300, 600)) as daemon:
         limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE)
     assert limits == (600, 600)
 
 
-def test_a_central_that_stops_while_its_door_is_shut_ends_well(tmp_path: Path) -> None:
+def test_full_central_stops_cleanly(tmp_path: Path) -> None:
     with central(tmp_path, command=limited(100, 100)) as daemon, zmq.Context() as context:
         idle = idle_connections(context, daemon.address)
         said_by(daemon, "accepts no more connections")

@@ -56,7 +56,7 @@ WAYS = {
 }
 
 
-def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
+def test_task_fails_and_lock_is_free_when_handler_process_dies(tmp_path: Path) -> None:
     """The lock that its handler had, and central's list of modules, know it, too."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         eyes = Module("eyes", daemon.address)
@@ -98,7 +98,7 @@ module.run()
 """
 
 
-def test_what_ends_its_handlers_program_is_tried_once_and_once_more_for_each_decision(
+def test_message_that_kills_its_handler_is_not_rerouted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun = tmp_path / "begun"
@@ -148,7 +148,7 @@ module.run()
 """
 
 
-def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Path) -> None:
+def test_central_ends_at_once_despite_a_stopped_module(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         program(MANY, daemon.address),
@@ -207,7 +207,7 @@ def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
     return found
 
 
-def test_what_it_may_have_handled_has_failed_and_the_rest_goes_to_the_next(tmp_path: Path) -> None:
+def test_killed_module_loses_only_its_prefetched_queries(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         connect("user", daemon.address) as user,

@@ -51,7 +51,7 @@ def kill(central: list[Central]) -> None:
     central[-1].kill()
 
 
-def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
+def test_task_is_updated_and_cancelled_through_central_restarts(
     central: list[Central], tmp_path: Path
 ) -> None:
     with (

@@ -146,7 +146,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bytes_that_are_no_message_are_refused(rogue: Line, what: str) -> None:
+def test_malformed_packet_is_refused(rogue: Line, what: str) -> None:
     (answer,) = rogue.ask(BAD[what])
     assert isinstance(answer, Refused | Unknown)
     if isinstance(answer, Refused):
@@ -155,28 +155,26 @@ def test_bytes_that_are_no_message_are_refused(rogue: Line, what: str) -> None:
 
 
 @pytest.mark.parametrize("frames", [2, 100, 50_000])
-def test_a_message_of_many_frames_is_refused(rogue: Line, frames: int) -> None:
+def test_packet_of_several_frames_is_refused(rogue: Line, frames: int) -> None:
     (answer,) = rogue.ask(pack_item(hello()), *[b""] * (frames - 1))
     assert answer.text == f"{frames:,} frames; a packet is one"
     assert isinstance(rogue.hello(), Welcome)
 
 
 @pytest.mark.parametrize("version", [0, 4, PROTOCOL_VERSION + 1, (1 << 63) - 1, -1])
-def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int) -> None:
+def test_other_protocol_version_is_refused_with_both_named(rogue: Line, version: int) -> None:
     (answer,) = rogue.ask(pack_item(hello(version=version)))
     assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
 
 
-def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(
-    daemon: Central, friend: Client
-) -> None:
+def test_routing_id_reserved_by_central_is_shut_out(daemon: Central, friend: Client) -> None:
     line = Line(daemon.address, AWAY + b"0")
     (answer,) = line.ask(pack_item(hello()))
     line.socket.close()
     assert answer.refusal is Refusal.SHUT_OUT
 
 
-def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> None:
+def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: Line) -> None:
     for name in (ESCAPES, "../../../etc/passwd\n", "x" * 100_000):
         (answer,) = rogue.ask(pack_item(hello(module=name)))
         assert isinstance(answer, Refused)
@@ -195,7 +193,7 @@ def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> No
     rogue.ask(pack_item(Kill(5, TaskId(sent[-1].id), ESCAPES * 1000)))
 
 
-def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(friend: Client) -> None:
+def test_client_rejects_oversized_body_or_header_before_sending(friend: Client) -> None:
     note = Inform("note", bytes)
     with pytest.raises(BadData, match=f"bytes: a message holds at most {Limit.BODY:d}"):
         friend.inform(note, bytes(Limit.BODY))
@@ -203,7 +201,7 @@ def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(frie
         friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
 
 
-def test_a_body_that_is_too_long_is_refused_with_both_sizes(rogue: Line) -> None:
+def test_oversized_body_is_refused_with_both_sizes(rogue: Line) -> None:
     rogue.hello()
     (answer,) = rogue.ask(pack_item(Send(99, "note"), bytes(Limit.BODY + 1)))
     assert (answer.number, answer.refusal) == (99, Refusal.PROTOCOL)
@@ -228,7 +226,9 @@ STRANGERS = {
 
 
 @pytest.mark.parametrize("what", STRANGERS)
-def test_strangers_are_hung_up_on_or_left_alone(daemon: Central, friend: Client, what: str) -> None:
+def test_foreign_protocol_does_not_disturb_central(
+    daemon: Central, friend: Client, what: str
+) -> None:
     with raw(daemon) as line:
         line.sendall(STRANGERS[what])
         line.settimeout(0.1)
@@ -240,7 +240,7 @@ def test_strangers_are_hung_up_on_or_left_alone(daemon: Central, friend: Client,
         friend.status()
 
 
-def test_a_message_that_never_ends_costs_others_nothing(daemon: Central, friend: Client) -> None:
+def test_endless_message_does_not_disturb_other_clients(daemon: Central, friend: Client) -> None:
     with raw(daemon) as line:
         line.sendall(_ZMTP + _READY)
         for _ in range(16):
@@ -248,7 +248,7 @@ def test_a_message_that_never_ends_costs_others_nothing(daemon: Central, friend:
         friend.status()
 
 
-def test_half_open_connections_are_closed_in_time(daemon: Central, friend: Client) -> None:
+def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> None:
     files = Path(f"/proc/{daemon.process.pid}/fd")
     before = len(list(files.iterdir()))
     with ExitStack() as lines:
@@ -262,7 +262,7 @@ def test_half_open_connections_are_closed_in_time(daemon: Central, friend: Clien
         assert len(list(files.iterdir())) <= before + 20
 
 
-def test_what_was_done_is_in_the_journal(daemon: Central, friend: Client) -> None:
+def test_journal_after_attacks_is_readable_and_printable(daemon: Central, friend: Client) -> None:
     """It can be read, and so can what it shows."""
     said = tca("log", "show", str(daemon.journal), "--json")
     assert all(json.loads(line) for line in said.stdout.splitlines())

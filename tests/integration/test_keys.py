@@ -78,7 +78,9 @@ def refusal(address: str) -> str:
     return str(caught.value)
 
 
-def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+def test_connection_is_identified_by_its_key(
+    keyed: RealCentral, as_key: Callable[[str], None]
+) -> None:
     for name in ("arm", "user"):
         as_key(name)
         with connect(f"the {name}", keyed.address) as client:
@@ -87,7 +89,7 @@ def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], No
     assert joined == [("the arm", "arm"), ("the user", "user")]
 
 
-def test_a_module_works_over_keys_with_its_slots_and_pulse(
+def test_keyed_module_connects_its_slots_and_heartbeat(
     keyed: RealCentral, as_key: Callable[[str], None]
 ) -> None:
     as_key("arm")
@@ -106,7 +108,7 @@ def test_a_module_works_over_keys_with_its_slots_and_pulse(
         until(is_met, "the pulse is there")
 
 
-def test_the_wrong_key_no_key_and_the_wrong_central(
+def test_connection_is_refused_without_a_matching_key(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path
 ) -> None:
     as_key("none")
@@ -129,7 +131,7 @@ def test_the_wrong_key_no_key_and_the_wrong_central(
     assert not keyed.facts(facts.ModuleJoined)
 
 
-def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
+def test_waiting_program_connects_once_its_key_is_allowed(
     keyed: RealCentral,
     folder: Path,
     as_key: Callable[[str], None],
@@ -148,7 +150,7 @@ def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
         late.result(timeout=30)
 
 
-def test_when_keys_cannot_be_checked_nobody_gets_in(
+def test_connections_are_refused_when_authenticator_is_dead(
     keyed: RealCentral, as_key: Callable[[str], None]
 ) -> None:
     as_key("user")
@@ -164,7 +166,7 @@ def test_when_keys_cannot_be_checked_nobody_gets_in(
         assert not gate.is_alive
 
 
-def test_an_authenticator_that_lets_strangers_in_is_found_out(
+def test_central_does_not_start_when_authenticator_accepts_all(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -174,7 +176,7 @@ def test_an_authenticator_that_lets_strangers_in_is_found_out(
         RealCentral(TCP, gate=KeyGate(folder))
 
 
-def test_revoke_keeps_the_secret_and_says_where_it_is(folder: Path) -> None:
+def test_revoke_keeps_the_secret_key_file(folder: Path) -> None:
     secret = read_client_key(folder / "arm.key")
     told = said("revoke", "arm")
     assert str(folder / "arm.key") in told
@@ -184,7 +186,7 @@ def test_revoke_keeps_the_secret_and_says_where_it_is(folder: Path) -> None:
     assert secret.public in said("list")
 
 
-def test_a_revoked_key_is_cut_off_at_once(
+def test_revoked_key_loses_its_connection_at_once(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
     as_key("user")
@@ -228,7 +230,7 @@ WAITS: list[Callable[[Client], object]] = [
 ]
 
 
-def test_a_revoked_client_is_told_in_each_wait(
+def test_revoked_client_is_shut_out_of_every_wait(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
     def told(wait: Callable[[Client], object]) -> list[bool]:
@@ -248,7 +250,7 @@ def test_a_revoked_client_is_told_in_each_wait(
         assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
 
 
-def test_a_revoked_module_is_back_when_its_key_is_allowed(
+def test_revoked_module_reconnects_once_its_key_is_allowed(
     keyed: RealCentral,
     folder: Path,
     as_key: Callable[[str], None],
@@ -268,7 +270,7 @@ def test_a_revoked_module_is_back_when_its_key_is_allowed(
             assert user.query(SQUARE, 12, timeout=SOON) == 144
 
 
-def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folder: Path) -> None:
+def test_key_removed_during_downtime_is_revoked_on_restart(folder: Path) -> None:
     known = Central()
     for name in ("arm", "ghost"):
         hello = headers.Hello(1, headers.PROTOCOL_VERSION, name, f"run of {name}")
@@ -282,7 +284,7 @@ def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folde
     assert list(gate.changes(2.0, known)) == []
 
 
-def test_a_central_without_allowed_keys_does_not_start(
+def test_central_without_allowed_keys_does_not_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
@@ -292,7 +294,9 @@ def test_a_central_without_allowed_keys_does_not_start(
             assert "'tca keys new NAME'" in daemon.first_line
 
 
-def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_machine_is_set_up_in_five_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "robot"))
     assert said("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
     with central(tmp_path, bind="tcp://0.0.0.0:*") as daemon:
@@ -308,7 +312,7 @@ def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.Monke
 # --- direct messages ------------------------------------------------------------------------------
 
 
-def test_direct_messages_are_encrypted_and_end_with_the_key(
+def test_direct_messages_are_encrypted_and_end_on_revocation(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
     as_key("arm")
@@ -360,7 +364,7 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
 # --- the files ------------------------------------------------------------------------------------
 
 
-def test_keys_are_private_and_never_written_over(folder: Path) -> None:
+def test_key_files_are_private_and_never_overwritten(folder: Path) -> None:
     modes = {path.name: path.stat().st_mode & 0o777 for path in [folder, *folder.rglob("*")]}
     assert modes == {
         "keys": 0o700,
@@ -381,13 +385,13 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
     assert read_client_key(folder / "arm.key").secret not in listed
 
 
-def test_no_public_key_looks_like_an_option(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_public_key_never_starts_with_a_dash(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = iter([(b"-" + b"x" * 39, b"s" * 40), (b"y" * 40, b"t" * 40)])
     monkeypatch.setattr(zmq, "curve_keypair", lambda: next(pairs))
     assert new_pair() == ("y" * 40, "t" * 40)
 
 
-def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> None:
+def test_foreign_key_is_allowed_by_its_public_half(folder: Path) -> None:
     public = new_pair().public
     said("allow", "planner", public)
     assert f"planner    {public}" in said("list")
@@ -395,7 +399,7 @@ def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> Non
     assert "is not a public key" in said("allow", "other", "short", code=1)
 
 
-def test_a_key_whose_secret_never_leaves_its_machine(
+def test_key_works_without_moving_its_secret(
     folder: Path, tmp_path: Path, as_key: Callable[[str], None]
 ) -> None:
     there = tmp_path / "laptop"
@@ -414,11 +418,11 @@ def test_a_key_whose_secret_never_leaves_its_machine(
 @pytest.mark.parametrize(
     "name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"]
 )
-def test_names_that_keys_cannot_have(folder: Path, name: str) -> None:
+def test_keys_new_rejects_invalid_name(folder: Path, name: str) -> None:
     assert "can't be the name of a key" in said("new", "--", name, code=1)
 
 
-def test_files_that_others_can_read_are_refused(
+def test_key_files_readable_by_others_are_refused(
     folder: Path, as_key: Callable[[str], None]
 ) -> None:
     (folder / "arm.key").chmod(0o644)
@@ -449,7 +453,7 @@ os._exit(0)
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
-def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
+def test_other_user_is_refused_on_a_world_writable_socket() -> None:
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         with RealCentral(f"ipc://{folder}/central.sock") as running:
@@ -465,7 +469,7 @@ def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
-def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None:
+def test_other_user_is_accepted_only_while_permitted() -> None:
     owner, nobody = (
         '[[allow]]\nkey = "owner"\nadminister = "*"\n',
         '[[allow]]\nkey = "uid:65534"\nmodule = "knocker"\n',

@@ -121,7 +121,7 @@ def soaked(*values: str) -> Any:
 
 
 @pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, *map(soaked, (IDLE, WAITING)), IN_A_CHILD])
-def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path) -> None:
+def test_leaving_program_waits_for_a_slow_central(text: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text.format(linger=60), daemon.address) as script:
         stopped_when_there(script, daemon)
         with pytest.raises(subprocess.TimeoutExpired):
@@ -133,7 +133,7 @@ def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path)
     assert sum(fact.message == "pose" for fact in daemon.facts(facts.Received)) == 51
 
 
-def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: Path) -> None:
+def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(SENDING.format(linger=60), daemon.address) as script:
         _, said = script.communicate("go on\n", timeout=30)
     assert (script.returncode, said) == (0, "")
@@ -157,7 +157,7 @@ def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: P
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )
-def test_what_may_be_lost_is_said_with_an_exit_code(text: str, said: str, tmp_path: Path) -> None:
+def test_leaving_program_reports_unconfirmed_messages(text: str, said: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text, daemon.address) as running:
         stopped_when_there(running, daemon)
         _, errors = running.communicate(timeout=30)
@@ -199,7 +199,9 @@ RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
     [(RUN, 0, "over\n"), (RUNNING, -signal.SIGINT, "")],
     ids=["run", "running"],
 )
-def test_the_first_ctrl_c_ends_it(tmp_path: Path, body: str, code: int, said: str) -> None:
+def test_first_ctrl_c_ends_the_module_program(
+    tmp_path: Path, body: str, code: int, said: str
+) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
         robot.hear("docking")
         robot.send_signal(signal.SIGINT)
@@ -228,7 +230,7 @@ robot.run()
 """
 
 
-def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(
+def test_killed_handler_that_keeps_waiting_does_not_block_exit(
     tmp_path: Path,
 ) -> None:
     with (

@@ -73,7 +73,7 @@ def peak(daemon: Central) -> int:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
-def test_a_receiver_that_stands_still_costs_only_what_is_meant_for_it(daemon: Central) -> None:
+def test_stopped_receiver_loses_only_its_own_messages(daemon: Central) -> None:
     with program(EYES, daemon.address) as eyes, connect("user", daemon.address) as user:
         eyes.hear("runs")
         eyes.send_signal(signal.SIGSTOP)
@@ -92,7 +92,7 @@ def test_a_receiver_that_stands_still_costs_only_what_is_meant_for_it(daemon: Ce
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
-def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) -> None:
+def test_client_that_reads_no_replies_does_not_slow_others(daemon: Central) -> None:
     with connect("user", daemon.address) as user, ExitStack() as lines:
         user.set_variable(MAP, bytes(1 << 20))
         for number in range(10):
@@ -107,7 +107,7 @@ def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) ->
     assert peak(daemon) < MOST
 
 
-def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path: Path) -> None:
+def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
     """The names of informs that wait are given up when who declared them has left; what is dropped
     is counted.
     """
@@ -160,7 +160,7 @@ def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     return line
 
 
-def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon) -> None:
+def test_big_packets_of_one_client_do_not_delay_others(turns: Daemon) -> None:
     """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is
     asked.
     """
@@ -181,13 +181,13 @@ def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon)
         assert turns._has_arrived(), "the flood had ended"
 
 
-def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Daemon) -> None:
+def test_central_answers_while_it_drains_goodbyes(turns: Daemon) -> None:
     with line_to(turns, "user") as user:
         turns._drain()
         assert user.poll(0)
 
 
-def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
+def test_listener_cycle_is_refused_at_tap_depth(tmp_path: Path) -> None:
     move, check = Query("move", int, reply=int), Inform("check", int)
     errors: queue.Queue[str] = queue.Queue()
 
@@ -232,7 +232,7 @@ print(flood.returncode)
 """
 
 
-def test_a_module_that_floods_a_busy_central_and_is_killed(tmp_path: Path) -> None:
+def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
     """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its
     next heartbeat.
     """
@@ -241,7 +241,7 @@ def test_a_module_that_floods_a_busy_central_and_is_killed(tmp_path: Path) -> No
     assert (lived.returncode, lived.stdout) == (0, f"{-signal.SIGKILL}\n"), lived.stderr
 
 
-def test_a_line_that_takes_nothing_for_five_seconds_is_dead() -> None:
+def test_tcp_connection_times_out_after_five_seconds() -> None:
     """The kernel asks every second, so it can tell; this is what it was told."""
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
         assert (5000, 1, 1) in patience_of_lines_at(int(central.address.rpartition(":")[2]))
@@ -292,7 +292,7 @@ TASKS = 2_000
 
 
 @pytest.mark.soak
-def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
+def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
     """Central stands still for a while, and here is stopped, too, as on a slower day: who has no
     patience is told; what is handled goes on, and who handles stays.
     """

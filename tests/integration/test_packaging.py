@@ -98,7 +98,7 @@ def files(package: str) -> set[str]:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
+def test_source_distribution_contains_all_sources(dist: Path) -> None:
     (archive,) = dist.glob("tca_central-*.tar.gz")
     with tarfile.open(archive) as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
@@ -106,7 +106,7 @@ def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_was_installed_can_be_imported(python: Path, tmp_path: Path) -> None:
+def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Path) -> None:
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
     here = {name for package in PACKAGES for name in files(package)}
     unwanted = ("__main__.py", *(name for name in here if "/peers/" in name))
@@ -118,7 +118,7 @@ def test_what_was_installed_can_be_imported(python: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> None:
+def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: Path) -> None:
     """``pip install .`` builds the wheel that is installed here; the other lines run as they are
     printed.
     """

@@ -112,7 +112,7 @@ def user(robot: Robot) -> Iterator[Client]:
         yield client
 
 
-def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user: Client) -> None:
+def test_commands_run_exactly_once_through_central_restarts(robot: Robot, user: Client) -> None:
     steps = []
     for number in range(120):
         steps.append(user.command(STEP, number))
@@ -127,9 +127,7 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
     assert good.returncode == 0, good.stdout
 
 
-def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(
-    robot: Robot, user: Client
-) -> None:
+def test_result_of_handler_is_accepted_after_central_restart(robot: Robot, user: Client) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
@@ -144,9 +142,7 @@ def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(
     assert robot.begun() == Counter([-1, 5])
 
 
-def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(
-    robot: Robot, user: Client
-) -> None:
+def test_task_of_dead_module_is_uncertain_after_central_restart(robot: Robot, user: Client) -> None:
     step = user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
     robot.kill()
@@ -158,9 +154,7 @@ def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(
     assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
 
 
-def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
-    robot: Robot, user: Client
-) -> None:
+def test_recovery_counts_a_zombie_process_as_lost(robot: Robot, user: Client) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
@@ -176,7 +170,7 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
     assert {names[lost.connection] for lost in run.lost_connections()} == {"legs"}
 
 
-def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> None:
+def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.restart("--resume", "hold")
@@ -191,14 +185,14 @@ def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> N
     assert step.result(timeout=20) == 4
 
 
-def test_a_run_that_has_ended_is_not_gone_on_with(tmp_path: Path) -> None:
+def test_ended_run_is_not_continued(tmp_path: Path) -> None:
     with central(tmp_path) as first, connect("user", first.address) as user:
         epoch = user.status()["epoch"]
     with central(tmp_path) as again, connect("user", again.address) as user:
         assert user.status()["epoch"] != epoch
 
 
-def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
+def test_unnamed_journal_of_the_address_is_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -230,9 +224,7 @@ def broken_run(tmp_path: Path) -> Path:
     return robot.central.journal
 
 
-def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
-    broken_run: Path, tmp_path: Path
-) -> None:
+def test_truncated_inputs_leave_a_recoverable_run(broken_run: Path, tmp_path: Path) -> None:
     """The journal has more then; --resume facts puts that aside."""
     inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
@@ -248,7 +240,7 @@ def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
     assert before < 10, "the last cut leaves little"
 
 
-def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path) -> None:
+def test_journal_beyond_its_inputs_stops_recovery(broken_run: Path) -> None:
     journal = broken_run / "00000001.tcaj"
     (broken_run / "00000001.tcai").write_bytes((broken_run / "00000001.tcai").read_bytes()[:-200])
     before = journal.read_bytes()
@@ -263,7 +255,7 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     assert journal.read_bytes() + aside == before
 
 
-def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_anything_leaves(
+def test_skipped_task_numbers_are_synced_before_any_reply(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_central.shell.recovery.this_boot", lambda: "another")
@@ -296,7 +288,7 @@ def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_a
         folder.close()
 
 
-def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(
+def test_check_rerun_shows_the_first_difference(
     broken_run: Path,
 ) -> None:
     same = tca("check", "--rerun", str(broken_run))
@@ -320,7 +312,7 @@ def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown
     )
 
 
-def test_the_journal_has_what_an_image_includes(
+def test_image_taken_in_recovery_is_covered_by_the_journal(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A central that is killed as soon as it has taken one, in coming back, has written what it did
@@ -344,7 +336,7 @@ def test_the_journal_has_what_an_image_includes(
     assert any(isinstance(fact, facts.ModuleLeft) for fact in written)
 
 
-def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path) -> None:
+def test_client_waiting_for_restart_is_greeted_at_once(tmp_path: Path) -> None:
     """Also where the first turn finds that much is due. Else slots that wait for work would come
     back after 45 s.
     """
@@ -363,7 +355,7 @@ def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path)
     assert is_greeted
 
 
-def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Path) -> None:
+def test_truncated_journal_is_completed_on_recovery(broken_run: Path) -> None:
     journal = broken_run / "00000001.tcaj"
     whole = journal.read_bytes()
     journal.write_bytes(whole[: len(whole) // 2])
@@ -374,7 +366,7 @@ def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Pa
 
 
 @pytest.mark.parametrize("jump", [-86_400, 31_536_000])
-def test_a_wall_clock_that_has_jumped_changes_nothing(
+def test_wall_clock_jump_does_not_change_central_time(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch, jump: float
 ) -> None:
     run = recover(broken_run, unfinished_segments(broken_run))
@@ -385,9 +377,7 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
     assert restarted.away == pytest.approx(min(max(jump, 0), time.monotonic()), abs=60)
 
 
-def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
-    robot: Robot, user: Client
-) -> None:
+def test_restart_without_inputs_starts_a_new_run(robot: Robot, user: Client) -> None:
     user.command(STEP, -1)
     until(lambda: robot.begun()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
@@ -403,9 +393,7 @@ def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
-def test_numbers_that_may_have_been_given_are_never_given_again(
-    broken_run: Path, sync: Sync
-) -> None:
+def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync: Sync) -> None:
     """Neither after inputs were lost that nobody had synced, nor after some were left out."""
     newest = []
     for _ in range(2):
@@ -419,7 +407,7 @@ def test_numbers_that_may_have_been_given_are_never_given_again(
     assert newest[1] > newest[0] > 1_000_000
 
 
-def test_nothing_leaves_before_what_led_to_it_is_recorded(
+def test_no_packet_leaves_before_its_input_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A turn whose write fails lets no packet out."""
@@ -444,13 +432,13 @@ def test_nothing_leaves_before_what_led_to_it_is_recorded(
     folder.close()
 
 
-def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
+def test_recovery_error_names_a_folder_in_place_of_a_file(broken_run: Path) -> None:
     (broken_run / "00000002.tcai").mkdir()
     with pytest.raises(CentralError, match=r"00000002\.tcai: Is a directory: name another folder"):
         RunFolder(broken_run)
 
 
-def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(
+def test_damaged_inputs_header_stops_recovery(
     broken_run: Path,
 ) -> None:
     inputs = broken_run / "00000001.tcai"

@@ -136,17 +136,17 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
         assert silent(daemon) == ["legs"]
 
 
-def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
+def test_stopped_module_is_lost_and_rejoins_when_resumed(tmp_path: Path) -> None:
     stop_and_go_on(tmp_path, 3, "--lost-after", "3")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
-def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
+def test_stopped_module_is_lost_after_default_timeout(tmp_path: Path, bind: str) -> None:
     stop_and_go_on(tmp_path, 5, bind=bind)
 
 
-def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
+def test_stopped_script_loses_its_lock(tmp_path: Path) -> None:
     with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
         with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
             script.hear("has it")
@@ -155,7 +155,7 @@ def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path: Path) -> None:
+def test_client_without_first_heartbeat_is_lost(tmp_path: Path) -> None:
     """Its first words have come, the line of its pulse never does."""
     with central(tmp_path, "--lost-after", "2") as daemon, connect("user", daemon.address) as user:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
@@ -179,7 +179,7 @@ def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path:
 
 
 @pytest.mark.soak
-def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
+def test_handler_holding_the_gil_is_not_lost(tmp_path: Path) -> None:
     with central(tmp_path) as daemon:
         with program(LOADER, daemon.address), connect("user", daemon.address) as user:
             user.wait_until_handled(LOAD, timeout=SOON)
@@ -189,7 +189,7 @@ def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path: Path) -> None:
+def test_resumed_module_does_not_report_central_silent(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, eyes_at(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
@@ -206,7 +206,7 @@ def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
-def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
+def test_resumed_central_loses_no_module(tmp_path: Path, bind: str) -> None:
     with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):
         with eyes_at(address).running(), program(LEGS, address) as legs:
             with connect("user", address, patience=3.0) as user:
@@ -228,7 +228,7 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
 
 
 @pytest.mark.soak
-def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> None:
+def test_stopped_module_is_never_lost_when_lost_after_is_0(tmp_path: Path) -> None:
     with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
@@ -244,7 +244,7 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
 
 
 @pytest.mark.soak
-def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
+def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) -> None:
     """The kernel closes them only when the last process that has them ends; a child has no
     pulse.
     """
@@ -263,7 +263,7 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
         assert silent(daemon) == ["parent"]
 
 
-def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
+def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
     """Central, which stands still, has yet to be told of the message."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         daemon.signal(signal.SIGSTOP)
@@ -285,7 +285,7 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
         daemon.signal(signal.SIGCONT)
 
 
-def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
+def test_stopped_central_is_distinguished_from_absent_one(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=0.5) as user:
         daemon.signal(signal.SIGSTOP)
         stands_still = "does not answer: it accepts connections, but its process is stopped"
@@ -302,7 +302,7 @@ def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path
 REST, POSE = Command("rest"), Variable("pose", int)
 
 
-def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(
+def test_abandoned_command_is_killed_when_central_resumes(
     tmp_path: Path,
 ) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=1.0) as user:

@@ -22,7 +22,7 @@ CONSOLE = [
 
 
 @pytest.mark.slow
-def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
+def test_console_runs_typed_tasks_in_a_terminal(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         robot = Rover()
         server = TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address)
@@ -57,7 +57,7 @@ def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
         assert robot.done[-1] == "watched"
 
 
-def test_what_can_be_typed() -> None:
+def test_console_names_run_tasks_and_print_help() -> None:
     with rover() as (central, robot), Mission("rover", central=central) as mission:
         said: list[str] = []
         typed = ConsoleNames(mission, said.append)
@@ -92,7 +92,7 @@ def without_ipython(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_ipython")
-def test_without_ipython_it_says_what_to_install() -> None:
+def test_console_without_ipython_names_the_package() -> None:
     result = CliRunner().invoke(console, [])
     assert result.exit_code == 1
     assert (
@@ -101,7 +101,7 @@ def test_without_ipython_it_says_what_to_install() -> None:
     )
 
 
-def test_the_stub_file_is_written_and_nothing_else_is_overwritten(tmp_path: Path) -> None:
+def test_console_stub_overwrites_only_stub_files(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         with TaskServer("rover", Rover(), tasks=TASKS, central=central.address).running():
             words = ["rover", "--central", central.address, "--stub"]

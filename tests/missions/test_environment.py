@@ -42,7 +42,9 @@ class LookOnce(OnceTask[Gripper]):
 
 
 @pytest.mark.parametrize(("task", "in_iterate"), [(Look, True), (LookOnce, False)])
-def test_who_holds_the_lock(task: type[Look | LookOnce], in_iterate: bool) -> None:
+def test_environment_lock_is_held_in_the_given_methods(
+    task: type[Look | LookOnce], in_iterate: bool
+) -> None:
     with serving(task) as robot:
         robot.send(task.__name__)
         assert robot.after(0) == [
@@ -52,7 +54,7 @@ def test_who_holds_the_lock(task: type[Look | LookOnce], in_iterate: bool) -> No
         ]
 
 
-def test_a_long_wait_for_the_environment_is_logged(
+def test_long_wait_for_the_environment_lock_is_logged(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(run, "_PATIENCE", 0.01)
@@ -82,7 +84,7 @@ class Sensing(Gripper):
         self.notes.append("closed")
 
 
-def test_the_environment_handles_messages_until_the_server_has_ended() -> None:
+def test_environment_handles_messages_until_server_ends() -> None:
     env = Sensing()
     with LocalCentral(stepped=True) as central, connect("user", central) as user:
         server = TaskServer("gripper", env, [LookOnce], central=central)

@@ -51,7 +51,7 @@ def offered(*tasks: Any, **options: Any) -> list[str]:
     return list(TaskServer("gripper", Gripper(), tasks, **options).definitions)
 
 
-def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None:
+def test_task_file_in_the_folder_is_offered(folder: Path) -> None:
     with serving(Turn, folder=folder) as robot:
         assert list(robot.server.definitions) == ["Turn", "Wave"]
         sent = robot.send("Wave", times=3)
@@ -88,7 +88,7 @@ def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None
         ),
     ],
 )
-def test_what_is_wrong_with_a_file_is_logged(
+def test_unusable_task_file_is_logged_and_left_out(
     folder: Path, caplog: pytest.LogCaptureFixture, text: str, says: str
 ) -> None:
     file = folder / "zzz.py"
@@ -98,17 +98,17 @@ def test_what_is_wrong_with_a_file_is_logged(
     assert says.format(file=file, folder=folder) in caplog.text
 
 
-def test_files_that_begin_with_an_underscore_are_left_alone(folder: Path) -> None:
+def test_task_files_with_leading_underscore_are_ignored(folder: Path) -> None:
     (folder / "_parts.py").write_text("raise ValueError")
     assert offered(folder=folder) == ["Wave"]
 
 
-def test_a_folder_that_is_not_there_is_an_error(folder: Path) -> None:
+def test_missing_task_folder_is_rejected(folder: Path) -> None:
     with pytest.raises(MisuseError, match=r"server 'gripper': folder .*/nowhere does not exist"):
         offered(folder=folder / "nowhere")
 
 
-def test_installed_packages_offer_tasks_for_their_environment(
+def test_entry_points_offer_tasks_for_their_environment(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     group = finding.ENTRY_POINTS
@@ -160,7 +160,7 @@ class Needy(Turn):
         ),
     ],
 )
-def test_a_task_that_the_program_itself_gives_must_be_one(tasks: Any, says: str) -> None:
+def test_invalid_task_definition_is_rejected(tasks: Any, says: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(*tasks)
     assert says in str(wrong.value)
@@ -173,18 +173,18 @@ def test_a_task_that_the_program_itself_gives_must_be_one(tasks: Any, says: str)
         ({"capacity": 2}, "server 'gripper': capacity must be 3 or more, not 2"),
     ],
 )
-def test_options_are_checked(options: Any, says: str) -> None:
+def test_invalid_server_option_is_rejected(options: Any, says: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(Turn, **options)
     assert str(wrong.value) == says
 
 
-def test_the_idle_task_is_offered_too() -> None:
+def test_idle_task_is_offered() -> None:
     assert offered(Turn, idle=Idle) == ["Turn", "Idle"]
     assert offered(Turn, Idle, idle=Idle) == ["Turn", "Idle"]
 
 
-def test_an_environment_that_is_none() -> None:
+def test_invalid_environment_is_rejected() -> None:
     with pytest.raises(
         MisuseError,
         match="environment must be an object of a class that inherits from Environment, not 3",

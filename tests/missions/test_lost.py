@@ -44,7 +44,7 @@ class Roll(PeriodicTask[Environment]):
         self.stands.set()
 
 
-def test_a_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Module, "running", partialmethod(Module.running, patience=0.5))
     with LocalCentral() as central:
         server = TaskServer("cart", Environment(), [Roll], rate=20, central=central)
@@ -55,7 +55,7 @@ def test_a_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatc
             assert Roll.stands.wait(SOON)
 
 
-def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
+def test_run_forgotten_by_restarted_central_terminates() -> None:
     with serving(Brake, idle=Idle) as robot:
         assert robot.send("Brake").id
         robot.after(0.05)
@@ -65,7 +65,7 @@ def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
         assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
 
 
-def test_a_run_goes_on_when_its_sender_leaves() -> None:
+def test_run_continues_when_its_client_leaves() -> None:
     with serving() as robot:
         with connect("mission", robot.central) as mission:
             turn = robot.server.definitions["Turn"]
@@ -82,7 +82,7 @@ def test_a_run_goes_on_when_its_sender_leaves() -> None:
     ],
     ids=["ctrl-c", "killed"],
 )
-def test_a_server_that_ends_terminates_what_runs(
+def test_runs_fail_when_their_server_ends(
     tmp_path: Path, number: signal.Signals, says: str, why: str
 ) -> None:
     with (

@@ -67,7 +67,7 @@ def tasks_of(address: str) -> list[str]:
         return [task.message for task in user.tasks()]
 
 
-def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step(
+def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
     tmp_path: Path,
 ) -> None:
     with served(tmp_path) as (address, robot):
@@ -93,7 +93,7 @@ def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step
         ).exists()  # a mission that has come to its end begins anew
 
 
-def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path) -> None:
+def test_resumed_mission_finds_its_running_task_again(tmp_path: Path) -> None:
     with served(tmp_path) as (address, robot):
         with on_its_trip(address, robot, tmp_path, stays=True) as process:
             process.send_signal(signal.SIGKILL)
@@ -113,7 +113,7 @@ def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path)
         assert robot.done.count("to 2") == 1
 
 
-def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
+def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
     with served(tmp_path) as (address, robot):
         with on_its_trip(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGINT)
@@ -123,7 +123,7 @@ def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
         assert tasks_of(address) == []
 
 
-def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) -> None:
+def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
     """A reader copies them from docs/missions.md."""
     blocks = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL

@@ -58,7 +58,7 @@ def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
         yield central, mission, told[2::3]
 
 
-def test_failed_tasks_are_failed_for_everybody() -> None:
+def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
     with every_end() as (central, mission, told):
         outcomes = [task.sent.wait(0) for task in mission.ended]
     assert told == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
@@ -100,7 +100,7 @@ def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
 
 
 @pytest.mark.parametrize("bend", [dealt_with, completed])
-def test_check_finds_a_failed_task_that_counts_as_done(
+def test_check_reports_a_failed_run_counted_as_done(
     bend: Callable[..., list[facts.Fact]],
 ) -> None:
     with every_end() as (central, *_):
@@ -132,9 +132,7 @@ def slip(_: Task) -> None:
     ("task", "timeout", "text"),
     [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")],
 )
-def test_a_task_fails_at_its_timeout_and_with_what_it_sent(
-    task: str, timeout: float, text: str
-) -> None:
+def test_task_fails_at_timeout_or_with_its_subtask(task: str, timeout: float, text: str) -> None:
     with (
         LocalCentral() as central,
         TaskServer("dog", Environment(), [Nap, Walk], central=central).running(),

@@ -20,7 +20,7 @@ def shape(robot: Robot, task: str) -> dict[str, Any]:
     return schema
 
 
-def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
+def test_task_format_describes_its_parameters() -> None:
     with serving() as robot:
         turn = shape(robot, "Turn")
         assert turn["x-tca-mission"] == {
@@ -62,7 +62,7 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
         ("Grasp", {}, "field 'force' is missing"),
     ],
 )
-def test_a_sender_that_knows_only_the_name_is_told_what_is_wrong(
+def test_invalid_parameter_is_rejected_before_sending(
     task: str, parameters: Any, says: str
 ) -> None:
     with serving() as robot:
@@ -95,7 +95,7 @@ class Go(OnceTask[Gripper]):
         self.places.append(Place(9))
 
 
-def test_any_type_that_can_be_sent_can_be_a_parameter() -> None:
+def test_parameters_accept_any_sendable_type() -> None:
     with serving(Go) as robot:
         first = robot.send("Go", places=[Place(1, 2)], label="home")
         robot.after(0)
@@ -113,7 +113,7 @@ def test_any_type_that_can_be_sent_can_be_a_parameter() -> None:
         ]
 
 
-def test_a_task_may_inherit_parameters_and_give_them_other_defaults() -> None:
+def test_inherited_parameters_can_have_other_defaults() -> None:
     class Wiggle(Turn):
         angle = 0.5
         times: int = 2
@@ -179,13 +179,15 @@ class Unknown(Turn):
         ),
     ],
 )
-def test_what_can_be_no_parameter_is_refused(task: type[PeriodicTask[Any]], says: str) -> None:
+def test_invalid_parameter_declaration_is_rejected(
+    task: type[PeriodicTask[Any]], says: str
+) -> None:
     with pytest.raises(BadFormat) as wrong:
         TaskServer("gripper", Gripper(), [task])
     assert str(wrong.value).startswith(says)
 
 
-def test_a_task_for_any_environment() -> None:
+def test_task_for_any_environment_is_offered() -> None:
     class Say(OnceTask[Environment]):
         text: str
 

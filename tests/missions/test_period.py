@@ -38,7 +38,7 @@ class Slow(PeriodicTask[Gripper]):
         ([0.1, 0, 0], [0, 0.1, 0.2], 0),
     ],
 )
-def test_overruns(
+def test_overruns_are_counted_and_logged_once(
     takes: list[float], begins: list[float], overruns: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     with serving(Slow) as robot, caplog.at_level(logging.WARNING, "tca.gripper"):
@@ -50,7 +50,7 @@ def test_overruns(
 
 
 @given(st.lists(st.floats(0, 0.5), max_size=50), st.floats(0.01, 0.2))
-def test_the_time_is_kept_whatever_iterations_take(takes: list[float], seconds: float) -> None:
+def test_period_keeps_its_grid_for_any_iteration_times(takes: list[float], seconds: float) -> None:
     period, now = Period(5.0, seconds), 5.0
     for number, each in enumerate(takes, 1):
         begun, now = period.due, max(now, period.due) + each
@@ -64,7 +64,7 @@ def test_the_time_is_kept_whatever_iterations_take(takes: list[float], seconds: 
         assert round((due - 5.0) / seconds) >= number
 
 
-def test_a_new_period_counts_from_the_present_iteration() -> None:
+def test_changed_period_counts_from_the_current_iteration() -> None:
     period = Period(0.0, 0.1)
     assert period.next(0.0, 0.1) == 0.1
     assert period.next(0.1, 0.5) == 0.6

@@ -101,7 +101,7 @@ def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
 
 
 @given(ACTS)
-def test_random_lives(acts: list[Any]) -> None:
+def test_foreground_is_exclusive_in_random_runs(acts: list[Any]) -> None:
     sent: list[SentTask[Any]] = []
     with serving(Work, Sleep, idle=Idle, capacity=5) as robot:
         for what in acts:

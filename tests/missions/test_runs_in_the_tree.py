@@ -41,7 +41,7 @@ class Wait(PeriodicTask[Gripper]):
         return Status.COMPLETED if self.fails else Status.RUNNING
 
 
-def test_an_exception_handler_retries_a_run_with_other_parameters() -> None:
+def test_exception_handler_retries_a_run_with_new_parameters() -> None:
     with serving(Close) as robot:
         close, planner = robot.server.definitions["Close"], Module("planner", robot.central)
 
@@ -62,7 +62,7 @@ def test_an_exception_handler_retries_a_run_with_other_parameters() -> None:
             assert picked.wait(0) is Outcome.DONE
 
 
-def test_a_retried_run_keeps_the_parameters_that_were_changed() -> None:
+def test_retried_run_keeps_updated_parameters() -> None:
     with serving(Wait, rate=1) as robot:
         wait, planner = robot.server.definitions["Wait"], Module("planner", robot.central)
 
@@ -79,7 +79,7 @@ def test_a_retried_run_keeps_the_parameters_that_were_changed() -> None:
             assert robot.after(3) == ["1.00 Wait 4 7", "again", "1.00 Wait 4 7"]
 
 
-def test_a_run_holds_locks_until_it_ends() -> None:
+def test_run_holds_its_lock_until_it_ends() -> None:
     class Calibrate(OnceTask[Gripper]):
         def iterate(self) -> None:
             with self.task.lock("lens", module="camera"):

@@ -42,7 +42,7 @@ def crashes() -> Iterator[None]:
         yield
 
 
-def test_a_completed_step_is_not_done_again_and_keeps_its_value(trip: Trip) -> None:
+def test_completed_step_is_skipped_and_keeps_its_value(trip: Trip) -> None:
     def look(number: int) -> tuple[int, str]:
         trip.robot.note(f"look {number}")
         return number, "seen"
@@ -55,7 +55,7 @@ def test_a_completed_step_is_not_done_again_and_keeps_its_value(trip: Trip) -> N
     assert trip.robot.done == ["to 1", "stands at 1", "look 3"]
 
 
-def test_a_mission_that_comes_to_its_end_begins_anew(trip: Trip) -> None:
+def test_completed_mission_starts_over(trip: Trip) -> None:
     for _ in range(2):
         with trip.mission() as mission:
             mission.step("out", mission.Drive, x=1.0)
@@ -63,7 +63,7 @@ def test_a_mission_that_comes_to_its_end_begins_anew(trip: Trip) -> None:
     assert not trip.file.exists()
 
 
-def test_a_step_that_failed_is_done_again(trip: Trip) -> None:
+def test_failed_step_is_repeated(trip: Trip) -> None:
     for fails in ("rock", ""):
         with crashes(), trip.mission() as mission:
             try:
@@ -89,7 +89,7 @@ def die_in_a_step(trip: Trip, **parameters: Any) -> None:
     trip.robot.done.clear()
 
 
-def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
+def test_interrupted_step_is_uncertain(trip: Trip) -> None:
     die_in_a_step(trip, x=2.0)
     with crashes(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
@@ -104,27 +104,27 @@ def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
     assert trip.robot.done == []
 
 
-def test_a_step_that_was_one_task_and_completed_is_done(trip: Trip) -> None:
+def test_interrupted_step_is_done_when_its_only_task_completed(trip: Trip) -> None:
     die_in_a_step(trip, x=2.0)
     with trip.mission() as mission:
         assert Status.of(mission.step("out", mission.Drive, x=2.0).status) is Status.COMPLETED
     assert trip.robot.done == []
 
 
-def test_a_repeatable_step_is_done_again(trip: Trip) -> None:
+def test_interrupted_repeatable_step_is_repeated(trip: Trip) -> None:
     die_in_a_step(trip, x=2.0)
     with trip.mission() as mission:
         assert mission.repeatable_step("out", list) == []
 
 
-def test_of_another_central_nothing_is_known(trip: Trip) -> None:
+def test_step_of_another_epoch_is_uncertain(trip: Trip) -> None:
     die_in_a_step(trip, x=2.0)
     trip.file.write_text(trip.file.read_text().replace('"epoch":"local"', '"epoch":"another"'))
     with trip.mission() as mission, pytest.raises(StepUncertain, match="is unknown to central"):
         mission.step("out", mission.Drive, x=2.0)
 
 
-def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
+def test_step_names_must_be_unique_within_a_run(trip: Trip) -> None:
     with trip.mission() as mission:
         mission.step("round", list)
         with pytest.raises(
@@ -158,9 +158,7 @@ def pair() -> tuple[int, bytes]:
         lambda: TaskEnd(132, "x"),
     ],
 )
-def test_a_resumed_step_has_the_value_of_the_first_run(
-    trip: Trip, function: Callable[[], Any]
-) -> None:
+def test_resumed_step_returns_the_stored_value(trip: Trip, function: Callable[[], Any]) -> None:
     values = []
     for again in (function, partial(pytest.fail, "it is done again")):
         again.__annotations__ = function.__annotations__
@@ -175,7 +173,9 @@ def test_a_resumed_step_has_the_value_of_the_first_run(
     "function",
     [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: date.max, object],
 )
-def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[], Any]) -> None:
+def test_step_value_that_cannot_be_stored_is_rejected(
+    trip: Trip, function: Callable[[], Any]
+) -> None:
     for _ in range(2):  # it does not count as done, and is not uncertain either
         with crashes(), trip.mission() as mission:
             with pytest.raises(
@@ -185,7 +185,7 @@ def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[],
             raise Crash
 
 
-def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
+def test_torn_checkpoint_line_is_dropped(trip: Trip) -> None:
     die_in_a_step(trip, x=2.0)
     whole = trip.file.read_bytes()
     for torn in (b'{"step":"out","is":"do', b"\0\0\0\0\n", b'{"step":"out","is":"don\n'):
@@ -207,19 +207,19 @@ def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
         ('{"steps_of":"trip","version":2}\n{"step":"a","is":"task"}\n{"step":"a","is":"left"}\n', "line 2 of .* is damaged"),
     ],
 )  # fmt: skip
-def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, problem: str) -> None:
+def test_unusable_checkpoint_file_is_not_changed(trip: Trip, content: str, problem: str) -> None:
     trip.file.write_text(content)
     with pytest.raises(MisuseError, match=problem):
         trip.mission().open()
     assert trip.file.read_text() == content
 
 
-def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
+def test_checkpoint_file_serves_one_mission_at_a_time(trip: Trip) -> None:
     with trip.mission(), pytest.raises(MisuseError, match="is in use by another running mission"):
         trip.mission().open()
 
 
-def test_a_checkpoint_that_is_no_file_is_an_error(tmp_path: Path) -> None:
+def test_checkpoint_must_be_the_path_of_a_file(tmp_path: Path) -> None:
     with rover() as (central, _):
         for file, why in (
             (tmp_path, "Is a directory"),
