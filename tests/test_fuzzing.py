@@ -1,5 +1,5 @@
-"""Hostile bytes: a few of each target of fuzz/, the same ones in every run; and minutes of each
-with ``make soak``.
+"""Hostile bytes for each target of fuzz/: the same few in every run, and minutes of fuzzing with
+``make soak``.
 """
 
 import re
@@ -24,9 +24,9 @@ INPUTS = {
     "inputs": 40,
     "toml": 40,
 }
-"""Random inputs, where 200 would take too long."""
+"""Random inputs for slow targets; others get 200."""
 SECONDS = {"central": 300, "packets": 120, "session": 120}
-"""Of a target that has more to it than others, which take a minute each."""
+"""Seconds for large targets; others get 60."""
 
 
 @pytest.mark.parametrize("name", TARGETS)

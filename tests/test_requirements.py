@@ -1,4 +1,4 @@
-"""Each test that docs/task-state-pattern.md names for a requirement is there."""
+"""Each test that docs/task-state-pattern.md names for a requirement exists."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A joint of a machine, with the four regions of the paper's figure 4, written by hand."""
+"""A joint with the four regions of the paper's figure 4, written by hand."""
 
 import msgspec
 
@@ -19,7 +19,7 @@ class JointData(msgspec.Struct):
 
 
 class Joint(Component[JointData]):
-    """It moves between 0 and 1, and finds its position by driving to 0 first."""
+    """A joint that moves between 0 and 1, and finds its position by driving to 0 first."""
 
     def __init__(self, name: str = "x") -> None:
         super().__init__(name, JointData, period=STEP)

@@ -1,4 +1,4 @@
-"""``tca activities``: which application it means, and what it says if there is none."""
+"""``tca activities``: the application that it selects, and its errors."""
 
 import threading
 import time
@@ -19,7 +19,7 @@ from tca_module import Module, connect
 
 
 def said(address: str, *arguments: str) -> str:
-    """What the command says that does not serve a page."""
+    """The output of a command that serves no page."""
     result = CliRunner().invoke(activities, [*arguments, "--central", address, "--no-browser"])
     assert result.exit_code == 1
     return result.output.strip()
@@ -45,7 +45,7 @@ def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) ->
 
 
 def until_told(live: LiveApplication, part: str, words: str) -> None:
-    """Wait until the newest value of a part has some words."""
+    """Wait until the newest value of a part contains some words."""
     since, end = 0, time.monotonic() + 30
     while time.monotonic() < end:
         news = live.news(since, 1.0)
@@ -89,7 +89,7 @@ def test_page_shows_lost_central_and_new_central_gets_all_state(
 def test_page_shows_that_an_application_is_stalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here a picture takes for ever; a program that was stopped (SIGSTOP) is as silent."""
+    """Here drawing a picture blocks; a stopped program (SIGSTOP) is equally silent."""
     monkeypatch.setattr(page, "SILENCE", 2.5)
     drawing, is_drawn = threading.Event(), threading.Event()
 

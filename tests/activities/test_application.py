@@ -1,4 +1,4 @@
-"""Applications: components whose activities are allocated to threads, and allocated anew while they
+"""Applications: components whose activities are allocated to threads, and reallocated while they
 run.
 """
 
@@ -92,7 +92,7 @@ def test_activities_are_ticked_one_at_a_time_under_any_change() -> None:
 
 
 class NotingBaton(Baton):
-    """Notes which processors had a thread before the newest change."""
+    """Records which processors had a thread before the newest change."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ def test_application_starts_and_stops_repeatedly() -> None:
                 match=r"Application 'test' is running: call stop\(\) before initialise\(\)",
             ):
                 application.initialise()
-    application.start()  # goes on where it was
+    application.start()  # continues from its old state
     application.start()
     application.stop()
     application.stop()
@@ -185,12 +185,12 @@ def test_activity_may_stop_the_application() -> None:
     assert counter.enough.wait(20)
     assert not application.is_running
     assert refused == ["start() was called from the tick that called stop(): use another thread"]
-    with application.running():  # waits until the activity is done
+    with application.running():  # waits for the end of the tick
         assert sum(ticks(application).values()) >= 1
 
 
 def test_component_cannot_be_initialised_from_its_own_tick() -> None:
-    """It would wait for itself."""
+    """It would deadlock with itself."""
     counter, other = Counter("c"), Counter("d")
     refused: list[str] = []
 
@@ -234,7 +234,7 @@ def test_long_tick_does_not_block_allocation(
     monkeypatch.setattr("tca_behaviours.activities.processing.schedule._LONG", 0.0)
     monkeypatch.setattr("tca_behaviours.activities.processing.baton._PATIENCE", 0.0)
     assert application.figures().held_by == "slow.r0.on"
-    application.allocate(one_for_all)  # nobody waits for the tick
+    application.allocate(one_for_all)  # does not wait for the tick
     application.move("c.r0.on", "own")
     assert set(allocated(application)) == {"all", "own"}
     slow.on_tick = lambda _: None
@@ -250,7 +250,7 @@ def test_long_tick_does_not_block_allocation(
 
 
 class HastyBaton(Baton):
-    """Now and then much time passes between two looks at the clock."""
+    """A baton on which the clock jumps now and then between two readings."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -262,7 +262,7 @@ class HastyBaton(Baton):
 
 
 def test_baton_is_not_lost_when_the_clock_jumps() -> None:
-    """Not even if another processor is due when it is handed on than when that was decided."""
+    """Another processor may become due between the decision and the hand-over."""
     counter = Counter("c")
     with Application("test", [counter], one_each, baton=HastyBaton()).running():
         assert counter.enough.wait(20)
@@ -368,7 +368,7 @@ def test_measured_lateness_overrules_analysis_for_a_while() -> None:
         assert turn is not None
         baton.schedule.begin(turn.processor, baton.clock())
         hung = application_figures("test", 0.0, baton.clock() + 3.0, baton.schedule)
-        assert all(one.refuted for one in hung.processors), "they wait for a tick that does not end"
+        assert all(one.refuted for one in hung.processors), "they wait for a tick that never ends"
 
 
 def test_estimate_longer_than_the_period_is_rejected() -> None:

@@ -1,6 +1,4 @@
-"""Central is killed, and is away for longer than anybody waits: it knows everything once it is
-back.
-"""
+"""Central is killed and absent for longer than any patience. It gets all changes after its restart."""
 
 import logging
 import threading
@@ -47,7 +45,7 @@ def test_changes_during_central_downtime_are_published_later(
         baton.run(0.1)
         application.allocate(one_each)
         joint.position.set(0.7)
-        for _ in range(3):  # by then all have lost patience
+        for _ in range(3):  # by then every patience is over
             assert losses.acquire(timeout=60)
         central = Central(tmp_path)
         try:
@@ -69,7 +67,7 @@ def test_changes_during_central_downtime_are_published_later(
 
 @pytest.mark.soak
 def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> None:
-    """Central need not wait for a connection that the page has given up."""
+    """The page gave up its connection, so central need not wait for it."""
     central = Central(tmp_path)
     module, live = Module("robot", central.address), LiveApplication("robot", central.address)
     Manager(Application("robot", [Joint()], baton=VirtualBaton())).handle_in(module)

@@ -1,5 +1,5 @@
-"""What other programs send arrives at ports, and what is set at ports is sent, without a tick that
-waits for central.
+"""Ports connect with central: messages arrive, and values are sent, without a tick that waits for
+central.
 """
 
 import pytest

@@ -1,4 +1,4 @@
-"""A joint with four regions, ticked by hand."""
+"""A joint with four regions, ticked by the test."""
 
 import sys
 import threading
@@ -61,7 +61,7 @@ def test_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
 
 
 def test_region_transition_needs_states_of_other_regions(joint: Joint) -> None:
-    joint.command.put("reference")  # it is not enabled: the event leads nowhere
+    joint.command.put("reference")  # not enabled: no transition for the event
     tick(joint)
     joint.command.put("enable")
     tick(joint, 5)
@@ -88,7 +88,7 @@ def test_tick_makes_at_most_one_transition(joint: Joint) -> None:
     handler.tick()
     assert changes == [RegionChange("x", "enabling", "disabled", "enabled", "enable")]
     assert str(changes[0]) == "x.enabling: disabled to enabled (enable)"
-    handler.tick()  # the second "enable" leads nowhere
+    handler.tick()  # the second "enable" has no transition
     assert changes[1:] == [RegionChange("x", "enabling", "enabled", "disabled", "disable")]
 
 
@@ -127,7 +127,7 @@ def test_component_can_be_initialised_again(joint: Joint) -> None:
 
 
 def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) -> None:
-    """Near its target it goes slowly; beyond its range it stops."""
+    """It slows down near its target, and stops outside its range."""
     ready(joint).target.put(Target(2.0))
     changes: list[RegionChange] = []
     for region in joint.regions.values():
@@ -140,7 +140,7 @@ def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) ->
     ]
     joint.target.put(Target(0.9))
     tick(joint)
-    assert states(joint)["movement"] == "stopped"  # for it is beyond
+    assert states(joint)["movement"] == "stopped"  # outside its range
 
     joint.initialise()
     changes.clear()
@@ -154,7 +154,7 @@ def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) ->
 
 
 class Chain(Component[None]):
-    """It enters and leaves, and writes down how."""
+    """Records entries and exits of its states."""
 
     def __init__(self, log: list[str]) -> None:
         super().__init__("chain", lambda: None)
@@ -168,7 +168,7 @@ class Chain(Component[None]):
         other = region.state("other", **steps("other"))
         one.to(two, on="next")
         two.to(two, on="next", when=lambda: True)
-        outer.to(other, on="next")  # the inner ones go first
+        outer.to(other, on="next")  # inner transitions go first
         outer.to(other, on="out")
         outer.to(one, on="again")
         other.to(two, on="back")
@@ -207,7 +207,7 @@ def test_port_rejects_values_of_another_type(joint: Joint) -> None:
         MisuseError, match=r"port x\.position \(float\) does not accept 'far', of type str"
     ):
         joint.position.set("far")  # type: ignore[arg-type]
-    joint.position.set(1)  # as in annotations
+    joint.position.set(1)  # an int is accepted as a float, as by type checkers
     with pytest.raises(
         MisuseError,
         match=r"port x\.position \(float\) can't be connected with x\.target \(Target\)",
@@ -227,7 +227,7 @@ def test_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
 
 
 class Watch(Component[list[float]]):
-    """It tells what has arrived, at once."""
+    """Records received values."""
 
     def __init__(self, name: str, *, begins: bool) -> None:
         super().__init__(name, list)
@@ -298,7 +298,7 @@ def test_tick_sees_consistent_data_under_concurrent_ticks() -> None:
         assert pair.data == {"left": 1200, "right": 1200}
 
 
-# --- what is refused ------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 
 def test_raising_activity_leaves_the_component_usable(joint: Joint) -> None:

@@ -1,4 +1,4 @@
-"""An application in central: its variables, and the commands that change it."""
+"""An application in central: its published variables, and the commands that change it."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -29,20 +29,20 @@ class Town(NamedTuple):
     application: Application
 
     def carry_out(self, message: Command[Any, None], data: Any = None) -> None:
-        """Send a command, and let what comes of it be published. Raises TaskFailed."""
+        """Send a command, and let its effects be published. Raises TaskFailed."""
         sent = self.user.command(message, data)
         self.central.advance(0.1)
         sent.result(timeout=5)
 
     def allocated(self) -> dict[str, list[str]]:
-        """What central knows of the processors."""
+        """The published allocation to processors."""
         report = self.user.get_variable(NAMES.allocation)
         return {one.name: [each.name for each in one.activities] for one in report.processors}
 
 
 @pytest.fixture
 def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three transitions at most wait for central."""
+    """At most three unpublished transitions are kept."""
     monkeypatch.setattr("tca_behaviours.activities.manager.manager._MAX_WAITING", 3)
 
 

@@ -1,4 +1,4 @@
-"""A model is checked, drawn and turned into Python that runs; what is written by hand stays."""
+"""A model is checked, drawn and turned into working Python; handwritten code is kept."""
 
 import os
 import re
@@ -24,7 +24,7 @@ TEXT = MODEL.read_text()
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """In a folder of its own."""
+    """A copy of the model in its own folder."""
     path = tmp_path / "robot" / "cleaning.toml"
     path.parent.mkdir()
     path.write_text(TEXT)
@@ -55,7 +55,7 @@ def python(folder: Path, *code: str) -> str:
 def test_invalid_model_is_rejected_with_its_line(
     tmp_path: Path, approve: Callable[..., None]
 ) -> None:
-    """A case is what is replaced in the good model, and by what: " / " begins a line."""
+    """Each case replaces a part of the valid model: OLD -> NEW. " / " stands for a line break."""
     path = tmp_path / "cleaning.toml"
 
     def tell(case: str) -> str:
@@ -230,7 +230,7 @@ def test_generated_code_passes_mypy(model: Path) -> None:
 
 
 def test_each_transition_has_its_own_arrow(model: Path) -> None:
-    """Between two states a stop and a loss of power are two ways, not one that needs both."""
+    """A stop and a loss of power between two states are two transitions, not one that needs both."""
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
         "&#160;disable&#160;",

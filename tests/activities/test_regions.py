@@ -1,4 +1,4 @@
-"""Random regions make the transitions that python-statemachine makes."""
+"""Random regions make the same transitions as python-statemachine."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class Arrow(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """The parents of states, -1 at the top; a parent comes before its children."""
+    """A random statechart: parents of states (-1: none; each before its children), and arrows."""
 
     parents: list[int]
     arrows: list[Arrow]

@@ -1,4 +1,4 @@
-"""The schedule in virtual time: which activity is ticked when, whatever is changed meanwhile."""
+"""The schedule in virtual time: ticks stay correct under any changes."""
 
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]
 
 
 class Made:
-    """Activities on processors in virtual time; a tick takes 10, if not said otherwise."""
+    """Activities on processors in virtual time; a tick takes 10 by default."""
 
     def __init__(self, periods: list[float], costs: dict[str, float] = {}) -> None:  # noqa: B006 - never changed
         self.baton = VirtualBaton(lambda activity: costs.get(activity.name, 10.0))
@@ -80,7 +80,7 @@ def test_changed_period_counts_from_the_previous_tick(data: st.DataObject) -> No
         seconds.append(next(each for at, each in reversed(in_force) if at <= before))
         assert (
             min(seconds) - 20 <= after - before <= max(seconds) + 20
-        )  # other ticks may be in the way for as long
+        )  # other ticks may delay it by as much
     assert [at // (3 * UNIT) for at in made.ticks("a1")] == list(range(len(made.ticks("a1"))))
 
 
@@ -111,7 +111,7 @@ def test_processor_of_highest_priority_runs_first(sets: list[list[Demand]]) -> N
 
 @given(st.permutations(["a", "b", "c", "d"]), st.integers(1, 1000))
 def test_processor_ticks_activities_in_subscription_order(names: list[str], cost: int) -> None:
-    """Under overload, too: then all tick less often."""
+    """Also under overload: then all tick less often."""
     baton = in_virtual_time([[Demand(name, 1000.0, cost) for name in names]])
     baton.run(100_000)
     log = [name for one in baton.schedule.activities.values() for name, _ in one.activity.log]  # type: ignore[attr-defined]
@@ -127,7 +127,7 @@ def test_activity_due_during_a_round_waits_for_the_next() -> None:
     assert made.log[3:] == [
         ("a0", 6 * UNIT + 10),
         ("a0", 6 * UNIT + 20),
-    ]  # due at 2 and 6; that at 4 is left out
+    ]  # due at 2 and 6; the one at 4 is skipped
 
 
 def test_unassigned_activity_is_due_when_reassigned() -> None:

@@ -1,4 +1,4 @@
-"""Which simulator is taken, and how time is held back."""
+"""The choice of the simulator, and the pace of simulated time."""
 
 import threading
 
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
 class FakeClock:
-    """Stands in for the time module: sleeping only moves the clock."""
+    """Replaces the time module: sleeping only advances the clock."""
 
     def __init__(self) -> None:
         self.now = 0.0

@@ -1,4 +1,4 @@
-"""Rocks that the scanner does not see: legs feel them, stop, and stand again."""
+"""Rocks that the scanner does not see: legs detect them by contact, stop, and stand again."""
 
 import math
 from dataclasses import replace
@@ -78,7 +78,7 @@ def test_rock_on_the_foothold_is_felt_while_lowering(backend: Backend) -> None:
     contact = contact_of(robot, the_first_leg_move(robot))
     foot = robot.stance().feet[2]
     assert contact.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)
-    assert foot.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)  # it stands on it
+    assert foot.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)
     assert sum(robot.readings().loads) == pytest.approx(WEIGHT, rel=0.1)
     robot.close()
 
@@ -87,7 +87,7 @@ def test_scanner_does_not_see_rocks(backend: Backend) -> None:
     with_rocks, without = a_robot(backend, IN_THE_WAY, ON_THE_FOOTHOLD), a_robot(backend)
     assert np.allclose(
         with_rocks.scan(), without.scan(), atol=1e-3
-    )  # physics does not stand quite still
+    )  # the physics engine is never quite still
 
 
 def test_picture_shows_rocks(tmp_path: Path) -> None:

@@ -1,6 +1,4 @@
-"""The picture of the robot that others see: how often it is drawn, and that the walk does not
-depend on it.
-"""
+"""The published picture of the robot: how often it is drawn; the walk does not depend on it."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""When faults begin: they wait until they can, also over the loss of the controller."""
+"""Injected faults wait until they can occur, also over the loss of the controller."""
 
 import math
 from dataclasses import replace
@@ -36,7 +36,7 @@ def test_unseen_rock_lies_in_the_leg_path_despite_pose_error() -> None:
 
 
 def test_soft_spot_does_not_take_two_supporting_feet() -> None:
-    """Foot 1 stands close to foot 0: both would fall."""
+    """Foot 1 stands close to foot 0, so both could fall."""
     state = make_robot("kinematic").state()
     joints = np.array(state.posture.joints)
     feet = feet_of(joints)

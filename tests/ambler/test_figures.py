@@ -1,4 +1,4 @@
-"""What counts as recovered, and as grown."""
+"""Figures of a walk: recovered faults and memory growth."""
 
 import os
 
@@ -13,12 +13,12 @@ STEPS = [10.0 * number for number in range(1, 31)]
     ("faults", "recoveries", "count"),
     [
         ([12.0, 55.0], [13.0, 57.0], 2),
-        ([12.0, 55.0], [13.0, 14.0], 1),  # two after the first are none for the second
-        ([12.0, 55.0], [57.0], 1),  # one is none for both
-        ([12.0, 13.0], [14.0, 15.0], 2),  # as by two legs at once
-        ([12.0], [11.0], 0),  # nothing recovers from what is to come
+        ([12.0, 55.0], [13.0, 14.0], 1),  # neither counts for the second fault
+        ([12.0, 55.0], [57.0], 1),  # one does not count for both
+        ([12.0, 13.0], [14.0, 15.0], 2),  # such as two legs at once
+        ([12.0], [11.0], 0),  # too early
         ([12.0], [STEPS[ROUND] + 1.0], 1),
-        ([12.0], [STEPS[ROUND + 1] + 1.0], 0),  # too late to be meant
+        ([12.0], [STEPS[ROUND + 1] + 1.0], 0),  # too late
         ([299.0], [310.0], 1),
         ([299.0], [], 0),
     ],
@@ -42,7 +42,7 @@ def test_memory_growth_is_measured_within_one_process() -> None:
     assert memory.all == memory.central > 1.0
     assert memory.growth is not None
     usage.look(3 * WARM_UP, {"central": os.getppid()})
-    assert usage.at_end().growth == memory.growth  # its new life is too short
+    assert usage.at_end().growth == memory.growth  # the new process is too young
 
 
 def test_memory_growth_counts_from_the_warm_up() -> None:

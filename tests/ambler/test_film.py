@@ -1,4 +1,4 @@
-"""A film of a walk: when photographs are taken, and that they are put together in order."""
+"""A film of a walk: the times of its frames, and their order."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ PIL_IMAGE = pytest.importorskip("PIL.Image")
 
 @pytest.fixture
 def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
-    """Its photographs are all alike."""
+    """A robot whose pictures are all alike."""
     robot = make_robot("kinematic")
 
     def picture(path: Path, size: tuple[int, int]) -> Path:

@@ -1,4 +1,4 @@
-"""Which leg steps next, where to, and how far along the arc the robot is."""
+"""The gait: the next leg, its foothold, and progress along the arc."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ poses = st.builds(Pose, st.floats(-9, 9), st.floats(-9, 9), st.floats(-9, 9), st
 
 
 def planned_steps(arc: Arc, count: int) -> list[Step]:
-    """Steps planned ahead, each from the stance predicted after the one before."""
+    """Steps planned ahead, each from the predicted stance after the previous one."""
     steps, stance = [], a_stance(arc.start)
     for _ in range(count):
         steps.append(next_step(stance, arc))

@@ -1,4 +1,4 @@
-"""The quick plant: equilibrium, no slip, ray marching, and the same walk every time."""
+"""The kinematic plant: equilibrium, no slip, ray marching, and repeatable walks."""
 
 import math
 

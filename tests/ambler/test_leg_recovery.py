@@ -1,4 +1,4 @@
-"""Leg trajectories: over the ground, round the right way, and as joint segments."""
+"""Leg trajectories: height over the ground, sense of rotation, and joint segments."""
 
 import itertools
 import math
@@ -47,7 +47,7 @@ def test_right_stack_turns_the_other_way() -> None:
 
 
 def a_wall(x: Array, y: Array) -> Array:
-    """One metre high where the leg passes under the body, and nowhere else."""
+    """A wall 1 m high, only where the leg passes under the body."""
     return np.where((np.abs(x) < 0.15) & (y > -0.3) & (y < 0.1), 1.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""A program that is lost comes back."""
+"""A lost program is restarted."""
 
 from pathlib import Path
 

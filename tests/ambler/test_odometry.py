@@ -1,4 +1,4 @@
-"""Dead reckoning: the robot knows roughly where it is from its own legs."""
+"""Dead reckoning: the robot estimates its pose from its own legs."""
 
 import math
 from dataclasses import replace

@@ -102,7 +102,7 @@ def test_scan_while_the_body_moves_is_blurred() -> None:
         return True
 
     def off(points: Array) -> float:
-        points = points[-2000:]  # the last rows of the sweep
+        points = points[-2000:]  # the last rows of the scan
         return float(
             np.abs(points[:, 2] - robot.terrain.heights_at(points[:, 0], points[:, 1])).mean()
         )

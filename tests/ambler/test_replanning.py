@@ -1,4 +1,4 @@
-"""Other ways for a leg that met something."""
+"""Alternative moves for a leg that met an obstacle."""
 
 import math
 from dataclasses import replace
@@ -110,7 +110,7 @@ def test_missing_way_raises_path_blocked_or_no_footfall() -> None:
 
 
 def test_legs_keep_their_order_in_the_standard_configuration() -> None:
-    stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of 0 and 1
+    stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of legs 0 and 1
     places = standard_places(stance, first=0)
     assert [(place.leg, place.x) for place in places] == [
         (0, -0.5),

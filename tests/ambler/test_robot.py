@@ -1,4 +1,4 @@
-"""The robot on both backends: walking, stopping, going on from a snapshot, pictures."""
+"""The robot on both backends: walking, stopping, restoring from a snapshot, pictures."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -24,7 +24,7 @@ from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec
 NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
 BACKENDS = ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)]
 on_both = pytest.mark.parametrize("robot", BACKENDS, indirect=True)
-"""Of the other tests those with physics are of the soak."""
+"""Physics on every run; other tests use physics only in the soak."""
 
 HILLS = TerrainSpec(seed=2, slope=0.15)
 
@@ -40,7 +40,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
 
 
 def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float:
-    """How far (m) any foot is from where it was."""
+    """The greatest distance (m) of any foot from its earlier place."""
     pairs = zip(before.feet, after.feet, strict=True)
     return max(math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) for a, b in pairs if a.leg != without)
 

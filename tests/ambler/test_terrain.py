@@ -1,4 +1,4 @@
-"""The ground: repeatable, as steep as asked for, smooth."""
+"""The terrain: repeatable, smooth, and as steep as requested."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import ORIGIN, TERRAINS, Rock, TerrainSpec
 def test_hills_reach_the_requested_slope_and_never_exceed_it(
     seed: int, slope: float, heading: float
 ) -> None:
-    """Along any path of 60 m that begins at the start."""
+    """Along any path of 60 m from the start."""
     terrain = Terrain(TerrainSpec(seed, slope))
     ways = np.arange(0.0, 60.0, 0.25)
     slopes = [terrain.gradient_at(way * np.cos(heading), way * np.sin(heading)) for way in ways]
@@ -47,7 +47,7 @@ def test_terrain_height_does_not_depend_on_earlier_queries(x: float, y: float) -
     assert walked.height(x, y) == fresh.height(x, y)
     far = fresh.heights_at(np.array([x, x + 500.0]), np.array([y, y]))[
         0
-    ]  # too far apart to be kept
+    ]  # too far apart to be cached
     assert far == pytest.approx(walked.height(x, y), abs=1e-9)
 
 
@@ -82,9 +82,7 @@ def test_ground_collapses_only_where_it_gives_way() -> None:
 
 
 def test_distant_rocks_do_not_evict_the_cached_ground() -> None:
-    """Only one part of the ground is kept: what asks for two by turns makes both anew, again and
-    again.
-    """
+    """Only one part of the ground is cached, so alternating queries would rebuild it each time."""
     terrain, rock = Terrain(TerrainSpec(seed=7, slope=0.3)), Rock(0.0, 1.0, 0.2, 0.5)
     top = terrain.top(rock)
     terrain.height(400.0, 0.0)

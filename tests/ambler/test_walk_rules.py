@@ -1,4 +1,4 @@
-"""The rules of walks, each on a made run that keeps it and on one that does not."""
+"""The rules of walks, each on a made run that keeps it and on one that breaks it."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ PLANNED = Moment.END_PLANNING
 
 
 def begun() -> Story:
-    """The programs are there."""
+    """A story in which the modules have joined."""
     story = (
         Story()
         .module("gait planner", "traverse arc", "take steps")
@@ -53,7 +53,9 @@ def test_walk_rules_do_not_import_the_robot() -> None:
 
 
 def tried_twice(checks: tuple[int, int]) -> History:
-    """A leg move that fails and is retried, with so many stability checks before each time."""
+    """A leg move that fails and is retried, with the given numbers of stability checks before each
+    attempt.
+    """
     story = begun()
     move = story.command("move leg", "gait planner")
     for tried, number in enumerate(checks):
@@ -121,8 +123,8 @@ def test_killed_leg_move_needs_no_footfall_check() -> None:
 
 
 def walked(*ahead: bool) -> History:
-    """An arc of one step more than that: each other one is planned while the one before is walked,
-    or after it.
+    """An arc with one more step than flags. For each flag, the next step is planned during the
+    current one, or after it.
     """
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
@@ -151,7 +153,7 @@ def test_planned_ahead_counts_steps_planned_during_a_walk() -> None:
     assert str(PLANNED_AHEAD.count(walked(True, True))) == "2 of 2"
     sequential = PLANNED_AHEAD.count(walked(False, False))
     assert str(sequential) == "0 of 2"
-    assert PLANNED_AHEAD.count(walked()).number == 0  # the first step of an arc has none before it
+    assert PLANNED_AHEAD.count(walked()).number == 0  # the first step of an arc has no predecessor
 
 
 def test_planned_ahead_allows_nine_steps_of_ten() -> None:
@@ -164,7 +166,7 @@ def test_planned_ahead_allows_nine_steps_of_ten() -> None:
 
 
 def test_replanned_step_is_not_planned_ahead() -> None:
-    """What it was planned for first has been walked long before."""
+    """The step for which it was first planned was walked long before."""
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
     step = story.goal("take steps", "gait planner", arc)
@@ -192,8 +194,8 @@ def test_replanned_step_is_not_planned_ahead() -> None:
 
 
 def imaged(how: str) -> Story:
-    """A leg move, and an image beside it: with a lock that waits for the move, that does not, or
-    without any.
+    """A leg move beside an image. The image's lock waits for the move, is granted too early, or is
+    missing.
     """
     story = begun()
     move = story.command("move leg", "gait planner", to="controller")
@@ -223,7 +225,7 @@ def violated(story: Story, folder: Path) -> set[str]:
 
 
 def test_move_during_the_scanner_lock_breaks_the_rule(tmp_path: Path) -> None:
-    """The rules that each run must keep say so, too: of any lock."""
+    """The general rules of locks report it, too."""
     own = str(NO_MOVE_WHILE_LOCKED)
     assert not {own, LOCKED.text, GRANTED.text} & violated(imaged("kept"), tmp_path / "kept")
     assert {own, LOCKED.text} <= violated(imaged("entered"), tmp_path / "entered")
@@ -231,7 +233,7 @@ def test_move_during_the_scanner_lock_breaks_the_rule(tmp_path: Path) -> None:
 
 
 def test_image_without_a_lock_breaks_only_the_image_rule() -> None:
-    """Rules of locks say nothing of a lock that is not there."""
+    """Rules of locks do not apply without a lock."""
     assert str(IMAGE_LOCKED.count(imaged("kept").fold())) == "1 of 1"
     assert str(IMAGE_LOCKED.count(imaged("no lock").fold())) == "0 of 1"
     assert NO_MOVE_WHILE_LOCKED.count(imaged("no lock").fold()).number == 0

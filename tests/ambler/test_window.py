@@ -1,4 +1,4 @@
-"""Walks in a window or on film: why there is none is said before anything is started."""
+"""Walks in a window or on film: impossible options are refused before anything starts."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What users ask for: each command ends when it is done, or says why it is not."""
+"""Commands of users: each ends when it is done, or reports why it failed."""
 
 from collections.abc import Iterator
 

@@ -1,6 +1,4 @@
-"""Small random machines, as automata; and a run of one, which does what a coordinator does, without
-any tasks.
-"""
+"""Small random automata, and runs of them that follow a coordinator's decisions without any tasks."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -28,7 +26,7 @@ BUSY = (WorkPhase.RUNNING, WorkPhase.STOPPING)
 
 @dataclass
 class Drawn:
-    """An automaton whose likelihoods may be set anew."""
+    """An automaton whose likelihoods can be redrawn."""
 
     arrows: dict[int, list[LikelyArrow]]
     activities: dict[int, Activity] = field(default_factory=dict)
@@ -43,7 +41,7 @@ class Drawn:
         return state not in self.activities
 
     def perceive(self, random: Random) -> None:
-        """Other likelihoods."""
+        """Redraw all likelihoods."""
         for arrows in self.arrows.values():
             left = 8
             for place, arrow in enumerate(arrows):
@@ -93,10 +91,9 @@ def places(tasks: Sequence[Do]) -> Counter[Agent]:
 
 
 class PlayedRun:
-    """A run of a machine along random arrows, beside an account of how it would be without a
-    preview.
+    """A run along random arrows, with an account of the facts as they would be without a preview.
 
-    Each step checks that whatever was started ahead is in nobody's way.
+    Each step checks that early work is never in the way.
     """
 
     def __init__(
@@ -116,17 +113,17 @@ class PlayedRun:
         self.work: list[EarlyWork] = []
         self.spoilers: list[
             tuple[int, set[str]]
-        ] = []  # wasted work, and what of it nobody has made anew
+        ] = []  # state of wasted work, and its facts that are still stale
         self.current = 0
         self.progress = 0.0
         self.is_begun = self.is_done = self.is_unfit = self.is_new = False
         self.started = self.kept = self.restored = 0
         self._enter(0)
 
-    # --- what happens -----------------------------------------------------------------------------
+    # --- events -----------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """Something happens; then the run goes on by what is decided."""
+        """Let a random event happen, then carry out the next decision."""
         happenings = (self._go_on, self._hear_of_work, self._leave, self._perceive)
         self.random.choices(happenings, (2, 3, 1, 1))[0]()
         self._decide()
@@ -137,7 +134,7 @@ class PlayedRun:
         self.machine.perceive(self.random)
 
     def _go_on(self) -> None:
-        """The current activity goes on, and is done some day."""
+        """Advance the current activity until it is done."""
         activity = self.machine.activity(self.current)
         if activity is None or not self.is_begun or self.is_done:
             return
@@ -151,7 +148,7 @@ class PlayedRun:
         self.plain |= activity.makes
 
     def _hear_of_work(self) -> None:
-        """Early work goes on, ends or fails."""
+        """Let early work advance, end or fail."""
         if not self.work:
             return
         work = self.work.pop(self.random.randrange(len(self.work)))
@@ -167,7 +164,7 @@ class PlayedRun:
                 elif end is WorkPhase.FAILED:
                     self._spoil(work.state)
             case WorkPhase.STOPPING:
-                pass  # it has stopped
+                pass  # stopped
             case WorkPhase.RESTORING:
                 self.restored += 1
                 spoilt = next(one for one in self.spoilers if one[0] == work.state)
@@ -177,15 +174,15 @@ class PlayedRun:
                 self.work.append(work)
 
     def _spoil(self, state: int) -> None:
-        """What the activity of a state has changed, it has changed in vain."""
+        """Mark the facts made by a state's activity as wasted."""
         if makes := set(self.machine.activities[state].makes):
             self.spoilers.append((state, makes))
 
     # --- states -----------------------------------------------------------------------------------
 
     def _leave(self) -> None:
-        """By any arrow, however unlikely; if the activity could not begin, by one for its
-        failure.
+        """Leave the state by any arrow, however unlikely; by a failure arrow if the activity could
+        not start.
         """
         activity = self.machine.activity(self.current)
         if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
@@ -226,7 +223,7 @@ class PlayedRun:
         self.work.remove(found)
         if found.phase is WorkPhase.FAILED:
             return
-        if not self.plain_needs_hold(activity):  # without a preview, it would fail here
+        if not self.plain_needs_hold(activity):  # fails here without a preview, too
             self._spoil(state)
             if found.phase is WorkPhase.RUNNING:
                 self.work.append(replace(found, phase=WorkPhase.STOPPING))
@@ -239,7 +236,7 @@ class PlayedRun:
             self._complete(activity)
 
     def _take_over(self, activity: Activity) -> None:
-        """The activity of the current state begins, for the account without a preview, too."""
+        """Start the current activity, also in the account without a preview."""
         self.is_begun = True
         self.plain = {
             name: value for name, value in self.plain.items() if name not in activity.makes
@@ -279,7 +276,7 @@ class PlayedRun:
         return work.state == self.current or full or bool(clash)
 
     def _is_in_order(self, activity: Activity) -> bool:
-        """Whether nothing has to be restored first; if so, that begins."""
+        """Whether no fact has to be restored first; otherwise start to restore it."""
         for state, spoilt in reversed(self.spoilers):
             takes_part = spoilt & activity.makes.keys() and not spoilt <= activity.makes.keys()
             if spoilt & activity.needs.keys() or (
@@ -300,7 +297,7 @@ class PlayedRun:
                 return False
         return True
 
-    # --- what is decided --------------------------------------------------------------------------
+    # --- decisions --------------------------------------------------------------------------------
 
     def _decide(self) -> None:
         spoilt = {name for _, names in self.spoilers for name in names}
@@ -323,7 +320,7 @@ class PlayedRun:
                 self.work.append(replace(work, phase=WorkPhase.STOPPING))
         for state, share in decision.shares.items():
             if any(one.state == state for one in self.work):
-                continue  # it runs at another speed
+                continue  # already running, at another speed
             self.started += 1
             activity = self.machine.activities[state]
             assert all(self.now.get(name) == value for name, value in activity.needs.items())
@@ -333,7 +330,7 @@ class PlayedRun:
             }
         assert all(objection.reason is not Reason.NOT_FORESEEN for objection in decision.refused)
 
-    # --- what must hold ---------------------------------------------------------------------------
+    # --- invariants -------------------------------------------------------------------------------
 
     def held(self) -> Counter[Agent]:
         held = Counter[Agent]()

@@ -1,6 +1,4 @@
-"""Reads from a journal whether each visit to a state had an execution of its activity of its
-own.
-"""
+"""Checks in a journal that each visit to a state had its own execution of the state's activity."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -18,14 +16,16 @@ class Told(NamedTuple):
     """A report of a run."""
 
     number: int
-    """Of its entry."""
+    """Number of its entry."""
     time: float
     report: CoordinationReport
 
 
 def check_executions(machine: Coordination, entries: list[Entry]) -> int:
-    """An activity that was done in a state began after the state was last left, and after the last
-    transition from which on it was not foreseen. How many of them began ahead.
+    """Check each completed activity: it must have started for this visit.
+
+    The earliest valid start is the last time at which its state was left, or became unforeseen.
+    Returns the number of executions that started early.
     """
     told = list(_reports(entries))
     seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
@@ -52,14 +52,12 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
 
 
 def _last_left(told: list[Told], state: int) -> float:
-    """The moment at which a state was left, or a transition was taken that made it unforeseen; the
-    last of these before it was entered, as the last report tells.
-    """
+    """Time of the last transition that left a state or made it unforeseen, before it was entered."""
     found = 0.0
     for one, following in pairwise(told):
         is_rest = not (
             following.time == one.time and following.report.taken
-        )  # only then is told what is foreseen
+        )  # only then does the report have a preview
         is_foreseen = any(foreseen.state == state for foreseen in one.report.preview)
         is_off = is_rest and not is_foreseen and one.report.current != state
         if one.report.taken and (one.report.before == state or is_off):

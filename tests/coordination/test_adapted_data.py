@@ -1,4 +1,4 @@
-"""The data of tasks that run ahead, as ``adapt`` makes them."""
+"""The data of early tasks, as ``adapt`` makes it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ ACCORDING_TO_PROGRESS = Continuous(0.0, 1.0, utility=lambda candidate: candidate
 
 
 def drive_and(activity: Activity) -> Coordination:
-    """The base goes to B; then an activity follows, whatever happens."""
+    """The base drives to B; then an activity always follows."""
     with Coordination("drive", facts={"base": "A"}) as machine:
         to_b, following = machine.state("to B", base("B")), machine.state("following", activity)
         to_b.to(following)
@@ -25,7 +25,7 @@ def drive_and(activity: Activity) -> Coordination:
 
 
 def make_robot(told: list[tuple[float, Any]]) -> Module:
-    """Its base reports each quarter of 8 s. Its arm moves until 10 s after it got its last data."""
+    """A robot whose base reports each quarter of 8 s. Its arm moves until 10 s after its last data."""
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base")
@@ -46,7 +46,7 @@ def make_robot(told: list[tuple[float, Any]]) -> Module:
 
 
 def fails_from(call: int) -> Callable[[str, float, int], str]:
-    """Data with their share; an error at that call, and at each that follows."""
+    """An ``adapt`` that adds the share to the data, and fails from a given call on."""
     calls = list[float]()
 
     def adapt(data: str, share: float, _: int) -> str:
@@ -59,14 +59,14 @@ def fails_from(call: int) -> Callable[[str, float, int], str]:
 
 
 def run_to_the_end(run: Play) -> None:
-    """What follows has begun early."""
+    """Run until the end; the second activity must have started early."""
     ran = run.begin()
     run.central.advance(60)
     assert ran.result(timeout=5).kept == 1
 
 
 def test_adapted_data_is_made_once_per_speed(caplog: pytest.LogCaptureFixture) -> None:
-    """The task runs on where there are none for another speed; that is told once."""
+    """The task keeps its data when ``adapt`` fails, and that is logged once."""
     told: list[tuple[float, str]] = []
     activity = Activity(Do(MOVE_ARM, "box B", ARM), adapt=fails_from(2))
     with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:

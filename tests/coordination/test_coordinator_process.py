@@ -1,6 +1,4 @@
-"""A coordinator as a process: its journal, what is learned from that, and Ctrl-C while an arm moves
-ahead.
-"""
+"""A coordinator as a process: its journal, learning from it, and Ctrl-C during early work."""
 
 import signal
 import threading
@@ -32,7 +30,7 @@ print("over", flush=True)
 
 
 def reaching() -> Coordination:
-    """To B, and the arm to its box."""
+    """Drive to B, then move the arm to its box."""
     with Coordination("reaching", facts={"base": "A", "arm": "home"}) as machine:
         to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B"))
         to_b.to(reach)

@@ -1,6 +1,4 @@
-"""What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what
-it refuses.
-"""
+"""Coordinators without a preview: failures, events, waiting guards, ends, and refusals."""
 
 from threading import Event
 
@@ -53,7 +51,7 @@ def reaching(place: str) -> Coordination:
 
 
 def driving() -> Coordination:
-    """The base drives until it is there, or until there is noise."""
+    """The base drives until it arrives, or until a noise."""
     with Coordination("drive", facts=AT_HOME) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
         there.to(end)
@@ -118,7 +116,7 @@ def test_killed_task_fails_the_activity() -> None:
 
 
 def lost() -> Coordination:
-    """The arm moves, or fails to; what comes then needs that it has moved."""
+    """The arm moves or fails; the next state needs it moved."""
     with Coordination("lost", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
@@ -274,14 +272,14 @@ def test_tasks_of_one_activity_start_and_fail_together() -> None:
 
 def test_event_without_an_arrow_is_dropped() -> None:
     with play(delivery(), None) as run:
-        run.event("object given")  # nothing runs
+        run.event("object given")  # no run exists
         run.box_b(0.0)
         run.begin()
         run.event("box kicked")
         assert run.happened() == []
         run.coordinator.post("object given")
         run.central.until_quiet()
-        run.event("done")  # that says the activity
+        run.event("done")  # the name of an activity's own event
         assert run.happened() == ["0 -> going to B (object given)", "0 base to B: current"]
         with pytest.raises(MisuseError, match="has no event 'kick': there are object given"):
             run.coordinator.post("kick")
@@ -321,7 +319,7 @@ def test_event_sent_right_after_the_start_reaches_the_run() -> None:
     with LocalCentral() as central, connect("user", central) as user:
         module.central = central
         with module.running():
-            for _ in range(5):  # one run after the other, with one interpreter
+            for _ in range(5):  # consecutive runs share one interpreter
                 run = user.command(coordinator.message, coordinator.chart)
                 user.broadcast(COORDINATION_EVENT, MachineEvent("long", "stop"))
                 assert run.result(timeout=5).state == "end"
@@ -330,7 +328,7 @@ def test_event_sent_right_after_the_start_reaches_the_run() -> None:
 def test_event_for_a_failed_start_does_not_reach_the_next_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The first run fails before it listens, and after an event for it has come."""
+    """The first run fails before it listens, after an event for it has arrived."""
     begins, told, restart = Event(), Event(), Interpreter.restart
 
     def fail_once(interpreter: Interpreter) -> None:

@@ -1,4 +1,4 @@
-"""A machine is written, drawn, seen as an automaton with likelihoods, and run by hand."""
+"""A machine is written, drawn, flattened to an automaton with likelihoods, and run by hand."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -174,7 +174,7 @@ def test_function_can_read_watched_variables_only() -> None:
         machine.automaton(situation(free=7)).arcs(0)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz speaks of this machine's fonts
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz warns about missing fonts
 def test_picture_marks_foreseen_states(tmp_path: Path) -> None:
     report = CoordinationReport(1, preview=[Foreseen(3, 0.75, 0.75), Foreseen(4, 0.9, 0.675)])
     DELIVER.draw(tmp_path / "machine.svg", report)

@@ -1,5 +1,5 @@
-"""Facts in runs: what early work changes is undone where it matters, and the machine goes the way
-that it goes without.
+"""Facts in runs: early work is undone where its facts matter, and the machine takes the same path
+as without it.
 """
 
 import pytest
@@ -36,7 +36,9 @@ FACTS = AT_HOME | {"lid": "shut"}
 
 
 def fork(free: Activity, *taken: Activity) -> Coordination:
-    """The base goes to B; then one activity follows if box B is free, and else others."""
+    """The base drives to B; then one activity follows if box B is free, and otherwise several
+    others.
+    """
     with Coordination("fork", facts=FACTS) as machine:
         to_b, if_free, end = (
             machine.state("to B", base("B")),
@@ -55,13 +57,13 @@ def fork(free: Activity, *taken: Activity) -> Coordination:
 
 
 def mistaken(run: Play) -> list[str]:
-    """Box B is free until early work is done; what happens from the end of the drive on."""
+    """Take box B after early work is done; return the events from then on."""
     run.start_mistaken()
     return [line for line in run.happened() if float(line.split()[0]) > 4]
 
 
 def test_early_result_survives_a_short_wrong_observation() -> None:
-    """A camera is wrong for a moment. The arm stays where it is, and is kept."""
+    """A wrong observation lasts one second; the arm stays in place, and its result is kept."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=4)
         run.box_b(0.0)
@@ -104,7 +106,7 @@ def test_partly_overwritten_early_result_is_undone() -> None:
 
 
 def test_run_end_undoes_wasted_early_work() -> None:
-    """The next run believes that the arm is at home."""
+    """The next run assumes that the arm is at home."""
     with play(fork(arm("box B", undo=HOME), opened()), AS_SOON_AS_LIKELY) as run:
         assert mistaken(run)[-2:] == ["8 arm to home: restoring", "11 arm to home: done"]
 
@@ -115,7 +117,7 @@ def test_work_without_undo_is_not_started_early() -> None:
 
 
 def test_early_task_that_never_started_is_not_undone() -> None:
-    """The arm is locked, so its early task waits in a queue until it is stopped."""
+    """The arm is locked, so its early task stays queued until it is stopped."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         with connect("locker", run.central) as locker, locker.lock("arm"):
             assert "8 -> end (done)" in mistaken(run)
@@ -143,7 +145,7 @@ def test_state_cannot_start_on_facts_of_wasted_early_work() -> None:
 
 
 def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
-    """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the
+    """The path that skips the arm is unlikely, but taken at the last moment. Without a preview the
     arm is not there.
     """
     with Coordination("past", facts=FACTS) as machine:

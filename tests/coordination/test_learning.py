@@ -1,4 +1,4 @@
-"""Likelihoods from journals of earlier runs."""
+"""Likelihoods that are learned from journals of earlier runs."""
 
 from coordination.delivery_robot import BOX_B_FREE, base, delivery, play
 

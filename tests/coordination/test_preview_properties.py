@@ -1,5 +1,5 @@
-"""Whatever the machine: the preview list is the most probable path, and early work is in nobody's
-way.
+"""For any machine, the preview is the most probable path, and early work blocks no current
+activity.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from tca_wire.coordination import Foreseen
 
 
 class BlindMachine(Drawn):
-    """A machine without any likelihoods."""
+    """A machine without likelihoods."""
 
     def __init__(self, machine: Drawn) -> None:
         super().__init__(machine.arrows, machine.activities)
@@ -65,9 +65,10 @@ def is_steady(automaton: Drawn, state: int, limits: PreviewLimits) -> bool:
 def all_paths(
     automaton: Drawn, path: list[tuple[int, int, float]], limits: PreviewLimits
 ) -> Iterator[list[tuple[int, int, float]]]:
-    """All paths that end in a steady state or at the horizon: states, with the arrow and likelihood
-    by which they are entered. Without a horizon none goes in a circle: that would only make it less
-    probable.
+    """All paths that end in a steady state or at the horizon: states, each with the arrow and
+    likelihood of its entry.
+
+    Without a horizon no path visits a state twice, which would only make it less probable.
     """
     state = path[-1][0]
     if is_steady(automaton, state, limits) or len(path) - 1 == limits.horizon:

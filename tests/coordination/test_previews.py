@@ -1,6 +1,4 @@
-"""Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped
-clock.
-"""
+"""Runs with a preview, on a stepped clock: early work is started, kept, dropped and undone."""
 
 import re
 from typing import Any
@@ -40,7 +38,7 @@ from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFai
 
 
 def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coordination:
-    """The base goes to B; then one activity follows if box B is free, and else the other one."""
+    """The base drives to B; then one activity follows if box B is free, and otherwise another."""
     with Coordination("fork", facts=AT_HOME) as machine:
         to_b = machine.state("to B", first or base("B"))
         if_free, if_taken = machine.state("free", free), machine.state("taken", taken)
@@ -136,8 +134,8 @@ def test_early_work_is_undone_for_a_state_needing_the_old_fact() -> None:
 
 
 def test_early_greeting_is_not_reused_for_the_next_visitor() -> None:
-    """The first one has gone before the robot comes to the door. What was said then is not for the
-    second one.
+    """The first visitor has left before the robot reaches the door. The early greeting must not
+    count for the second visitor.
     """
     seen = Perceived(BOX_B_FREE)
     with Coordination("patrol", facts={"base": "A"}) as machine:
@@ -272,7 +270,7 @@ def test_agent_with_capacity_two_ranks_its_tasks() -> None:
 
 
 def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCaptureFixture) -> None:
-    """They divide by zero, or give what is no number. Each is told once, and the arm does not move
+    """They raise, or return no number. Each failure is logged once, and the arm does not move
     early.
     """
 
@@ -316,7 +314,7 @@ def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCapture
 def test_invalid_progress_of_early_task_does_not_end_the_run(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """It raises, or gives what is no number. That is told once, and counts only if the state is
+    """It raises, or returns no number. The error is logged once, and counts only once the state is
     entered.
     """
 
@@ -365,7 +363,7 @@ def test_undo_task_may_report_any_progress_type() -> None:
 
 
 class Odd(Policy):
-    """Its shares are none."""
+    """A policy whose shares are out of range."""
 
     def wanted(self, utility: float) -> float:
         return 7.0
@@ -506,7 +504,7 @@ def test_early_work_inside_a_compound_is_kept_or_wasted() -> None:
 
 
 def test_early_work_repeats_in_each_round_of_a_loop() -> None:
-    """A loop: what is ahead once may be ahead the next time, too."""
+    """In a loop, the same activity may start early in each round."""
     with Coordination("rounds", facts=AT_HOME) as machine:
         there = machine.state("there", base("B"))
         grasp = machine.state("grasp", arm("down"))

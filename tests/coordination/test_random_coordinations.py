@@ -1,5 +1,6 @@
-"""Random machines: what python-statemachine does with events is what the flat automaton foresees,
-and that one is a deterministic probabilistic automaton (definition 1 of the paper).
+"""Random machines: python-statemachine handles events as the flat automaton predicts.
+
+The automaton is a deterministic probabilistic automaton (definition 1 of the paper).
 """
 
 from itertools import combinations
@@ -32,13 +33,13 @@ MOST_ARE_REFUSED = settings(
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]
 GUARDS = ["g0", "g1"]
-"""A guard is a fact that holds."""
+"""Each guard is a fact of this name."""
 
 
 def write(
     machine: Coordination, data: st.DataObject, labels: list[str], depth: int
 ) -> list[AuthoredState]:
-    """Some states, inside one another."""
+    """Write some nested states."""
     made: list[AuthoredState] = []
     for number in range(data.draw(st.integers(2, 4))):
         if not labels:
@@ -64,7 +65,7 @@ def write(
 
 
 def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
-    """To each state a way that keeps the machine sound, and some more that may not."""
+    """Give each state arrows that keep the machine sound, and some that may not."""
     for state in states:
         if state.kind is StateKind.FINAL:
             continue
@@ -89,7 +90,7 @@ def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
 
 
 def drawn(data: st.DataObject) -> Coordination:
-    """A machine that is not refused."""
+    """A random sound machine."""
     try:
         with Coordination("random") as machine:
             write_arrows(write(machine, data, list(reversed(LABELS)), 0), data)

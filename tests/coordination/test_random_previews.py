@@ -1,4 +1,4 @@
-"""Random machines: what they do ahead never stands in the way of what they do."""
+"""Random machines: early work never blocks the current activity."""
 
 import re
 from random import Random
@@ -17,19 +17,19 @@ from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, StateChanged
 
 EAGER = Discrete(0.5, utility=lambda _: 1.0)
-"""Whatever is foreseen starts."""
+"""Starts every foreseen activity."""
 SEEDS = st.integers(0, 10**6)
 
 
 class Life(NamedTuple):
-    """A run and what befell it, without its end."""
+    """A run with its random events, without its end."""
 
     transcript: str
     entries: list[Entry]
 
     @property
     def path(self) -> list[str]:
-        """Its transitions."""
+        """The transitions."""
         facts = [
             fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)
         ]
@@ -38,7 +38,7 @@ class Life(NamedTuple):
 
 
 def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 25) -> Life:
-    """*acts*: how often something may happen around the robot."""
+    """Run a machine on a robot with at most *acts* random events."""
     random = Random(seed)
     with run_of(machine, policy) as run:
         if random.random() < 0.8:
@@ -73,9 +73,7 @@ def test_preview_does_not_change_the_path_of_the_machine(seed: int) -> None:
     ahead, plain = (lived(machine, policy, seed, acts=0).path for policy in (EAGER, None))
     both = min(len(ahead), len(plain))
     assert ahead[:both] == plain[:both]
-    assert (
-        len(ahead) >= len(plain) // 2
-    )  # wrong predictions may cost time, again and again, but it stands nowhere still
+    assert len(ahead) >= len(plain) // 2  # wrong predictions may cost time, but never stall the run
 
 
 @pytest.mark.soak

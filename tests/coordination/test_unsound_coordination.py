@@ -1,4 +1,4 @@
-"""A machine that can't be run is refused when it is built, in one line that says what to do."""
+"""An unsound machine is rejected when it is built, with one line that says how to repair it."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,6 +1,4 @@
-"""A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody
-gets in between.
-"""
+"""Prefetched messages over real sockets: each is handled once, in order, and never inside a lock."""
 
 import queue
 import threading
@@ -26,7 +24,7 @@ class Quick:
 
     def __init__(self, address: str) -> None:
         self.heard: list[int] = []
-        self.most = 0  #: messages that were ahead
+        self.most = 0  #: the most prefetched messages seen
         self.module = Module("quick", address)
         self.module.handles(NOTE, resource="ear")(self.note)
         self.module.handles(HEARD, resource="ear")(lambda _: self.heard)
@@ -45,7 +43,7 @@ class Quick:
         self.most = max(self.most, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
-        """With its own resource locked nothing that is ahead is begun within the wait."""
+        """Lock this handler's own resource. True if no prefetched message started inside the lock."""
         before = len(self.heard)
         with task.lock("ear"):
             return len(self.heard) == before
@@ -53,7 +51,7 @@ class Quick:
 
 @pytest.fixture
 def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
-    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # whatever else the machine does
+    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # also on a busy machine
     return Quick(address)
 
 
@@ -112,7 +110,7 @@ def test_prefetched_messages_are_not_handled_while_locked(
     ]
     inside: set[int] = set()
     for fact in facts:
-        assert not (isinstance(fact, Granted) and inside), "granted while somebody was in it"
+        assert not (isinstance(fact, Granted) and inside), "granted while a message was handled"
         if isinstance(fact, Delivered):
             inside.add(fact.id)
         elif isinstance(fact, Returned):
@@ -188,7 +186,7 @@ def test_message_of_prefetched_handler_keeps_its_origin(
 def test_leaving_module_returns_unstarted_prefetched_messages(
     quick: Quick, user: Client, address: str
 ) -> None:
-    """What it had ahead and not begun goes to the next."""
+    """Its unstarted prefetched messages go to the next module."""
     with quick.module.running():
         for number in range(MANY):
             user.inform(NOTE, number)
@@ -201,7 +199,9 @@ def test_leaving_module_returns_unstarted_prefetched_messages(
 def test_waiting_callback_lets_its_slot_handle_messages(
     quick: Quick, user: Client, daemon: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Who answers it may ask the slot that it waits in."""
+    """Guards against a deadlock: the callback asks another module, which asks the slot of the
+    callback.
+    """
     monkeypatch.setattr(turns, "QUICK", 0.0)  # callbacks come between any two messages
     asker, answers, is_ready = (
         Module("asker", daemon.address),

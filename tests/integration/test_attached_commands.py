@@ -1,4 +1,4 @@
-"""What is attached to messages and tasks: it is listed, and taken away, whoever attached it."""
+"""Exception handlers, wiretaps and monitors are listed and detached, by any module."""
 
 import json
 import re
@@ -74,7 +74,7 @@ def test_attached_command_lists_handlers_wiretaps_and_monitors(
     assert left["wiretaps"][0]["modules"] == [
         "other script",
         "user",
-    ]  # also when one of them is gone
+    ]  # also when one of them has left
 
 
 def test_monitor_beyond_listing_limit_is_detached_by_number(
@@ -83,7 +83,7 @@ def test_monitor_beyond_listing_limit_is_detached_by_number(
     monkeypatch.setattr("tca_central.status.topics.SHOWN_TASKS", 20)
     first = user.monitor(LOOK, period=1000.0)
     refs = [user.monitor(LOOK, period=1000.0) for _ in range(20)]
-    user.status("attached")  # what comes on another line might overtake the monitors
+    user.status("attached")  # a request on another connection might overtake the monitors
     text = tca(attached)[1]
     listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert listed == [first.id, *(ref.id for ref in refs[:-1])]
@@ -148,7 +148,7 @@ def test_detach_removes_attachments_of_a_disconnected_module(
     )
 
 
-# --- What a program has attached, and does not attach anew when it is started again, is marked and
+# --- attachments that a restarted program does not make again are stale -----------------------------
 
 
 _GUARD = """
@@ -170,7 +170,7 @@ guard.run()
 
 
 def listed(kind: str) -> dict[str, dict[str, Any]]:
-    """What is attached of a kind, by the name of the listener or handler."""
+    """All attachments of a kind, by the name of the listener or handler."""
     name = {"exception_handlers": "handler", "wiretaps": "listener", "monitors": "monitor"}[kind]
     return {one[name]: one for one in json.loads(tca(attached, "--json")[1])[kind]}
 
@@ -213,7 +213,7 @@ def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Pa
             lambda: "guard" not in {one["module"] for one in user.status("modules")},
             "the program has ended",
         )
-        assert stale() == []  # a program that is not there may yet come back as it was
+        assert stale() == []  # an absent program may still return unchanged
 
 
 def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Client) -> None:
@@ -231,7 +231,7 @@ def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Clie
     second.at_start(lambda _: early.extend(stale()))
     second.at_start(lambda guard: guard.on_failure(FELL, FIX, of=WALK))
     with second.running():
-        assert early == []  # it may attach more
+        assert early == []  # it may still attach more
         known = json.loads(tca(attached, "--json")[1])
         found = [
             (one["task"], one["message"], one["is_stale"]) for one in known["exception_handlers"]
@@ -260,13 +260,13 @@ def test_attachment_shared_with_another_module_is_not_stale(address: str, user: 
         guard.on_failure(FELL, FIX, of=WALK)
         guard.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
         assert stale() == []
-        with Module("guard", address).running() as third:  # a copy attaches the same, and leaves
+        with Module("guard", address).running() as third:  # a copy attaches the same and leaves
             third.on_failure(FELL, FIX, of=WALK)
             third.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
             third.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
         assert stale() == []
         assert listed("wiretaps")["say move"]["modules"] == ["guard", "guard#3"]
-        assert listed("wiretaps")["later"]["earlier"] == ["guard#3"]  # the user has it, too
+        assert listed("wiretaps")["later"]["earlier"] == ["guard#3"]  # shared with the user
 
 
 def test_attachment_of_an_earlier_script_is_not_stale(address: str) -> None:

@@ -1,5 +1,6 @@
-"""The three case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15, as
-somebody sees them who observes all tasks, and as their text tells them.
+"""The case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15.
+
+An observer of all tasks must see the transitions that the text describes.
 """
 
 import runpy
@@ -17,7 +18,7 @@ from tca_module.testing import LocalCentral
 LAST = Command("last")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Told = tuple[str, int, str, str]
-"""A message, which of its tasks it is, the transition, and the module that took it."""
+"""Message, number of its task, transition, and module that took it."""
 
 
 Play = Callable[[str], list[Told]]
@@ -25,7 +26,7 @@ Play = Callable[[str], list[Told]]
 
 @pytest.fixture
 def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
-    """Runs an example; all changes of states meanwhile, in central's order."""
+    """Run an example; return all task transitions in central's order."""
 
     def play(name: str) -> list[Told]:
         with LocalCentral() as central, connect("active memory", central) as memory:
@@ -34,7 +35,7 @@ def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
                 runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
                 memory.command(
                     LAST
-                ).kill()  # central's order: what came before it has been told by then
+                ).kill()  # by central's order, all earlier changes arrive before it
                 seen = list(takewhile(lambda change: change.message != LAST.name, changes))
         return numbered(seen)
 
@@ -42,7 +43,7 @@ def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
 
 
 def numbered(changes: list[Change]) -> list[Told]:
-    """The changes, with the tasks of each message numbered from 1."""
+    """Number the tasks of each message from 1."""
     known: dict[str, list[int]] = defaultdict(list)
     told = []
     for change in changes:
@@ -61,7 +62,7 @@ def numbered(changes: list[Change]) -> list[Told]:
 
 
 def of(story: list[Told], message: str, number: int = 1) -> list[str]:
-    """What happened to one task: "transition by module"."""
+    """The transitions of one task: "transition by module"."""
     return [
         f"{name} by {module}".removesuffix(" by ")
         for one, nth, name, module in story
@@ -76,9 +77,10 @@ def at(story: list[Told], message: str, number: int, transition: str) -> int:
 
 
 def test_label_query_point_and_say_follow_figure_13(story_of: Play) -> None:
-    """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side
-    by side (7-11); another question comes and is rejected (12-16); the arm goes back and the voice
-    says thanks, side by side (18-21).
+    """Figure 13.
+
+    The question is asked and accepted (1-5). The arm points while the voice asks (7-11). Another
+    question is rejected (12-16). The arm goes back while the voice says thanks (18-21).
     """
     story = story_of("46_curious_robot_asks")
     assert of(story, "label query") == [
@@ -104,14 +106,14 @@ def test_label_query_point_and_say_follow_figure_13(story_of: Play) -> None:
 
 
 def test_grasp_feedback_and_updates_follow_figure_14(story_of: Play) -> None:
-    """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its
+    """Figure 14: feedback goes up from arm to coordinator to dialog. The update goes down, and its
     acceptance up.
     """
     story = story_of("47_curious_robot_grasps")
     changes = of(story, "grasp")
     feedback = [
         one for one in changes if one == "result available by coordinator"
-    ]  # beside the rest: of another coroutine
+    ]  # from another coroutine, so in any order with the rest
     assert len(feedback) == 2
     assert [one for one in changes if one not in feedback] == [
         "initiated by dialog",
@@ -140,8 +142,8 @@ def test_grasp_feedback_and_updates_follow_figure_14(story_of: Play) -> None:
 
 
 def test_gaze_follows_figure_15_without_messages_of_its_own(story_of: Play) -> None:
-    """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of
-    what is rejected it does not. No message is there for gaze's sake.
+    """Figure 15: dialog accepts a question (1-3), and gaze observes that (4), but not a rejected
+    question. The protocol has no messages for gaze.
     """
     story = story_of("48_curious_robot_looks")
     assert of(story, "label query", 1) == ["initiated by initiative", "rejected"]

@@ -1,4 +1,4 @@
-"""The daemon as a process, as its users and its enemies meet it."""
+"""The daemon as a process: normal use, restarts, and malformed input."""
 
 import os
 import signal
@@ -121,9 +121,7 @@ def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
         send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
         enemy.send(send)
-        assert enemy.poll(20_000), (
-            "what it sends before it is connected would be lost when it is closed"
-        )
+        assert enemy.poll(20_000), "frames sent before the connection would be lost on close"
         for frames in (
             [b""],
             [b"garbage"],
@@ -157,7 +155,7 @@ Refused = Callable[..., str]
 
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
-    """Tries to start a central with these options; why that is refused."""
+    """Try to start a central with some options; return the error text."""
     monkeypatch.setattr(Daemon, "serve", lambda _: pytest.fail("it has started"))
 
     def start(*options: str) -> str:
@@ -214,8 +212,8 @@ def test_start_error_explains_invalid_option(
 
 
 def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
-    """Each run has segments of its own in the folder. To those before nothing is written, but that
-    their run is over.
+    """Each run has its own segments in the folder. The earlier run only gains the record of its
+    end.
     """
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
@@ -307,7 +305,7 @@ def test_internal_error_ends_central_with_its_reason(
 def test_failure_is_logged_as_one_printable_line(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The first of its text, which says what happened, without what would steer a terminal."""
+    """The log shows the first line of the failure's text, without control characters."""
     with caplog.at_level("INFO"), RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
         legs = Module("legs", daemon.address)
 
@@ -343,7 +341,7 @@ PARENT = """
 
 
 def test_forked_child_gets_a_connection_of_its_own(tmp_path: Path) -> None:
-    """ZeroMQ's threads are not forked: with its parent's context a child would wait for ever."""
+    """ZeroMQ's threads do not survive a fork, so the child must not use its parent's context."""
     with central(tmp_path) as daemon, program(PARENT, daemon.address) as parent:
         said, errors = parent.communicate(timeout=60)
         assert said.splitlines() == ["child parent", "parent"], errors
@@ -374,7 +372,7 @@ CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
 
 
 def test_first_call_after_central_restart_keeps_client_state(tmp_path: Path) -> None:
-    """Each call is the first one of its user."""
+    """Each call is the first one of its client after the restart."""
     with ExitStack() as stack:
         first = stack.enter_context(central(tmp_path))
         users = {call: stack.enter_context(connect("user", first.address)) for call in CALLS}

@@ -1,6 +1,4 @@
-"""The command line's hand on a running central: tasks, messages and variables, as people and
-scripts use it.
-"""
+"""Commands that change a running central: tasks, messages and variables."""
 
 import json
 import re
@@ -111,9 +109,7 @@ def test_send_returns_after_central_received_the_inform(robot: list[str], user: 
         ("null", "null"),
     ):
         assert tca(send, "say", word) == (0, "", "")
-        user.query(
-            WHERE, Pose(0.0), timeout=SOON
-        )  # the robot is one thread: it has handled what came before
+        user.query(WHERE, Pose(0.0), timeout=SOON)  # one thread: all earlier messages are handled
         assert robot.pop() == heard
     assert tca(send, "tick") == (0, "", "")
 

@@ -1,4 +1,4 @@
-"""Too many connections: central turns newcomers away in time, says so, and lives."""
+"""Too many connections: central rejects newcomers in time, logs it, and keeps running."""
 
 import resource
 import socket
@@ -95,7 +95,7 @@ def idle_connections(
 
 
 def said_by(daemon: Central, words: str) -> str:
-    """A line of its log."""
+    """Wait for a log line with some words."""
     while words not in (line := daemon.process.stderr.readline()):
-        assert line, f"it ended, and never said: {words}"
+        assert line, f"central ended without logging: {words}"
     return line

@@ -1,5 +1,7 @@
-"""Programs that die in the midst of a handler, each in its own way: who waits is told, what they
-had is free, and nothing that ends a program is given to another one unless somebody decides so.
+"""Programs that die inside a handler, in several ways.
+
+Waiting clients are notified, and locks are released. A message that kills its handler is not
+retried without a decision.
 """
 
 import signal
@@ -35,7 +37,7 @@ module = Module("m")
 @module.handles(Command("work"))
 def work(task: Task) -> None:
     with task.lock("camera"):
-        os.write(1, b"begun\\n")  # no lock of stdout, without which Python could not end
+        os.write(1, b"begun\\n")  # avoids the lock of stdout, which would keep Python from exiting
         {how}
 """
 RUN = "module.run()"
@@ -57,7 +59,7 @@ WAYS = {
 
 
 def test_task_fails_and_lock_is_free_when_handler_process_dies(tmp_path: Path) -> None:
-    """The lock that its handler had, and central's list of modules, know it, too."""
+    """The handler's lock is released, and the module disappears from central's list."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         eyes = Module("eyes", daemon.address)
         eyes.resource("camera")
@@ -170,7 +172,7 @@ def test_central_ends_at_once_despite_a_stopped_module(tmp_path: Path) -> None:
             assert daemon.process.wait(5) == 0
 
 
-# --- A process is killed while it has messages ahead, and has not said what it has handled of them
+# --- a process is killed while it has prefetched messages ------------------------------------------
 
 
 DOUBLE = Query("double", int, reply=int)
@@ -193,9 +195,7 @@ QUICK = """
 
 
 def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
-    """The answers, or failures, of questions that are put at once. Another one who answers comes
-    meanwhile.
-    """
+    """Replies, or failures, of queries sent together. A second module starts while they wait."""
     asked = [user.query_send(DOUBLE, number) for number in numbers]
     found: list[int | str] = []
     with program(QUICK, address):

@@ -1,4 +1,4 @@
-"""Every example runs, is short, and prints what it says."""
+"""Every example runs, is short, and prints the expected lines."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 _TEXT = Path(__file__).with_name("printed.txt").read_text()
 PRINTED = {name: text for name, _, text in (one.partition("\n") for one in _TEXT.split("== ")[1:])}
-"""What each begins with; after the first ``...``, what is in it as well."""
+"""The start of each example's output; each text after ``...`` occurs somewhere in it."""
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

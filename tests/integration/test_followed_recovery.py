@@ -1,4 +1,4 @@
-"""Central is killed under those who follow, observe, update and cancel a task, and goes on: they
+"""Central is killed and restarted while clients follow, observe, update and cancel a task: they
 notice nothing.
 """
 
@@ -77,7 +77,7 @@ def test_task_is_updated_and_cancelled_through_central_restarts(
         assert watch.wait(20) is Outcome.KILLED
         first, *seen = changes
         assert sum(one.missed + 1 for one in seen) == seen[-1].serial - first.serial, (
-            "each was seen, or counted"
+            "each change was seen, or counted as missed"
         )
         assert seen[-1].state == "cancelled"
         assert next(change for change in observed if change.is_over).task.id == watch.id

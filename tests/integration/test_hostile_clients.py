@@ -1,6 +1,4 @@
-"""Raw bytes at a real central: whatever comes, it answers others, and its log and the commands stay
-calm.
-"""
+"""Raw bytes sent to a real central: it keeps serving others, and its log stays readable."""
 
 import json
 import socket
@@ -48,7 +46,7 @@ _READY = b"\x04\x29\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
-    """One for all: each attack must leave it as it was."""
+    """One central for all tests: each attack must leave it as it was."""
     with central(tmp_path_factory.mktemp("attacked"), bind="tcp://127.0.0.1:*") as running:
         running.address = running.first_line.rpartition(" ")[2]
         yield running
@@ -63,7 +61,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
 
 @pytest.fixture
 def friend(daemon: Central) -> Iterator[Client]:
-    """Somebody who means well, before and after."""
+    """A normal client, which checks central before and after each attack."""
     with connect("friend", daemon.address) as client:
         client.status()
         yield client
@@ -72,7 +70,7 @@ def friend(daemon: Central) -> Iterator[Client]:
 
 
 class Line:
-    """A line of somebody who speaks ZeroMQ, and perhaps nothing else."""
+    """A raw ZeroMQ connection without the module protocol."""
 
     def __init__(self, address: str, routing_id: bytes = b"") -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
@@ -82,7 +80,7 @@ class Line:
         self.socket.connect(address)
 
     def ask(self, *frames: bytes) -> list[Any]:
-        """What is answered."""
+        """Send frames; return the headers of the reply."""
         self.socket.send_multipart(frames)
         assert self.socket.poll(SOON), "no answer"
         return [header for header, _ in unpack_to_module(self.socket.recv())]
@@ -111,7 +109,7 @@ def rogue(daemon: Central, friend: Client) -> Iterator[Line]:
 
 @contextmanager
 def raw(daemon: Central) -> Iterator[socket.socket]:
-    """A line of somebody who speaks TCP."""
+    """A raw TCP connection."""
     with socket.create_connection(
         ("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20
     ) as line:
@@ -234,7 +232,7 @@ def test_foreign_protocol_does_not_disturb_central(
         line.settimeout(0.1)
         with suppress(
             ConnectionError, TimeoutError
-        ):  # ZeroMQ may wait for more of what it takes for its first version
+        ):  # ZeroMQ may wait for more of a supposed ZMTP 1.0 greeting
             while line.recv(4096):
                 pass
         friend.status()
@@ -244,7 +242,9 @@ def test_endless_message_does_not_disturb_other_clients(daemon: Central, friend:
     with raw(daemon) as line:
         line.sendall(_ZMTP + _READY)
         for _ in range(16):
-            line.sendall(b"\x03" + struct.pack(">Q", 1 << 20) + bytes(1 << 20))  # more is to follow
+            line.sendall(
+                b"\x03" + struct.pack(">Q", 1 << 20) + bytes(1 << 20)
+            )  # with the MORE flag
         friend.status()
 
 
@@ -263,7 +263,7 @@ def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> No
 
 
 def test_journal_after_attacks_is_readable_and_printable(daemon: Central, friend: Client) -> None:
-    """It can be read, and so can what it shows."""
+    """Also all that ``tca log show`` prints."""
     said = tca("log", "show", str(daemon.journal), "--json")
     assert all(json.loads(line) for line in said.stdout.splitlines())
     shown = tca("log", "show", str(daemon.journal))

@@ -1,4 +1,4 @@
-"""The journal on real files: turns, segments, and disks that say no."""
+"""The journal on real files: segments, syncs, and failing disks."""
 
 import errno
 import os
@@ -67,7 +67,7 @@ def test_long_journal_is_split_into_consecutive_segments(
 def test_journal_writer_does_not_wait_for_sync(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor where another segment begins while the disk is asked."""
+    """This includes the start of another segment during a sync."""
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(JournalWriter, "longest", 100)
     asked, done, synced = threading.Event(), threading.Event(), []
@@ -105,7 +105,7 @@ def test_journal_flush_fails_on_full_device(
 FULL = """
 import resource, sys
 from tca_central.__main__ import central
-sys.dont_write_bytecode = True  # compiled files would be cut off, for everybody
+sys.dont_write_bytecode = True  # the limit would truncate shared bytecode files
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))  # as if the disk were full
 central()
 """
@@ -142,7 +142,7 @@ def test_newest_journal_is_found_in_any_folder(
         assert newest_journal().resolve() == new.journal.resolve()
     assert (
         len(list((tmp_path / "state/tca/journals").iterdir())) == 1
-    )  # of what is gone no link stays
+    )  # links to removed journals are removed
 
 
 def test_newest_journal_is_that_of_the_selected_central(
@@ -180,7 +180,7 @@ def test_failed_sync_raises_and_leaves_the_run_unfinished(
     log.flush(core)
     monkeypatch.setattr(os, "fdatasync", fails)
     log.add_input(Tick(2.0))
-    for _ in range(2):  # a second try would say that all is well
+    for _ in range(2):  # a second sync would wrongly succeed
         with pytest.raises(CentralError, match="Input/output error: central stops"):
             log.flush(core)
     monkeypatch.undo()
@@ -210,13 +210,13 @@ def test_central_continues_without_journal_when_allowed(tmp_path: Path) -> None:
         while "continues without a journal" not in daemon.process.stderr.readline():
             pass
         user.status()
-    assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago
+    assert not list(daemon.journal.glob("*.tcai"))  # the stale inputs must not be continued
 
 
 def test_disk_is_nearly_full_when_free_bytes_and_share_are_low(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What central does about that is in central/test_limits.py."""
+    """Central's reaction is tested in central/test_limits.py."""
     (tmp_path / "run").mkdir()
     log = RunLog(writer(tmp_path / "run"), None)
     for least, share, is_full in ((1 << 80, 1, True), (1 << 80, 1 << 80, False), (0, 1, False)):
@@ -227,8 +227,8 @@ def test_disk_is_nearly_full_when_free_bytes_and_share_are_low(
 
 
 def test_journal_folder_lock_waits_for_a_late_release(tmp_path: Path) -> None:
-    """A central that was killed while it took an image leaves a child behind, which has its locks
-    until it closes.
+    """A central that was killed while it took an image leaves a child, which holds the locks until
+    it closes.
     """
     held = lock_folder(tmp_path)
     timer = threading.Timer(0.1, os.close, [held])

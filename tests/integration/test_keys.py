@@ -1,5 +1,6 @@
-"""Who gets in: keys over TCP, the kernel's word over Unix sockets, and nobody when that can't be
-checked.
+"""Access control: keys over TCP, and user ids from the kernel over Unix sockets.
+
+Nothing connects when keys can't be checked.
 """
 
 import os
@@ -202,7 +203,7 @@ def test_revoked_key_loses_its_connection_at_once(
     assert keyed.facts(facts.KeysChanged) == [facts.KeysChanged([], ["arm"])]
     assert is_shut_out(arm.status)
     assert user.status()["modules"] == 1
-    # A new key of that name gets in at once, and is somebody new: the old line stays dead.
+    # A new key of that name is accepted at once; the old connection stays refused.
     (folder / "arm.key").unlink()
     said("new", "arm")
     with connect("new arm", keyed.address):
@@ -214,7 +215,7 @@ def test_revoked_key_loses_its_connection_at_once(
 
 
 def is_shut_out(call: Callable[[], object]) -> bool:
-    """Whether a call is refused because central lets its connection in no more."""
+    """Whether a call is refused because central has shut its connection out."""
     with pytest.raises(Refused) as refused:
         call()
     return refused.value.refusal is Refusal.SHUT_OUT
@@ -340,7 +341,7 @@ def test_direct_messages_are_encrypted_and_end_on_revocation(
         with (
             zmq.Context() as context,
             context.socket(zmq.DEALER) as stranger,
-        ):  # who knows all but the public key
+        ):  # knows everything but the public key
             stranger.linger = 0
             stranger.connect(path.entrance.endpoint)
             greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")

@@ -1,4 +1,4 @@
-"""A program that leaves waits until what it sent has arrived; what may not have, it says, with an
+"""A leaving program waits until its messages have arrived, and reports unconfirmed ones with an
 exit code.
 """
 
@@ -108,7 +108,7 @@ MODULE = """
 
 
 def stopped_when_there(running: Process, daemon: Central) -> None:
-    """The program goes on when central stands still."""
+    """Stop central, then let the program continue."""
     running.hear("there")
     daemon.signal(signal.SIGSTOP)
     running.stdin.write("go on\n")
@@ -116,7 +116,7 @@ def stopped_when_there(running: Process, daemon: Central) -> None:
 
 
 def soaked(*values: str) -> Any:
-    """Each of these programs is also in another test, which is not of the soak."""
+    """A case for the soak only: another test covers its program."""
     return pytest.param(*values, marks=pytest.mark.soak)
 
 
@@ -165,7 +165,7 @@ def test_leaving_program_reports_unconfirmed_messages(text: str, said: str, tmp_
     assert said in errors.splitlines()[-1]
 
 
-# --- Ctrl-C, or SIGTERM, ends a program of modules at the first time, whatever its handlers wait fo
+# --- the first Ctrl-C or SIGTERM ends a program of modules, whatever its handlers wait for ----------
 
 
 ROBOT = """

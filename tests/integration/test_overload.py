@@ -1,4 +1,4 @@
-"""Programs that want more of central than there is: real processes and a small budget."""
+"""Overload: real processes and a small memory budget."""
 
 import os
 import queue
@@ -55,9 +55,7 @@ EYES = """
     eyes.run()
 """
 MOST = 120 << 20
-"""Bytes of central's process, of which 40 MiB are Python and its libraries; 400 MiB are asked
-for.
-"""
+"""Bytes of central's process. Python and its libraries take 40 MiB; the clients ask for 400 MiB."""
 
 
 @pytest.fixture
@@ -67,7 +65,7 @@ def daemon(tmp_path: Path) -> Iterator[Central]:
 
 
 def peak(daemon: Central) -> int:
-    """The most that a process has had of the machine's memory."""
+    """The peak memory of central's process."""
     lines = Path(f"/proc/{daemon.process.pid}/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) << 10
 
@@ -103,13 +101,13 @@ def test_client_that_reads_no_replies_does_not_slow_others(daemon: Central) -> N
             line.send(pack_item(Hello(1, PROTOCOL_VERSION, "deaf", f"run {number}")))
             line.send(pack([(GetVariable(2 + one, "map"), b"") for one in range(40)]))
         for _ in range(20):
-            assert len(user.get_variable(MAP)) == 1 << 20  # and is heard each time
+            assert len(user.get_variable(MAP)) == 1 << 20  # and is answered each time
     assert peak(daemon) < MOST
 
 
 def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
-    """The names of informs that wait are given up when who declared them has left; what is dropped
-    is counted.
+    """Names of waiting informs are forgotten once their declaring module has left. Dropped messages
+    are counted.
     """
     line: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     with central(tmp_path, "--no-inputs") as daemon, line:
@@ -143,7 +141,7 @@ def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
 
 @pytest.fixture
 def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
-    """A central whose turns the test takes itself, and to which lines within the process lead."""
+    """A central whose turns the test takes itself, with in-process connections."""
     monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
     server = Daemon(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
     server.socket.bind("inproc://turns")
@@ -161,9 +159,7 @@ def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
 
 
 def test_big_packets_of_one_client_do_not_delay_others(turns: Daemon) -> None:
-    """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is
-    asked.
-    """
+    """ZeroMQ polls idle connections for new input only every hundred frames, unless it is asked."""
     with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
         for _ in range(100):
             flood.send(pack_item(Send(0, "nothing"), bytes(2000)))
@@ -171,11 +167,11 @@ def test_big_packets_of_one_client_do_not_delay_others(turns: Daemon) -> None:
             turns._receive()
             turns._flush()
         user.recv()
-        for _ in range(3):  # now ZeroMQ knows that nothing more has come from there
+        for _ in range(3):  # now ZeroMQ considers that connection idle
             turns._receive()
         user.send(pack_item(Ask(2, "status")))
         for _ in range(3):
-            turns._receive()  # a turn that takes in a big packet has answered those before
+            turns._receive()  # a turn with a big packet answers earlier requests
         assert user.poll(0)
         assert flood.poll(0)
         assert turns._has_arrived(), "the flood had ended"
@@ -207,14 +203,14 @@ def test_listener_cycle_is_refused_at_tap_depth(tmp_path: Path) -> None:
             assert "--tap-depth" in errors.get(timeout=30)
 
 
-# --- Who sends more than central reads, and dies, does not take central with it; and a line that ta
+# --- dead connections ------------------------------------------------------------------------------
 
 
 FLOOD = """
 import os, signal, sys, zmq
 to_central = zmq.Context().socket(zmq.DEALER)
 to_central.connect(sys.argv[1])
-while to_central.poll(300, zmq.POLLOUT):  # until nothing more is taken
+while to_central.poll(300, zmq.POLLOUT):  # until its queue is full
     to_central.send(bytes(1000))
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -233,8 +229,8 @@ print(flood.returncode)
 
 
 def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
-    """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its
-    next heartbeat.
+    """Its queue was full, so ZeroMQ had stopped reading, and aborted the process at its next
+    heartbeat.
     """
     command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
     lived = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -242,15 +238,13 @@ def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
 
 
 def test_tcp_connection_times_out_after_five_seconds() -> None:
-    """The kernel asks every second, so it can tell; this is what it was told."""
+    """The kernel probes every second; this checks the options that it received."""
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
         assert (5000, 1, 1) in patience_of_lines_at(int(central.address.rpartition(":")[2]))
 
 
 def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
-    """Of the TCP sockets of this process that stand at a port: milliseconds; and seconds until, and
-    between, probes.
-    """
+    """Timeout in ms, and seconds until and between probes, of this process's TCP sockets on a port."""
     options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
     found = []
     for file in Path("/proc/self/fd").iterdir():
@@ -265,7 +259,7 @@ def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
     return found
 
 
-# --- Central is busy for long with one event, such as the kill of a very large tree: that is nobody
+# --- one very long event --------------------------------------------------------------------------
 
 
 WALK, STEP = Goal("walk"), Command("step")
@@ -293,8 +287,9 @@ TASKS = 2_000
 
 @pytest.mark.soak
 def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
-    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no
-    patience is told; what is handled goes on, and who handles stays.
+    """Central is busy, and here also stopped, as on a slow machine.
+
+    A client without patience gets CentralLost; handlers continue, and no module is lost.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
         digger.hear("ready")
@@ -321,7 +316,7 @@ def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
 
 
 def fill(user: Client, walk: SentTask[None]) -> None:
-    """What ``command`` does, but without waiting for each."""
+    """Send commands as ``command`` does, without waiting for each."""
     connection = user._connection()
     connection.declare(STEP)
     for _ in range(TASKS):

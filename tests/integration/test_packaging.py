@@ -1,7 +1,7 @@
 """The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual
 environment.
 
-What they depend on is taken from the environment of the tests, so that nothing is downloaded.
+Their dependencies come from the environment of the tests, so nothing is downloaded.
 """
 
 import os
@@ -26,7 +26,7 @@ for package in {PACKAGES}:
     assert "fresh" in folder.parts, folder
     assert (folder / "py.typed").exists(), folder
     for path in sorted(folder.rglob("*.py")):
-        if path.stem != "__main__" and path.parent.name != "peers":  # of which none need be installed
+        if path.stem != "__main__" and path.parent.name != "peers":  # optional tools
             importlib.import_module(".".join([package, *path.relative_to(folder).with_suffix("").parts]))
             print(path.relative_to(folder.parent))
 """
@@ -135,7 +135,5 @@ def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: P
 
 
 def rows_of(tree: str) -> list[str]:
-    """Each task of a drawn tree with its state: its times, and the columns that they need, differ
-    each time.
-    """
+    """Each task of a drawn tree with its state, without times and column widths, which vary."""
     return re.findall(r"^.*\{\d+\} +\w+", tree, re.MULTILINE)

@@ -187,7 +187,7 @@ def test_sighup_makes_central_reload_permissions(tmp_path: Path, path: Path) -> 
 
 
 def test_sighup_ends_central_when_its_terminal_is_closed(tmp_path: Path) -> None:
-    """Where there is one: a hangup is no signal to look again then."""
+    """With a terminal, a hangup means the end rather than a reload."""
     near, far = pty.openpty()
     command = [
         sys.executable,
@@ -206,5 +206,5 @@ def test_sighup_ends_central_when_its_terminal_is_closed(tmp_path: Path) -> None
         connect("user", f"ipc://{tmp_path}/central.sock").close()
         assert daemon.poll() is None
         os.close(near)
-        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to whom the terminal controls
-        assert daemon.wait(SOON) in (0, 120)  # Python could not write its last words
+        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to processes of the terminal
+        assert daemon.wait(SOON) in (0, 120)  # 120: Python could not flush its output

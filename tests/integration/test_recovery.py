@@ -1,6 +1,4 @@
-"""Central is killed and comes back: nothing that it had taken is lost, and nothing is done
-twice.
-"""
+"""Central is killed and restarted: no accepted message is lost, and none is handled twice."""
 
 import errno
 import os
@@ -69,7 +67,7 @@ LEGS = """
 
 
 class Robot:
-    """A central that can be killed, and a module with a notebook of what it did."""
+    """A central that can be killed, and a module that records its work in a file."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -82,7 +80,7 @@ class Robot:
         self.central.kill()
 
     def restart(self, *options: str) -> str:
-        """Central comes back; its first line."""
+        """Restart central; return its first line."""
         self.central = Central(self.folder, *options)
         return self.central.first_line
 
@@ -175,7 +173,7 @@ def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) ->
     robot.kill()
     robot.restart("--resume", "hold")
     step = user.command(STEP, 2)
-    assert user.query(WHERE, timeout=20) == 7  # who asks is answered
+    assert user.query(WHERE, timeout=20) == 7  # queries are answered
     with pytest.raises(Timeout):
         step.result(timeout=0.3)
     assert robot.begun()[2] == 0
@@ -225,7 +223,7 @@ def broken_run(tmp_path: Path) -> Path:
 
 
 def test_truncated_inputs_leave_a_recoverable_run(broken_run: Path, tmp_path: Path) -> None:
-    """The journal has more then; --resume facts puts that aside."""
+    """The journal then extends beyond the inputs; --resume facts accepts that."""
     inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
         copy = tmp_path / "copy"
@@ -281,7 +279,7 @@ def test_skipped_task_numbers_are_synced_before_any_reply(
         asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
         told = [one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)]
         assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], (
-            "it may have been done"
+            "the task may have been done"
         )
     finally:
         server.close()
@@ -315,9 +313,7 @@ def test_check_rerun_shows_the_first_difference(
 def test_image_taken_in_recovery_is_covered_by_the_journal(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A central that is killed as soon as it has taken one, in coming back, has written what it did
-    until then.
-    """
+    """A central that is killed right after the image has already written the journal up to it."""
     monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
     run = RunFolder(broken_run)
     server = Daemon(run.central, f"ipc://{broken_run.parent}/again.sock")
@@ -325,7 +321,7 @@ def test_image_taken_in_recovery_is_covered_by_the_journal(
     assert server.log
     assert server.log.images
     server.log.images.update(run.central)
-    server.log.images.close()  # it is there; and nothing more is written
+    server.log.images.close()  # the image exists; nothing more is written
     run.close()
     server.log = None
     server.close()
@@ -337,9 +333,7 @@ def test_image_taken_in_recovery_is_covered_by_the_journal(
 
 
 def test_client_waiting_for_restart_is_greeted_at_once(tmp_path: Path) -> None:
-    """Also where the first turn finds that much is due. Else slots that wait for work would come
-    back after 45 s.
-    """
+    """Also when much is due in the first turn. Otherwise idle slots would return only after 45 s."""
     server = Daemon(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
     server._next_beat = 0.0
     serving = Thread(target=server.serve)
@@ -394,7 +388,7 @@ def test_restart_without_inputs_starts_a_new_run(robot: Robot, user: Client) -> 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
 def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync: Sync) -> None:
-    """Neither after inputs were lost that nobody had synced, nor after some were left out."""
+    """Neither after unsynced inputs were lost, nor after some were skipped."""
     newest = []
     for _ in range(2):
         folder = RunFolder(broken_run, accept=True)
@@ -410,7 +404,7 @@ def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync:
 def test_no_packet_leaves_before_its_input_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A turn whose write fails lets no packet out."""
+    """A turn whose write fails sends no packet."""
     folder = RunFolder(tmp_path / "journal")
     server = Daemon(folder.central, f"ipc://{tmp_path}/c.sock")
     folder.open(server, Sync.BATCH)
@@ -450,5 +444,5 @@ def test_damaged_inputs_header_stops_recovery(
     folder = RunFolder(broken_run, is_fresh=True)
     assert folder.run is None
     folder.close()
-    inputs.write_bytes(whole[:20])  # central ended while it began it
+    inputs.write_bytes(whole[:20])  # central died while it created the file
     assert unfinished_segments(broken_run) == []

@@ -1,5 +1,5 @@
-"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure
-3), by the journal.
+"""Rocks that the scanner does not see, in real processes. Each level of recovery (paper, figure 3)
+is checked in the journal.
 """
 
 import subprocess
@@ -28,10 +28,10 @@ TALL = "1.1 0.9 0.25 1.9"
 """Taller than a leg is raised; the leg swings around it."""
 
 BROAD = "1.4 0.3 0.7 1.9"
-"""Too broad for a leg to go around, until the feet stand otherwise."""
+"""Too broad for a leg to go around until the feet are shuffled."""
 
 HUGE = "3.2 0.0 2.4 1.9"
-"""No leg gets past it: the walk is given up there."""
+"""No leg passes it: the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
 
@@ -90,7 +90,7 @@ Walks = Callable[[str], Walk]
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
-    """The walk with a rock; each is walked once."""
+    """Walk to a rock, once for each rock."""
     known: dict[str, Walk] = {}
 
     def get(rock: str) -> Walk:
@@ -103,7 +103,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
 
 @pytest.fixture(scope="module")
 def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """A walk to the huge rock, without checks: so it breaks rules before it is given up."""
+    """A walk to the huge rock without checks. It breaks rules before it is given up."""
     return walk_with(tmp_path_factory.mktemp("huge"), HUGE, options=UNCHECKED)
 
 
@@ -148,7 +148,7 @@ def test_step_is_replanned_around_a_tall_rock(walked: Walks) -> None:
     tried = [name for name in names_under(done, failing) if name in LADDER]
     assert tried == ["raise leg", "raise leg", "replan move"]
     step = done.history.tasks[failing.parent]
-    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned anew
+    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned again
 
 
 def names_under(walk: Walk, task: Task) -> list[str]:
@@ -165,12 +165,12 @@ def test_feet_are_shuffled_when_replanning_fails(walked: Walks) -> None:
     assert first in (
         "move body",
         "move leg",
-    )  # the body, if at all, goes first: to where any leg can be lifted
+    )  # the body may move first, so that any leg can be lifted
     assert set(moves) == {"move leg"}
     (arc,) = done.named("traverse arc")
     assert len(arc.handlings) == 1 + len(
         shuffled
-    )  # begun again each time, from the standard configuration
+    )  # restarted each time, from the standard configuration
 
 
 @pytest.mark.soak
@@ -255,9 +255,7 @@ FAULTS = {
 
 
 def test_walk_recovers_from_every_fault(faulty: Walk) -> None:
-    """Each fault is followed by its recovery, and what the run was is within the rules of
-    task-level control.
-    """
+    """Each fault is followed by its recovery, and the run keeps the rules of task-level control."""
     assert_walked(faulty)
     assert {name for name in FAULTS.values() if name} <= faulty.recoveries.keys()
     assert "1 of 1 amplifier trip" in faulty.output

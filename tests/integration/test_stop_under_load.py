@@ -1,4 +1,4 @@
-"""Whoever stops what a robot does is heard at once, whatever others send meanwhile."""
+"""Kills and locks take effect at once, even under heavy load."""
 
 import math
 import time

@@ -1,5 +1,5 @@
-"""Processes that stand still and are not dead: modules, which count as lost, and central, which
-blames nobody.
+"""Stopped but living processes: a stopped module counts as lost, and a stopped central loses no
+module.
 """
 
 import os
@@ -88,7 +88,7 @@ def eyes_at(address: str) -> Module:
 
 
 def silent(daemon: Central) -> list[str]:
-    """Which modules were lost for their silence, by the journal."""
+    """Modules that were lost for their silence, by the journal."""
     return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
 
@@ -103,7 +103,7 @@ def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Centr
 
 
 def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") -> None:
-    """A module is stopped while it handles a command, is lost, and serves again once it goes on."""
+    """Stop a module while it handles a command: it is lost, and serves again once it resumes."""
     why = f"its process was silent for {seconds} s"
     with running(folder, *options, bind=bind) as (daemon, address), eyes_at(address).running():
         with program(LEGS, address) as legs, connect("user", address) as user:
@@ -156,7 +156,7 @@ def test_stopped_script_loses_its_lock(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_client_without_first_heartbeat_is_lost(tmp_path: Path) -> None:
-    """Its first words have come, the line of its pulse never does."""
+    """Its hello has arrived, but its heartbeat connection never does."""
     with central(tmp_path, "--lost-after", "2") as daemon, connect("user", daemon.address) as user:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         with context, context.socket(zmq.DEALER) as early:
@@ -196,7 +196,7 @@ def test_resumed_module_does_not_report_central_silent(tmp_path: Path) -> None:
             user.command(STEP)
             legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
-            threading.Event().wait(12)  # longer than anybody's patience
+            threading.Event().wait(12)  # longer than any patience
             legs.send_signal(signal.SIGCONT)
             legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
@@ -220,7 +220,7 @@ def test_resumed_central_loses_no_module(tmp_path: Path, bind: str) -> None:
                 daemon.signal(signal.SIGCONT)
                 assert user.query(LOOK, timeout=SOON) == "clear"
                 with pytest.raises(Timeout):
-                    step.wait(timeout=4.5)  # in which a silence would be noticed
+                    step.wait(timeout=4.5)  # long enough to notice a silence
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
@@ -245,9 +245,7 @@ def test_stopped_module_is_never_lost_when_lost_after_is_0(tmp_path: Path) -> No
 
 @pytest.mark.soak
 def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) -> None:
-    """The kernel closes them only when the last process that has them ends; a child has no
-    pulse.
-    """
+    """The kernel closes sockets only when their last process ends. A child sends no heartbeats."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
             child = int(parent.stdout.readline())
@@ -264,7 +262,7 @@ def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) ->
 
 
 def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
-    """Central, which stands still, has yet to be told of the message."""
+    """The stopped central does not know the message yet."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         daemon.signal(signal.SIGSTOP)
         with pytest.raises(Timeout, match=r"query 'look' was not answered within 0.5 s"):
@@ -281,7 +279,7 @@ def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
         with pytest.raises(
             Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'"
         ):
-            user.wait_until_handled(LOOK, STEP, timeout=0.1)  # it knows these
+            user.wait_until_handled(LOOK, STEP, timeout=0.1)  # central knows these
         daemon.signal(signal.SIGCONT)
 
 

@@ -1,4 +1,4 @@
-"""``tca top`` in a real terminal, beside a real central and real modules."""
+"""``tca top`` in a real terminal, with a real central and real modules."""
 
 import json
 import signal
@@ -51,7 +51,7 @@ def test_top_refreshes_until_q_is_pressed(address: str) -> None:
         screen.shows("central at ipc://")
         screen.shows(r"map +█+░* +\d+% +[\d.]+ ")  # a rate
         screen.shows("rates of the last 0")
-        screen.shows(r"legs.*where|'legs' in 'step'")  # who waits for a reply
+        screen.shows(r"legs.*where|'legs' in 'step'")  # a waiting requester
         screen.type(b"q")
         assert screen.ends() == 0
 

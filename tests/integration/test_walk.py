@@ -111,9 +111,7 @@ def test_next_step_is_planned_while_walking_the_current_one(history: History) ->
 
 
 def test_walk_keeps_all_rules_and_properties(walked: tuple[str, Path]) -> None:
-    """``tca check`` on real processes' journal, in which a module was replaced while they
-    walked.
-    """
+    """Checks a journal of real processes, in which a module was replaced during the walk."""
     wanted = [
         "at most 1 planned ahead of take steps",
         "at most 2 handled by controller",

@@ -1,4 +1,4 @@
-"""While a task runs: followers hear its text and its overruns, and clients change its
+"""Changes of a running task: followers get its text and overruns, and clients change its
 parameters.
 """
 
@@ -25,7 +25,7 @@ from tca_wire.journal.facts import StateChanged
 
 
 class Spin(PeriodicTask[Gripper]):
-    """Turn until it is told to stop."""
+    """Turn until a parameter stops it."""
 
     speed: float = parameter(1.0, "In radians per second", minimum=0, maximum=9)
     arm: str = parameter("left", "Which arm", fixed=True)
@@ -38,7 +38,7 @@ class Spin(PeriodicTask[Gripper]):
 
 
 class Hold(OnceTask[Gripper]):
-    """Hold until it is let go."""
+    """Hold until a parameter releases it."""
 
     force: float = 1.0
     holds: bool = True
@@ -149,10 +149,12 @@ def test_progress_updates_are_throttled() -> None:
         message = robot.server.definitions["Count"].message
         told = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
         assert [message.progress.decode(body) for body in told] == [
-            TaskStatus("step 1"), TaskStatus("step 3"),
-            TaskStatus("step 5"), TaskStatus("step 7"),
+            TaskStatus("step 1"),
+            TaskStatus("step 3"),
+            TaskStatus("step 5"),
+            TaskStatus("step 7"),
             TaskStatus("step 8", 2),
-        ]  # fmt: skip
+        ]
         assert list(sent.progress())[-1] == TaskStatus("step 8", 2)
 
 

@@ -1,4 +1,4 @@
-"""``tca console`` as people use it: in a terminal, and where something is wrong."""
+"""``tca console`` in a terminal, and its error messages."""
 
 import signal
 import sys
@@ -40,7 +40,7 @@ def test_console_runs_typed_tasks_in_a_terminal(tmp_path: Path) -> None:
             screen.shows("gear=")
             screen.type(b"'fast', fails='never')\r")
             until(lambda: robot.done[-1] == "to 0", "the rover drives")
-            screen.process.send_signal(signal.SIGINT)  # the terminal does so when Ctrl-C is pressed
+            screen.process.send_signal(signal.SIGINT)  # as the terminal does on Ctrl-C
             frames = screen.shows(
                 r"(?s).*KeyboardInterrupt: status\(\) shows the tasks that still run"
             )

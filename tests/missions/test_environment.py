@@ -1,4 +1,4 @@
-"""The environment that tasks share: its lock, and what it has of the server's life."""
+"""The environment that tasks share: its lock, and its life within the server's."""
 
 from contextlib import suppress
 
@@ -73,7 +73,7 @@ def test_long_wait_for_the_environment_lock_is_logged(
 
 
 class Sensing(Gripper):
-    """Hears where the robot is."""
+    """Receives the place of the robot."""
 
     def attach(self, module: Module) -> None:
         @module.handles(WHERE)

@@ -1,5 +1,5 @@
-"""Tasks are found in a folder and in installed packages; one that can't be offered never stops the
-others.
+"""Task definitions come from a folder and from installed packages. An unusable one never affects
+the others.
 """
 
 import logging

@@ -1,5 +1,5 @@
-"""Foreground and background: the newest takes the place of the one before, and the idle task that
-of nobody.
+"""Foreground and background: the newest run displaces the current one, and the idle task displaces
+none.
 """
 
 import logging
@@ -14,7 +14,7 @@ from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
 
 
 def names(robot: Robot) -> list[str]:
-    """The runs that there are."""
+    """The names of all runs."""
     return [task.message.removeprefix("gripper.") for task in robot.user.tasks()]
 
 

@@ -1,5 +1,5 @@
-"""Tasks whose iterate() does not return: the server and the mission say so, and Ctrl-C gets
-away.
+"""Tasks whose iterate() does not return: the server and the mission log it, and Ctrl-C ends the
+wait.
 """
 
 import logging
@@ -116,7 +116,7 @@ def test_server_logs_once_that_iterate_does_not_return(
 
 
 class CtrlC:
-    """Somebody presses Ctrl-C when the task hangs."""
+    """A condition that raises KeyboardInterrupt once the task hangs."""
 
     def __init__(self, environment: Stuck) -> None:
         self.environment = environment

@@ -1,4 +1,4 @@
-"""Ctrl-C at the moment in which a task is sent."""
+"""Ctrl-C while a task is being sent."""
 
 import signal
 from collections.abc import Iterator

@@ -1,6 +1,4 @@
-"""What becomes of runs when central was restarted, when their server ends, or when who started them
-is gone.
-"""
+"""Runs whose central restarts, whose server ends, or whose client leaves."""
 
 import signal
 import threading
@@ -49,7 +47,7 @@ def test_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch)
     with LocalCentral() as central:
         server = TaskServer("cart", Environment(), [Roll], rate=20, central=central)
         with server.running(), connect("user", central, linger=0) as user:
-            user.command(server.definitions["Roll"].message, {}).id  # noqa: B018 - it has arrived
+            user.command(server.definitions["Roll"].message, {}).id  # noqa: B018 - waits for its arrival
             assert Roll.rolls.wait(SOON)
             central.close()
             assert Roll.stands.wait(SOON)

@@ -48,7 +48,7 @@ def test_mission_call_returns_the_task_end() -> None:
 
 def test_background_task_can_be_waited_for() -> None:
     with mission_of_rover() as (mission, robot):
-        watch = mission.Watch()  # in the background unless told otherwise
+        watch = mission.Watch()  # in the background by default
         assert watch.end is None
         assert mission.Drive(foreground=True).text == ""
         assert mission.first_ended([watch], timeout=0.01) == []
@@ -175,7 +175,7 @@ def test_verified_condition_interrupts_and_terminates_the_task() -> None:
         mission.Drive(x=1.0)
 
         class Arrives:
-            """A condition of one's own; here it never holds, and makes the other one hold."""
+            """A custom condition that never holds, but makes the other one hold."""
 
             def is_verified(self) -> bool:
                 robot.arrived.set()
@@ -226,7 +226,7 @@ def test_repeated_rounds_with_conditions_leave_no_task() -> None:
 
 
 class When:
-    """A condition of one's own."""
+    """A custom condition."""
 
     def __init__(self, is_so: Callable[[], bool]) -> None:
         self.is_verified = is_so
@@ -314,7 +314,7 @@ def drive_until_interrupted(mission: Mission, robot: Rover) -> None:
 
 
 class Interrupts:
-    """Somebody presses Ctrl-C while the rover drives."""
+    """A condition that raises KeyboardInterrupt while the rover drives."""
 
     def __init__(self, robot: Rover) -> None:
         self.robot = robot
@@ -444,7 +444,7 @@ def test_server_loss_fails_running_and_waiting_tasks() -> None:
     with LocalCentral() as central:
         rovers = TaskServer(
             "rover", Rover(), tasks=TASKS, central=central
-        )  # never started: it gives the message
+        )  # never started: only its message is used
         module, begun = Module("rover", central, capacity=1), threading.Event()
 
         def drive(task: Task, _: Any) -> TaskEnd:

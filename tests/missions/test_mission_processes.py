@@ -1,4 +1,4 @@
-"""Missions as processes of their own, that are killed; and what goes on afterwards."""
+"""Missions in their own processes, which are killed and resumed."""
 
 import contextlib
 import re
@@ -33,7 +33,7 @@ TRIP = """
 
 @contextmanager
 def served(folder: Path) -> Iterator[tuple[str, Rover]]:
-    """A central behind a socket, and a rover that serves."""
+    """Run a central behind a socket, and a rover that serves."""
     with RealCentral(f"ipc://{folder}/central.sock") as central:
         robot = Rover()
         with TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address).running():
@@ -44,7 +44,9 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 def on_its_trip(
     address: str, robot: Rover, folder: Path, *, stays: bool = False
 ) -> Iterator[Process]:
-    """The mission in a process, when it drives its second way, and has noted both drives' tasks."""
+    """Run the mission in a process, until it drives back and has recorded both drives in its
+    checkpoint.
+    """
     process = program(TRIP.format(stays=stays), address, cwd=folder)
 
     def drives_back() -> bool:
@@ -79,7 +81,7 @@ def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
         with Mission(
             "rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps"
         ) as mission:
-            assert mission.step("out", mission.Drive, x=1.0).status  # it is not done again
+            assert mission.step("out", mission.Drive, x=1.0).status  # not repeated
             with pytest.raises(
                 StepUncertain,
                 match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost",
@@ -88,9 +90,7 @@ def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
             assert robot.done == []
             mission.repeatable_step("back", mission.Drive, x=2.0)
         assert robot.done == ["to 2", "stands at 2"]
-        assert not (
-            tmp_path / "trip.steps"
-        ).exists()  # a mission that has come to its end begins anew
+        assert not (tmp_path / "trip.steps").exists()  # a completed mission starts over
 
 
 def test_resumed_mission_finds_its_running_task_again(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
 
 
 def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
-    """A reader copies them from docs/missions.md."""
+    """Readers copy them from docs/missions.md."""
     blocks = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL
     )

@@ -1,4 +1,4 @@
-"""What central tells of tasks comes from anybody: a format that makes no sense harms nobody."""
+"""Task formats from other modules: a malformed one does no harm."""
 
 import inspect
 import json

@@ -1,4 +1,4 @@
-"""A task of a mission that did not complete has failed, or was killed, for everybody who looks."""
+"""A run that did not complete has failed, or was killed, for clients, observers and the journal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,8 +37,8 @@ Told = list[tuple[str, str]]
 
 @contextmanager
 def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
-    """Three drives that fail, one that is stopped, one that completes; and their ends, as an
-    observer is told.
+    """Three drives fail, one is stopped, and one completes; with their ends as an observer sees
+    them.
     """
     with (
         rover() as (central, _),
@@ -75,7 +75,7 @@ def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
 
 
 def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """The exception handler of the mission does not kill the task, and returns."""
+    """As if the mission's exception handler had recovered the failure."""
     told = [
         fact
         for fact in entry.facts
@@ -88,7 +88,7 @@ def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
 
 
 def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """Its handler returns a status that is not COMPLETED."""
+    """As if the handler had returned a status that is not COMPLETED."""
     end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
     returned = [
         fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task

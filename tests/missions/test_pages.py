@@ -1,6 +1,4 @@
-"""The code on the pages on missions and task servers runs as it is printed, and does what they
-say.
-"""
+"""The code on the pages about missions and task servers runs as printed."""
 
 import functools
 import re
@@ -38,7 +36,7 @@ def block(page: str, beginning: str) -> str:
 
 
 class Cart(Environment):
-    """A cart that can't leave for some places; it begins to rain after some photographs."""
+    """A cart that can't reach some places. Rain starts after some photographs."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,7 +76,7 @@ class WaitForRain(PeriodicTask[Cart]):
 
 @pytest.fixture
 def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cart]:
-    """It serves at the central of all missions."""
+    """Serve the cart to all missions of the page."""
     monkeypatch.chdir(tmp_path)
     with LocalCentral() as central:
         cart = Cart()
@@ -124,7 +122,7 @@ def test_resumed_patrol_is_still_interrupted_by_rain(
 ) -> None:
     run(PATROL)
     assert (cart.photographs, cart.been[-1]) == ([6, 1, 6], 0)
-    Path("patrol.steps").write_bytes(cart.file_then)  # as if it had been killed in round 2
+    Path("patrol.steps").write_bytes(cart.file_then)  # as after a kill in round 2
     cart.photographs, cart.cut_off, cart.rains_after = [], set(), 2
     run(PATROL)
     assert (cart.photographs, cart.been[-1]) == ([6, 1], 0)

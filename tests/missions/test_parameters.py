@@ -1,6 +1,4 @@
-"""Parameters: declared in the class, known to every sender by the format, checked before anything
-is sent.
-"""
+"""Parameters are declared in the class, published in the format, and checked before sending."""
 
 import json
 from typing import Annotated, Any
@@ -15,7 +13,7 @@ from tca_module import BadData, BadFormat
 
 
 def shape(robot: Robot, task: str) -> dict[str, Any]:
-    """The format of a task's data, as everybody sees it."""
+    """The published format of a task's data."""
     schema: dict[str, Any] = json.loads(robot.user.declared(f"gripper.{task}").data.schema)
     return schema
 

@@ -1,4 +1,4 @@
-"""Periodic tasks keep time without drift, and overruns are counted and shown."""
+"""Periodic tasks do not drift, and overruns are counted and logged."""
 
 import logging
 
@@ -12,7 +12,7 @@ from tca_module.period import Period
 
 
 class Slow(PeriodicTask[Gripper]):
-    """Take so long for each step."""
+    """Take the given time for each step."""
 
     takes: list[float] = parameter([], "Seconds")
 
@@ -33,8 +33,8 @@ class Slow(PeriodicTask[Gripper]):
             [0.13, 0, 0, 0],
             [0, 0.13, 0.2, 0.3],
             1,
-        ),  # the late one begins at once, and the time is kept
-        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are left out
+        ),  # the late one starts at once, and the grid is kept
+        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are skipped
         ([0.1, 0, 0], [0, 0.1, 0.2], 0),
     ],
 )
@@ -56,9 +56,7 @@ def test_period_keeps_its_grid_for_any_iteration_times(takes: list[float], secon
         begun, now = period.due, max(now, period.due) + each
         due = period.next(now, seconds)
         assert due > begun
-        assert (
-            due >= now - seconds - 1e-9
-        )  # a late one begins at once, and not more than one period late
+        assert due >= now - seconds - 1e-9  # a late one starts at once, at most one period late
         assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
         assert due <= max(now, begun) + seconds + 1e-9
         assert round((due - 5.0) / seconds) >= number

@@ -1,5 +1,7 @@
-"""Random lives of a task server: whatever is sent, killed and changed, the foreground is one
-task's, and what was initialised is terminated once.
+"""Random use of a task server.
+
+Under any sends, kills and updates, one run has the foreground, and each initialised run is
+terminated once.
 """
 
 from collections import Counter
@@ -16,7 +18,7 @@ SECONDS = st.sampled_from([0.0, 0.05, 0.1, 0.25])
 
 
 class Noted:
-    """Writes down when a run begins and ends."""
+    """Records when a run begins and ends."""
 
     env: Gripper
     task: Any
@@ -76,7 +78,7 @@ ACTS = st.lists(
 
 
 def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
-    """Let one thing happen."""
+    """Carry out one random act."""
     if isinstance(what, float):
         robot.central.advance(what)
         return
@@ -97,7 +99,7 @@ def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
                     )
                 )
         except (Refused, Rejected):
-            pass  # it has ended
+            pass  # already ended
 
 
 @given(ACTS)

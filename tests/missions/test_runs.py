@@ -1,4 +1,4 @@
-"""What a run of a task does, from initialise to terminate, on every way out."""
+"""A run of a task, from initialise to terminate, with every kind of end."""
 
 import logging
 

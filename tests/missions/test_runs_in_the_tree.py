@@ -1,6 +1,4 @@
-"""A run is a task of the tree: exception handlers retry it, it holds locks, and its story is
-told.
-"""
+"""A run is a task of the tree: exception handlers retry it, and it holds locks."""
 
 from missions.gripper import Gripper, serving
 
@@ -11,7 +9,7 @@ AGAIN, PICK = ExceptionHandler("again"), Goal("pick")
 
 
 class Close(PeriodicTask[Gripper]):
-    """Close, with ever more force."""
+    """Close with a given force."""
 
     force: float = 1.0
     speed: float = 1.0
@@ -27,7 +25,7 @@ class Close(PeriodicTask[Gripper]):
 
 
 class Wait(PeriodicTask[Gripper]):
-    """Fail when it is told to."""
+    """Fail once a parameter says so."""
 
     speed: float = 1.0
     fails: bool = False

@@ -1,4 +1,6 @@
-"""Steps of missions: done once, whatever becomes of the program; and the file that says so."""
+"""Steps of missions are done once, also when the program dies; and the checkpoint file that records
+them.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +19,7 @@ from tca_module.testing import LocalCentral
 
 
 class Trip:
-    """Runs of one program, one after the other."""
+    """Consecutive runs of one program."""
 
     def __init__(self, central: LocalCentral, robot: Rover, file: Path) -> None:
         self.central, self.robot, self.file = central, robot, file
@@ -75,7 +77,7 @@ def test_failed_step_is_repeated(trip: Trip) -> None:
 
 
 def die_in_a_step(trip: Trip, **parameters: Any) -> None:
-    """A run whose file is as it was when the step had begun: the process had died then."""
+    """Run a program that dies in a step: its checkpoint is restored to that moment."""
     with crashes(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
 
@@ -99,7 +101,7 @@ def test_interrupted_step_is_uncertain(trip: Trip) -> None:
             mission.step("out", list)
         assert [fate for _, fate in caught.value.outcomes] == ["completed"]
         mission.skip_step("out")
-        assert mission.step("out", list) is None  # it was skipped
+        assert mission.step("out", list) is None  # skipped
         raise Crash
     assert trip.robot.done == []
 
@@ -139,7 +141,7 @@ def test_step_names_must_be_unique_within_a_run(trip: Trip) -> None:
 
 
 def moment() -> datetime:
-    return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - one without a zone is what does not keep by itself
+    return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - without a zone its type would be lost
 
 
 def pair() -> tuple[int, bytes]:
@@ -176,7 +178,7 @@ def test_resumed_step_returns_the_stored_value(trip: Trip, function: Callable[[]
 def test_step_value_that_cannot_be_stored_is_rejected(
     trip: Trip, function: Callable[[], Any]
 ) -> None:
-    for _ in range(2):  # it does not count as done, and is not uncertain either
+    for _ in range(2):  # neither done nor uncertain
         with crashes(), trip.mission() as mission:
             with pytest.raises(
                 MisuseError, match="step 'look' does not count as done: its value can't be stored"

@@ -1,4 +1,4 @@
-"""The file for editors and type checkers: a user's program with it passes mypy, and runs."""
+"""The stub file for editors and type checkers: a program that uses it passes mypy, and runs."""
 
 import subprocess
 import sys

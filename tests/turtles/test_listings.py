@@ -57,8 +57,9 @@ ROWS = rows()
 
 
 def code_lines(place: str) -> int:
-    """Lines of code of a file, of the body of one of its functions, or of one of its classes
-    (`file: name`): no empty ones, comments or docstrings.
+    """Lines of code of a file, or of one of its functions or classes (`file: name`).
+
+    Blank lines, comments and docstrings do not count.
     """
     file, _, name = place.partition(": ")
     text = next(path for path in (TURTLE / file, ROOT / file) if path.exists()).read_text()

@@ -1,4 +1,4 @@
-"""The three missions over a network that loses half of what is sent: without processes, for many
+"""The three missions over a network that loses half of all datagrams, without processes, for many
 seeds.
 """
 
@@ -15,11 +15,11 @@ from tca_behaviours.missions import Mission
 
 Step = tuple[str, dict[str, Any]]
 PERIOD = 0.1
-"""Seconds between two looks at a status."""
+"""Seconds between two checks of a status."""
 
 
 class Recorder:
-    """Takes what a mission does as a list; the three have no branches."""
+    """Records the actions of a mission; the three missions have no branches."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
@@ -29,7 +29,7 @@ class Recorder:
 
 
 class Agent:
-    """Plays one mission on a network; how long it is on its way, the seed decides."""
+    """Plays one mission on a network; the seed decides its travel times."""
 
     def __init__(
         self, name: str, network: LossyNetwork, happened: list[tuple[str, str, Any]]
