@@ -46,7 +46,7 @@ class Process:
         if log is not None:
             files[1:] = [os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)] * 2
         self.returncode: int | None = None
-        self.pid = _nursery().start(command, files, {**os.environ, **(environment or {})}, cwd)
+        self.pid = _fork_server().start(command, files, {**os.environ, **(environment or {})}, cwd)
         for file in {*its, *files}:
             os.close(file)
 
@@ -58,7 +58,7 @@ class Process:
     def poll(self) -> int | None:
         """Its exit code, as of ``os.waitstatus_to_exitcode``; None while it runs."""
         if self.returncode is None:
-            self.returncode = _nursery().look(self.pid)
+            self.returncode = _fork_server().exit_code(self.pid)
         return self.returncode
 
     def wait(self, timeout: float = SOON) -> int:
@@ -211,7 +211,7 @@ def tca(*arguments: str) -> "subprocess.CompletedProcess[str]":
 # --- forking ----------------------------------------------------------------------------------------
 
 
-class _Nursery:
+class _ForkServer:
     """The process that forks others, and reports their exit codes."""
 
     def __init__(self) -> None:
@@ -245,24 +245,24 @@ class _Nursery:
         words = {"command": command, "environment": environment, "cwd": str(cwd or Path.cwd())}
         return int(self._ask(words, files))
 
-    def look(self, process: int) -> int | None:
+    def exit_code(self, process: int) -> int | None:
         """The exit code of a process, or None. It must not be asked again after the end."""
         code: int | None = self._ask({"look": process})
         return code
 
 
 @functools.cache
-def _nursery() -> _Nursery:
-    return _Nursery()
+def _fork_server() -> _ForkServer:
+    return _ForkServer()
 
 
 def end() -> None:
     """Stop the forking process."""
-    if _nursery.cache_info().currsize:
-        _nursery().close()
+    if _fork_server.cache_info().currsize:
+        _fork_server().close()
 
 
-def _forked(line: socket.socket) -> list[str]:
+def _serve_forks(line: socket.socket) -> list[str]:
     """Fork on each request. Returns in each new process only, with its command."""
     while packet := socket.recv_fds(line, 1 << 20, 3):
         text, files, *_ = packet
@@ -289,7 +289,7 @@ def _forked(line: socket.socket) -> list[str]:
     raise AssertionError
 
 
-def _be(command: list[str]) -> None:
+def _become(command: list[str]) -> None:
     """Become ``python COMMAND...``, ``tca ...``, or another program, given by its path."""
     how, *words = command
     sys.argv = command
@@ -321,4 +321,4 @@ if __name__ == "__main__":
         import_module(name)
     del sys.modules["tca_central.__main__"]  # it runs as the main module
     gc.freeze()
-    _be(_forked(socket.socket(fileno=int(sys.argv[1]))))
+    _become(_serve_forks(socket.socket(fileno=int(sys.argv[1]))))

@@ -47,7 +47,7 @@ class Joint(Component[JointData]):
 
         movement = self.region("movement", period=STEP)
         stopped = movement.state("stopped")
-        moving = movement.state("moving", exit=self.tell)
+        moving = movement.state("moving", exit=self.publish_position)
         fast = moving.state("fast", activity=self.move_fast, period=STEP, estimate=0.0001)
         slow = moving.state("slow", activity=self.move_slow, period=2 * STEP)
         stopped.to(
@@ -79,5 +79,5 @@ class Joint(Component[JointData]):
         if abs(left) <= step:
             self.post("stop")
 
-    def tell(self) -> None:
+    def publish_position(self) -> None:
         self.position.set(self.data.position)

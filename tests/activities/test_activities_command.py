@@ -44,7 +44,7 @@ def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) ->
     assert "does not answer" in said(daemon.address)
 
 
-def until_told(live: LiveApplication, part: str, words: str) -> None:
+def wait_for_part(live: LiveApplication, part: str, words: str) -> None:
     """Wait until the newest value of a part contains some words."""
     since, end = 0, time.monotonic() + 30
     while time.monotonic() < end:
@@ -66,8 +66,8 @@ def test_page_shows_lost_central_and_new_central_gets_all_state(
         with central(tmp_path / "first", "--quiet", bind=address):
             robot.enter_context(module.running())
             robot.enter_context(live.running())
-            until_told(live, "application", "referencing")
-        until_told(live, "lost", "does not answer")
+            wait_for_part(live, "application", "referencing")
+        wait_for_part(live, "lost", "does not answer")
         with (
             central(tmp_path / "second", "--quiet", bind=address),
             connect("user", address) as user,
@@ -102,9 +102,9 @@ def test_page_shows_that_an_application_is_stalled(
         module, live = Module("robot", daemon.address), LiveApplication("arm", daemon.address)
         Manager(Application("arm", [Joint()]), picture=draw).handle_in(module)
         with module.running(), live.running():
-            until_told(live, "application", "referencing")
+            wait_for_part(live, "application", "referencing")
             drawing.set()
-            until_told(
+            wait_for_part(
                 live,
                 "lost",
                 "'arm' has sent no report for more than 2.5 s: its program hangs or is delayed",

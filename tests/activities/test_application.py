@@ -482,10 +482,10 @@ def test_application_misuse_is_rejected_without_effect(
     application = Application("test", [Counter("c")], baton=baton)
     before = application.allocation()
 
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         with pytest.raises(MisuseError) as raised:
             eval(case, {**globals(), "one": application})
         assert application.allocation() == before
         return str(raised.value)
 
-    approve("mistakes.txt", tell)
+    approve("mistakes.txt", message_of)

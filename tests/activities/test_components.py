@@ -322,7 +322,7 @@ def two(region: Region, on: str = "", needs: str = "") -> None:
 
 
 def test_invalid_component_is_rejected(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         bare = Bare()
         with pytest.raises(MisuseError) as error:
             (
@@ -331,4 +331,4 @@ def test_invalid_component_is_rejected(approve: Callable[..., None]) -> None:
             )
         return str(error.value)
 
-    approve("bad_components.txt", tell)
+    approve("bad_components.txt", message_of)

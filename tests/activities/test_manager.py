@@ -41,7 +41,7 @@ class Town(NamedTuple):
 
 
 @pytest.fixture
-def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_queue(monkeypatch: pytest.MonkeyPatch) -> None:
     """At most three unpublished transitions are kept."""
     monkeypatch.setattr("tca_behaviours.activities.manager.manager._MAX_WAITING", 3)
 
@@ -98,7 +98,7 @@ def test_every_transition_is_published(town: Town) -> None:
     assert figures["x.enabling.machine"] == 10
 
 
-@pytest.mark.usefixtures("few_wait")
+@pytest.mark.usefixtures("short_queue")
 def test_transition_during_publication_is_published(
     town: Town, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,7 +58,7 @@ def test_invalid_model_is_rejected_with_its_line(
     """Each case replaces a part of the valid model: OLD -> NEW. " / " stands for a line break."""
     path = tmp_path / "cleaning.toml"
 
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         old, _, new = case.replace(" / ", "\\n").rpartition(" -> ")
         assert old.replace("\\n", "\n") in TEXT, case
         path.write_text(TEXT.replace(old.replace("\\n", "\n") or TEXT, literal_eval(new), 1))
@@ -66,7 +66,7 @@ def test_invalid_model_is_rejected_with_its_line(
             read_model(path)
         return str(error.value).replace(f"{tmp_path}/", "")
 
-    approve("bad_models.txt", tell)
+    approve("bad_models.txt", message_of)
 
 
 def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:

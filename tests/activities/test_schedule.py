@@ -14,7 +14,7 @@ UNIT = 1000.0
 PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]
 
 
-class Made:
+class RunningSchedule:
     """Activities on processors in virtual time; a tick takes 10 by default."""
 
     def __init__(self, periods: list[float], costs: dict[str, float] = {}) -> None:  # noqa: B006 - never changed
@@ -45,7 +45,7 @@ class Made:
 def test_no_tick_is_lost_or_doubled_when_activities_move(
     periods: list[float], data: st.DataObject
 ) -> None:
-    made = Made(periods)
+    made = RunningSchedule(periods)
     for _ in range(12):
         made.baton.run(data.draw(st.integers(1, 5000)))
         to = data.draw(st.sampled_from(["p0", "p1", "p2"]))
@@ -64,7 +64,7 @@ def test_no_tick_is_lost_or_doubled_when_activities_move(
 
 @given(st.data())
 def test_changed_period_counts_from_the_previous_tick(data: st.DataObject) -> None:
-    made = Made([4 * UNIT, 3 * UNIT])
+    made = RunningSchedule([4 * UNIT, 3 * UNIT])
     wanted = 4 * UNIT
     in_force = [(0.0, wanted)]
     for _ in range(10):
@@ -120,7 +120,7 @@ def test_processor_ticks_activities_in_subscription_order(names: list[str], cost
 
 
 def test_activity_due_during_a_round_waits_for_the_next() -> None:
-    made = Made([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
+    made = RunningSchedule([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
     made.baton.run(6 * UNIT)
     assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
     made.baton.run(1 * UNIT)
@@ -131,7 +131,7 @@ def test_activity_due_during_a_round_waits_for_the_next() -> None:
 
 
 def test_unassigned_activity_is_due_when_reassigned() -> None:
-    made = Made([2 * UNIT, 2 * UNIT])
+    made = RunningSchedule([2 * UNIT, 2 * UNIT])
     with made.baton.changing() as schedule:
         schedule.unassign(schedule.activity("a0"))
     made.baton.run(5 * UNIT)

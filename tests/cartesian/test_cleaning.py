@@ -80,7 +80,7 @@ def test_joint_moves_only_when_enabled_and_referenced() -> None:
     x.command.put("reference")
     robot.baton.run(0.5)
     assert (x.movement.current, x.referencing.current) == ("standing", "unreferenced")
-    robot.tell_joints("enable")
+    robot.command_joints("enable")
     robot.run_until(lambda: x.enabling.is_in("enabled"))
     x.target.put(JointTarget(1.0, 0.5))
     robot.baton.run(0.5)
@@ -138,11 +138,11 @@ def test_disabled_joint_stops_at_once_and_retains_its_reference() -> None:
 
 def test_stopped_search_leaves_no_reference() -> None:
     robot = VirtualRobot()
-    robot.tell_joints("enable")
+    robot.command_joints("enable")
     robot.run_until(lambda: robot.parts.x.enabling.is_in("enabled"))
-    robot.tell_joints("reference")
+    robot.command_joints("reference")
     robot.run_until(lambda: robot.parts.x.referencing.is_in("searching"))
-    robot.tell_joints("stop")
+    robot.command_joints("stop")
     robot.baton.run(0.5)
     assert robot.parts.x.referencing.current == "unreferenced"
     before = robot.positions()

@@ -45,13 +45,13 @@ class VirtualRobot:
         assert self.parts.device.scene.value is not None
         return self.parts.device.scene.value
 
-    def tell_joints(self, command: str) -> None:
+    def command_joints(self, command: str) -> None:
         for joint in self.joints:
             joint.command.put(command)
 
     def make_ready(self) -> None:
         """Enable and reference all joints."""
-        self.tell_joints("enable")
+        self.command_joints("enable")
         self.run_until(lambda: all(joint.enabling.is_in("enabled") for joint in self.joints))
-        self.tell_joints("reference")
+        self.command_joints("reference")
         self.run_until(lambda: all(joint.referencing.is_in("referenced") for joint in self.joints))

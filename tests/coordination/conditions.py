@@ -49,14 +49,14 @@ def activities_seen(machine: Coordination, entries: list[Entry]) -> list[SeenAct
             elif isinstance(fact, Killed):
                 ended[fact.task] = number  # if no handler has it
             elif isinstance(fact, StateChanged) and (report := read_report(fact.body)):
-                _note(machine, report.news, seen, began, number)
+                _record_roles(machine, report.news, seen, began, number)
     for one in seen:
         for task, times in one.tasks.items():
             times.ended = ended.get(task, len(entries))
     return seen
 
 
-def _note(
+def _record_roles(
     machine: Coordination,
     news: list[RoleChange],
     seen: list[SeenActivity],
@@ -93,10 +93,10 @@ def check_conditions(machine: Coordination, entries: list[Entry]) -> None:
                 and other is not current
                 and current.entered < current.ended
             ):
-                _check_apart(current, current.entered, other)
+                _check_no_conflict(current, current.entered, other)
 
 
-def _check_apart(current: SeenActivity, entered: int, other: SeenActivity) -> None:
+def _check_no_conflict(current: SeenActivity, entered: int, other: SeenActivity) -> None:
     if other.began < current.ended and entered < other.ended:
         conditions = current.activity.needs.keys() | current.activity.makes.keys()
         assert not other.activity.makes.keys() & conditions, (current, other)

@@ -139,7 +139,7 @@ class Play:
         self.central.advance(seconds)
         return run
 
-    def start_mistaken(
+    def start_with_wrong_prediction(
         self, *events: str, seconds: float = 4, later: float = 30
     ) -> SentTask[CoordinationEnd]:
         """Start as start() does; box B is taken after *seconds*."""
@@ -156,7 +156,7 @@ class Play:
         self.user.set_variable(BOX_B_FREE, free)
         self.central.until_quiet()
 
-    def happened(self) -> list[str]:
+    def event_lines(self) -> list[str]:
         """The events of the run's tasks with their times: roles, ends and transitions."""
         return list(_lines(self.central, self.coordinator.chart))
 

@@ -12,7 +12,7 @@ from tca_wire.coordination import CoordinationReport, read_report
 from tca_wire.journal.facts import Entry, StateChanged
 
 
-class Told(NamedTuple):
+class TimedReport(NamedTuple):
     """A report of a run."""
 
     number: int
@@ -51,7 +51,7 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
     return ahead
 
 
-def _last_left(told: list[Told], state: int) -> float:
+def _last_left(told: list[TimedReport], state: int) -> float:
     """Time of the last transition that left a state or made it unforeseen, before it was entered."""
     found = 0.0
     for one, following in pairwise(told):
@@ -65,8 +65,8 @@ def _last_left(told: list[Told], state: int) -> float:
     return found
 
 
-def _reports(entries: list[Entry]) -> Iterator[Told]:
+def _reports(entries: list[Entry]) -> Iterator[TimedReport]:
     for number, entry in enumerate(entries):
         for fact in entry.facts:
             if isinstance(fact, StateChanged) and (report := read_report(fact.body)):
-                yield Told(number, entry.time, report)
+                yield TimedReport(number, entry.time, report)

@@ -175,7 +175,7 @@ def run_of(machine: Coordination, policy: Policy | None) -> Iterator[Play]:
             yield Play(central, module, coordinator, user)
 
 
-def befall(random: Random, play: Play, seconds: float) -> None:
+def disturb(random: Random, play: Play, seconds: float) -> None:
     """Let random events happen around the robot."""
     user = play.user
     acts: list[Callable[[], object]] = [

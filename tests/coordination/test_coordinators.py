@@ -153,7 +153,7 @@ def test_state_with_unmet_needs_takes_its_failed_arrow() -> None:
     with play(machine, AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 arm to stuck: current",
             "0.5 arm to stuck: failed",
             "0.5 -> grasping (failed)",
@@ -192,7 +192,7 @@ def test_next_activity_waits_for_a_slow_cancel_of_its_agent() -> None:
         run.central.advance(1)
         run.event("noise")
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "1 -> look (noise)",
             "3 base to B: killed",
@@ -213,7 +213,11 @@ def test_uncancellable_task_is_killed_after_patience() -> None:
         ran = run.begin()
         run.event("noise")
         run.central.advance(10)
-        assert run.happened() == ["0 base to B: current", "0 -> end (noise)", "2 base to B: killed"]
+        assert run.event_lines() == [
+            "0 base to B: current",
+            "0 -> end (noise)",
+            "2 base to B: killed",
+        ]
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
@@ -259,7 +263,7 @@ def test_tasks_of_one_activity_start_and_fail_together() -> None:
     with play(machine, None) as run:
         run.begin()
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to stuck: current",
             "0 gripper open: current",
@@ -276,11 +280,11 @@ def test_event_without_an_arrow_is_dropped() -> None:
         run.box_b(0.0)
         run.begin()
         run.event("box kicked")
-        assert run.happened() == []
+        assert run.event_lines() == []
         run.coordinator.post("object given")
         run.central.until_quiet()
         run.event("done")  # the name of an activity's own event
-        assert run.happened() == ["0 -> going to B (object given)", "0 base to B: current"]
+        assert run.event_lines() == ["0 -> going to B (object given)", "0 base to B: current"]
         with pytest.raises(MisuseError, match="has no event 'kick': there are object given"):
             run.coordinator.post("kick")
 

@@ -56,10 +56,10 @@ def fork(free: Activity, *taken: Activity) -> Coordination:
     return machine
 
 
-def mistaken(run: Play) -> list[str]:
+def events_after_mistake(run: Play) -> list[str]:
     """Take box B after early work is done; return the events from then on."""
-    run.start_mistaken()
-    return [line for line in run.happened() if float(line.split()[0]) > 4]
+    run.start_with_wrong_prediction()
+    return [line for line in run.event_lines() if float(line.split()[0]) > 4]
 
 
 def test_early_result_survives_a_short_wrong_observation() -> None:
@@ -70,7 +70,7 @@ def test_early_result_survives_a_short_wrong_observation() -> None:
         run.central.advance(1)
         run.box_b(1.0)
         run.central.advance(20)
-        assert [line for line in run.happened() if "arm to" in line] == [
+        assert [line for line in run.event_lines() if "arm to" in line] == [
             "0 arm to box B: ahead",
             "3 arm to box B: done",
             "8 arm to box B: kept",
@@ -83,14 +83,14 @@ def test_early_result_is_not_undone_when_overwritten() -> None:
         fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")),
         AS_SOON_AS_LIKELY,
     ) as run:
-        assert "arm to home: restoring" not in " ".join(mistaken(run))
-        assert run.happened()[-1].endswith("-> end (done)")
+        assert "arm to home: restoring" not in " ".join(events_after_mistake(run))
+        assert run.event_lines()[-1].endswith("-> end (done)")
 
 
 def test_partly_overwritten_early_result_is_undone() -> None:
     both = Activity(Do(MOVE_ARM, "box B", ARM), makes={"arm": "box B", "lid": "open"}, undo=HOME)
     with play(fork(both, arm("box C"), opened(lid="shut", arm="box C")), AS_SOON_AS_LIKELY) as run:
-        assert mistaken(run) == [
+        assert events_after_mistake(run) == [
             "8 base to B: done",
             "8 -> taken 1 (done)",
             "8 arm to box B: wasted",
@@ -108,26 +108,29 @@ def test_partly_overwritten_early_result_is_undone() -> None:
 def test_run_end_undoes_wasted_early_work() -> None:
     """The next run assumes that the arm is at home."""
     with play(fork(arm("box B", undo=HOME), opened()), AS_SOON_AS_LIKELY) as run:
-        assert mistaken(run)[-2:] == ["8 arm to home: restoring", "11 arm to home: done"]
+        assert events_after_mistake(run)[-2:] == [
+            "8 arm to home: restoring",
+            "11 arm to home: done",
+        ]
 
 
 def test_work_without_undo_is_not_started_early() -> None:
     with play(fork(arm("box B"), opened()), AS_SOON_AS_LIKELY) as run:
-        assert "arm" not in " ".join(mistaken(run))
+        assert "arm" not in " ".join(events_after_mistake(run))
 
 
 def test_early_task_that_never_started_is_not_undone() -> None:
     """The arm is locked, so its early task stays queued until it is stopped."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         with connect("locker", run.central) as locker, locker.lock("arm"):
-            assert "8 -> end (done)" in mistaken(run)
-        assert "arm to home" not in " ".join(run.happened())
+            assert "8 -> end (done)" in events_after_mistake(run)
+        assert "arm to home" not in " ".join(run.event_lines())
 
 
 def test_failed_undo_fails_the_state_that_needs_it() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         with pytest.raises(
             TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"
         ):
@@ -136,12 +139,12 @@ def test_failed_undo_fails_the_state_that_needs_it() -> None:
 
 def test_state_cannot_start_on_facts_of_wasted_early_work() -> None:
     with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         with pytest.raises(
             TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"
         ):
             ran.result(timeout=5)
-        assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
+        assert run.event_lines()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
 
 
 def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
@@ -162,7 +165,7 @@ def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
         run.box_b(0.0)
         ran = run.begin()
         run.central.advance(30)
-        assert "3 gripper open: ahead" in run.happened()
+        assert "3 gripper open: ahead" in run.event_lines()
         with pytest.raises(TaskFailed, match="'drop' can't begin"):
             ran.result(timeout=5)
 
@@ -230,7 +233,7 @@ def test_next_activity_waits_for_facts_that_a_left_one_needs() -> None:
         run.begin()
         run.event("greet")
         run.central.advance(5)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 -> wave (greet)",
             "2 base to B: killed",
@@ -254,7 +257,7 @@ def test_recovered_run_failure_stops_early_work() -> None:
             run.user.on_failure(None, shrug)
             run.begin()
             run.central.advance(1)
-            assert "0 base to B: ahead" in run.happened()
+            assert "0 base to B: ahead" in run.event_lines()
             assert run.user.tasks() == []
 
 

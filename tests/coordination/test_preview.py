@@ -2,7 +2,7 @@
 
 import pytest
 from coordination.box_delivery import DELIVER, LABELS, arm, number, situation
-from coordination.drawn_machines import Drawn
+from coordination.drawn_machines import RandomAutomaton
 
 from tca_behaviours.coordination import (
     Coordination,
@@ -16,7 +16,7 @@ from tca_module import MisuseError
 from tca_wire.coordination import Foreseen
 
 
-def foreseen(
+def preview_labels(
     current: str, free: float | None = 1.0, limits: PreviewLimits | None = None
 ) -> list[str]:
     found = most_likely(
@@ -27,15 +27,15 @@ def foreseen(
 
 def test_preview_ends_at_a_waiting_state() -> None:
     way_back = ["tucking", "going to A", "homing", "waiting"]
-    assert foreseen("going to B") == ["arm to B", "dropping at B", "dropped at B", *way_back]
-    assert foreseen("going to B", free=0.3) == [
+    assert preview_labels("going to B") == ["arm to B", "dropping at B", "dropped at B", *way_back]
+    assert preview_labels("going to B", free=0.3) == [
         "going to C",
         "arm to C",
         "dropping at C",
         *way_back,
     ]
-    assert foreseen("going to B", free=None) == [], "unknown"
-    assert foreseen("waiting") == [], "an event of others is not foreseen"
+    assert preview_labels("going to B", free=None) == [], "unknown"
+    assert preview_labels("waiting") == [], "an event of others is not foreseen"
 
 
 def test_preview_probabilities_multiply_along_the_path() -> None:
@@ -45,7 +45,10 @@ def test_preview_probabilities_multiply_along_the_path() -> None:
 
 
 def test_preview_ends_at_its_horizon() -> None:
-    assert foreseen("going to B", limits=PreviewLimits(horizon=2)) == ["arm to B", "dropping at B"]
+    assert preview_labels("going to B", limits=PreviewLimits(horizon=2)) == [
+        "arm to B",
+        "dropping at B",
+    ]
 
 
 def test_preview_prefers_the_shorter_then_the_first_path() -> None:
@@ -53,8 +56,10 @@ def test_preview_prefers_the_shorter_then_the_first_path() -> None:
         return [LikelyArrow("done", target, 1 / len(targets)) for target in targets]
 
     ends: dict[int, list[LikelyArrow]] = {8: [], 9: []}
-    assert most_likely(Drawn({0: arrows(1, 9), 1: arrows(8), **ends}), 0) == [Foreseen(9, 0.5, 0.5)]
-    seen_late = Drawn(
+    assert most_likely(RandomAutomaton({0: arrows(1, 9), 1: arrows(8), **ends}), 0) == [
+        Foreseen(9, 0.5, 0.5)
+    ]
+    seen_late = RandomAutomaton(
         {
             0: [LikelyArrow("done", 1, 0.5), LikelyArrow("done", 3, 0.25)],
             1: arrows(2),
@@ -64,9 +69,9 @@ def test_preview_prefers_the_shorter_then_the_first_path() -> None:
         }
     )
     assert [one.state for one in most_likely(seen_late, 0)] == [3, 9], "0.25, as that by 1 and 2"
-    two_long = Drawn({0: arrows(1, 2), 1: arrows(8), 2: arrows(9), **ends})
+    two_long = RandomAutomaton({0: arrows(1, 2), 1: arrows(8), 2: arrows(9), **ends})
     assert [one.state for one in most_likely(two_long, 0)] == [1, 8]
-    unlike = Drawn(
+    unlike = RandomAutomaton(
         {
             0: [LikelyArrow("done", 1, 0.25), LikelyArrow("done", 2, 0.75)],
             1: arrows(8),
@@ -86,7 +91,7 @@ def test_most_likely_path_is_found_below_float_range() -> None:
     arrows = {state: [LikelyArrow("done", state + 1, 0.55)] for state in range(length)}
     for state in range(length - 1):
         arrows[state].append(LikelyArrow("short cut", state + 2, 0.45))
-    found = most_likely(Drawn({**arrows, length: []}), 0)
+    found = most_likely(RandomAutomaton({**arrows, length: []}), 0)
     assert [one.state for one in found] == list(range(2, length + 1, 2))
     assert found[-1].probability == 0
 

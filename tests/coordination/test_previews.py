@@ -54,7 +54,7 @@ def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coor
 def test_arm_moves_early_while_the_base_drives() -> None:
     with play(delivery()) as run:
         ran = run.start("object given", seconds=30)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 -> going to B (object given)",
             "0 base to B: current",
             "2 arm to box B: ahead",
@@ -80,7 +80,7 @@ def test_arm_moves_early_while_the_base_drives() -> None:
 def test_no_early_work_starts_without_a_policy() -> None:
     with play(delivery(), None) as run:
         ran = run.start("object given", seconds=30)
-        assert [line for line in run.happened() if line.startswith(("8 ", "11 "))] == [
+        assert [line for line in run.event_lines() if line.startswith(("8 ", "11 "))] == [
             "8 base to B: done",
             "8 -> arm to box B (done [box B is free])",
             "8 arm to box B: current",
@@ -93,8 +93,8 @@ def test_no_early_work_starts_without_a_policy() -> None:
 
 def test_changed_observation_replaces_early_work() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken("object given", seconds=1, later=40)
-        assert run.happened()[:13] == [
+        ran = run.start_with_wrong_prediction("object given", seconds=1, later=40)
+        assert run.event_lines()[:13] == [
             "0 -> going to B (object given)",
             "0 base to B: current",
             "0 arm to box B: ahead",
@@ -116,8 +116,8 @@ def test_changed_observation_replaces_early_work() -> None:
 def test_early_work_is_undone_for_a_state_needing_the_old_fact() -> None:
     ahead = arm("box B", undo=HOME)
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
-        assert run.happened() == [
+        ran = run.start_with_wrong_prediction()
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to box B: ahead",
             "3 arm to box B: done",
@@ -160,7 +160,7 @@ def test_early_greeting_is_not_reused_for_the_next_visitor() -> None:
         run.box_b(1.0)
         run.central.advance(30)
         run.event("stop")
-        assert [line for line in run.happened() if "hello" in line or "greet" in line] == [
+        assert [line for line in run.event_lines() if "hello" in line or "greet" in line] == [
             "0 gripper hello: ahead",
             "1 gripper hello: done",
             "8 gripper hello: wasted",
@@ -182,7 +182,7 @@ def test_failed_undo_is_logged(caplog: pytest.LogCaptureFixture) -> None:
             raise STUCK(0.5, "jammed")
 
     with play(fork(arm("box B", undo=HOME), base("C")), AS_SOON_AS_LIKELY, robot) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         assert ran.result(timeout=5).wasted == 1
     assert "did not undo wasted early work" in caplog.text
 
@@ -207,7 +207,7 @@ def test_early_task_queues_behind_other_tasks() -> None:
 def test_work_without_undo_waits_for_its_state() -> None:
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.start(seconds=20)
-        assert "8 arm to box B: current" in run.happened()
+        assert "8 arm to box B: current" in run.event_lines()
 
 
 def test_slow_early_task_gets_full_speed_on_state_entry() -> None:
@@ -324,7 +324,7 @@ def test_invalid_progress_of_early_task_does_not_end_the_run(
     for progress in (unread, lambda _: "half way"):
         caplog.clear()
         with play(fork(arm("box B", progress=progress, undo=HOME), base("C"))) as run:
-            ran = run.start_mistaken(seconds=5.2)
+            ran = run.start_with_wrong_prediction(seconds=5.2)
             end = ran.result(timeout=5)
             assert (end.state, end.wasted) == ("end", 1)
         told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
@@ -358,7 +358,7 @@ def test_undo_task_may_report_any_progress_type() -> None:
     with play(
         fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot
     ) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         assert ran.result(timeout=5).wasted == 1
 
 
@@ -372,7 +372,7 @@ class Odd(Policy):
 def test_failure_of_early_work_does_not_fail_the_run() -> None:
     with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to stuck: ahead",
             "0.5 arm to stuck: failed",
@@ -402,7 +402,7 @@ def test_exception_handler_can_retry_an_early_task() -> None:
         with expert.running():
             run.user.on_failure(STUCK, around, of=MOVE_ARM)
             ran = run.start(seconds=20)
-            assert run.happened()[2:] == [
+            assert run.event_lines()[2:] == [
                 "0.5 arm to stuck: failed",
                 "8 base to B: done",
                 "8 -> free (done [box B is free])",
@@ -429,7 +429,7 @@ def test_suspended_run_starts_no_task() -> None:
         run.event("object given")
         run.box_b(1.0)
         run.central.advance(20)
-        assert [line for line in run.happened() if line.endswith("done")] == []
+        assert [line for line in run.event_lines() if line.endswith("done")] == []
         ran.resume()
         run.central.advance(30)
         assert ran.wait(timeout=5) is Outcome.DONE
@@ -471,7 +471,7 @@ def test_early_work_inside_a_compound_is_kept_or_wasted() -> None:
     with play(machine, AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.central.advance(20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to shelf: ahead",
             "3 arm to shelf: done",
@@ -490,7 +490,7 @@ def test_early_work_inside_a_compound_is_kept_or_wasted() -> None:
         run.central.advance(1)
         run.event("forget it")
         run.central.advance(20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to shelf: ahead",
             "1 base to B: killed",
@@ -526,7 +526,7 @@ def test_early_work_repeats_in_each_round_of_a_loop() -> None:
         run.central.advance(40)
         run.event("enough")
         assert [
-            line for line in run.happened() if not line.endswith(("done", "done)", "current"))
+            line for line in run.event_lines() if not line.endswith(("done", "done)", "current"))
         ] == [
             "0 arm to down: ahead",
             "8 arm to down: kept",

@@ -163,17 +163,17 @@ def _circle(m: Coordination) -> None:
 
 
 def test_unsound_machine_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
-    def tell(write: str) -> str:
+    def message_of(write: str) -> str:
         machine = Coordination("m")
         with pytest.raises(UnsoundMachine) as refused, machine:
             eval(write)(machine)
         return str(refused.value)
 
-    approve("unsound_machines.txt", tell)
+    approve("unsound_machines.txt", message_of)
 
 
 def test_coordination_misuse_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         machine = Coordination("m")
         with pytest.raises((MisuseError, BadData)) as refused, machine:
             eval(
@@ -187,4 +187,4 @@ def test_coordination_misuse_is_rejected_with_its_reason(approve: Callable[..., 
             )
         return str(refused.value)
 
-    approve("misuses.txt", tell)
+    approve("misuses.txt", message_of)

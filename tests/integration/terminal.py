@@ -21,9 +21,9 @@ class Terminal:
     def __init__(self, command: Sequence[str], **environment: str) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
-        self.before = termios.tcgetattr(slave)
+        self.saved_settings = termios.tcgetattr(slave)
         self.slave = slave
-        self.seen = ""
+        self.unread = ""
         self.process = subprocess.Popen(
             command,
             stdin=slave,
@@ -39,16 +39,16 @@ class Terminal:
         it.
         """
         end = time.monotonic() + SOON
-        while not (found := re.search(pattern, self.seen)):
-            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.seen[-4000:]}"
-            assert self.process.poll() is None, self.seen[-4000:]
+        while not (found := re.search(pattern, self.unread)):
+            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.unread[-4000:]}"
+            assert self.process.poll() is None, self.unread[-4000:]
             if select.select([self.master], [], [], 0.1)[0]:
-                self.seen += re.sub(
+                self.unread += re.sub(
                     r"\x1b\[[0-9;?]*[a-zA-Z]",
                     "",
                     os.read(self.master, 65536).decode(errors="replace"),
                 )
-        self.seen = self.seen[found.end() :]
+        self.unread = self.unread[found.end() :]
         return found[0]
 
     def type(self, keys: bytes) -> None:
@@ -66,7 +66,7 @@ class Terminal:
         while self.process.poll() is None and time.monotonic() < end:
             if select.select([self.master], [], [], 0.1)[0]:
                 os.read(self.master, 65536)
-        assert termios.tcgetattr(self.slave) == self.before
+        assert termios.tcgetattr(self.slave) == self.saved_settings
         return self.process.wait(0)
 
 

@@ -13,7 +13,7 @@ from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
 
 pytestmark = pytest.mark.slow
-MANY = 1000
+COUNT = 1000
 NOTE, HEARD = Inform("note", int), Query("heard", reply=list[int])
 HOLD, ASK_BACK = Inform("hold"), Query("ask back", reply=int)
 DOUBLE, REST = Query("double", int, reply=int), Query("rest", reply=bool)
@@ -24,7 +24,7 @@ class Quick:
 
     def __init__(self, address: str) -> None:
         self.heard: list[int] = []
-        self.most = 0  #: the most prefetched messages seen
+        self.most_prefetched = 0  #: the most prefetched messages seen
         self.module = Module("quick", address)
         self.module.handles(NOTE, resource="ear")(self.note)
         self.module.handles(HEARD, resource="ear")(lambda _: self.heard)
@@ -32,15 +32,15 @@ class Quick:
         self.module.handles(REST, resource="ear")(self.rest)
 
     def note(self, task: Task, number: int) -> None:
-        self.look(task)
+        self.record_prefetched(task)
         self.heard.append(number)
 
     def double(self, task: Task, number: int) -> int:
-        self.look(task)
+        self.record_prefetched(task)
         return 2 * number
 
-    def look(self, task: Task) -> None:
-        self.most = max(self.most, len(task._connection().session.prefetched))
+    def record_prefetched(self, task: Task) -> None:
+        self.most_prefetched = max(self.most_prefetched, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
         """Lock this handler's own resource. True if no prefetched message started inside the lock."""
@@ -57,32 +57,32 @@ def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
 
 def test_prefetched_informs_are_handled_once_in_order(quick: Quick, user: Client) -> None:
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
-        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
-    assert quick.most > 1
+        assert user.query(HEARD, timeout=SOON) == list(range(COUNT))
+    assert quick.most_prefetched > 1
 
 
 def test_prefetched_queries_get_their_own_replies(quick: Quick, user: Client) -> None:
     with quick.module.running():
-        asked = [user.query_send(DOUBLE, number) for number in range(MANY)]
+        asked = [user.query_send(DOUBLE, number) for number in range(COUNT)]
         assert [one.receive(timeout=SOON) for one in asked] == [
-            2 * number for number in range(MANY)
+            2 * number for number in range(COUNT)
         ]
-    assert quick.most > 1
+    assert quick.most_prefetched > 1
 
 
 def test_handler_lock_of_own_resource_delays_prefetched_messages(
     quick: Quick, user: Client
 ) -> None:
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         rests = [user.query_send(REST) for _ in range(5)]
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         assert all(one.receive(timeout=SOON) for one in rests)
-        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * COUNT
 
 
 def test_prefetched_messages_are_not_handled_while_locked(
@@ -91,7 +91,7 @@ def test_prefetched_messages_are_not_handled_while_locked(
 
     def send() -> None:
         with connect("other", daemon.address) as other:
-            for number in range(MANY):
+            for number in range(COUNT):
                 other.inform(NOTE, number)
 
     sending = threading.Thread(target=send)
@@ -104,7 +104,7 @@ def test_prefetched_messages_are_not_handled_while_locked(
                     locker.modules()
                     assert len(quick.heard) == before
             sending.join(SOON)
-        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
+        assert user.query(HEARD, timeout=SOON) == list(range(COUNT))
     facts = [
         fact for fact in daemon.facts(object) if isinstance(fact, Delivered | Returned | Granted)
     ]
@@ -127,10 +127,10 @@ def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: 
         return owed[-1][0]
 
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         asked = [user.query_send(later) for _ in range(5)]
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         for number in range(5):
             while len(owed) <= number:
@@ -139,15 +139,15 @@ def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: 
             user.modules()
             reply.reply(len(quick.heard) == before)
         assert all(one.receive(timeout=SOON) for one in asked)
-        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * COUNT
 
 
 def test_hanging_handler_does_not_delay_earlier_replies(
     quick: Quick, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(turns, "QUICK", SOON)
-    hang, goes_on = Query("hang", reply=bool), threading.Event()
-    quick.module.handles(hang, resource="ear")(lambda _: goes_on.wait(SOON))
+    hang, may_return = Query("hang", reply=bool), threading.Event()
+    quick.module.handles(hang, resource="ear")(lambda _: may_return.wait(SOON))
     with quick.module.running():
         for _ in range(5):
             asked = [user.query_send(DOUBLE, number) for number in range(50)]
@@ -155,12 +155,12 @@ def test_hanging_handler_does_not_delay_earlier_replies(
             assert [one.receive(timeout=SOON / 2) for one in asked] == [
                 2 * number for number in range(50)
             ]
-            goes_on.set()
+            may_return.set()
             assert hanging.receive(timeout=SOON)
-            goes_on.clear()
+            may_return.clear()
 
 
-def test_message_of_prefetched_handler_keeps_its_origin(
+def test_message_sent_by_prefetched_handler_is_accepted_in_order(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
     echo, tell, echoes = Inform("echo", int), Inform("tell", int), Query("echoes", reply=list[int])
@@ -174,10 +174,10 @@ def test_message_of_prefetched_handler_keeps_its_origin(
     quick.module.handles(echo, resource="echo")(lambda _, number: echoed.append(number))
     quick.module.handles(echoes, resource="echo")(lambda _: echoed)
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(tell, number)
         user.query(HEARD, timeout=SOON)
-        assert user.query(echoes, timeout=SOON) == list(range(0, MANY, 7))
+        assert user.query(echoes, timeout=SOON) == list(range(0, COUNT, 7))
     told = {fact.id for fact in daemon.facts(Received) if fact.message == tell.name}
     assert {fact.origin for fact in daemon.facts(Received) if fact.message == echo.name} <= told
     assert daemon.facts(RequestRefused) == []
@@ -188,12 +188,12 @@ def test_leaving_module_returns_unstarted_prefetched_messages(
 ) -> None:
     """Its unstarted prefetched messages go to the next module."""
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
     after = Quick(address)
     with after.module.running():
         assert user.query(HEARD, timeout=SOON) == after.heard
-    assert sorted(quick.heard + after.heard) == list(range(MANY))
+    assert sorted(quick.heard + after.heard) == list(range(COUNT))
 
 
 def test_waiting_callback_lets_its_slot_handle_messages(

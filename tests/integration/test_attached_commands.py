@@ -32,7 +32,7 @@ def test_attached_command_lists_handlers_wiretaps_and_monitors(
         user.tap(Condition.WHILE_HANDLING, walk, LOOK, period=1.0)
         look = other.under(walk).monitor(LOOK, period=9.0)
         code, text, _ = tca(attached)
-        told = json.loads(tca(attached, "--json")[1])
+        report = json.loads(tca(attached, "--json")[1])
     fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
     assert (code, fields[1][0]) == (0, str(fell.id))
     assert [words[1:] for words in fields[1:4]] == [
@@ -56,7 +56,7 @@ def test_attached_command_lists_handlers_wiretaps_and_monitors(
         "message": "walk",
         "maximum": 2,
     }
-    assert told["exception_handlers"][0] == {
+    assert report["exception_handlers"][0] == {
         **first,
         "modules": ["user"],
         "gone": [],
@@ -64,7 +64,7 @@ def test_attached_command_lists_handlers_wiretaps_and_monitors(
         "is_stale": False,
         "handled_by": [],
     }
-    assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
+    assert [one["task"] for one in report["wiretaps"]] == [0, walk.id]
     text = tca(attached)[1]
     assert "other script (has left), user" in text
     assert text.count("(has left)") == 2
@@ -85,8 +85,8 @@ def test_monitor_beyond_listing_limit_is_detached_by_number(
     refs = [user.monitor(LOOK, period=1000.0) for _ in range(20)]
     user.status("attached")  # a request on another connection might overtake the monitors
     text = tca(attached)[1]
-    listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
-    assert listed == [first.id, *(ref.id for ref in refs[:-1])]
+    numbers = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
+    assert numbers == [first.id, *(ref.id for ref in refs[:-1])]
     assert text.endswith("these are only the first: there are 21 monitors\n")
     assert tca(detach, "look")[2].startswith("there are 21 monitors, and central names only")
     last = refs[-1].id
@@ -169,17 +169,17 @@ guard.run()
 """
 
 
-def listed(kind: str) -> dict[str, dict[str, Any]]:
+def attachments(kind: str) -> dict[str, dict[str, Any]]:
     """All attachments of a kind, by the name of the listener or handler."""
     name = {"exception_handlers": "handler", "wiretaps": "listener", "monitors": "monitor"}[kind]
     return {one[name]: one for one in json.loads(tca(attached, "--json")[1])[kind]}
 
 
-def stale() -> list[str]:
+def stale_names() -> list[str]:
     return [
         name
         for kind in ("exception_handlers", "wiretaps", "monitors")
-        for name, one in listed(kind).items()
+        for name, one in attachments(kind).items()
         if one["is_stale"]
     ]
 
@@ -193,12 +193,12 @@ def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Pa
                 lambda: "guard" in {one["module"] for one in user.status("modules")},
                 "the program is there",
             )
-            until(lambda: "later" in listed("wiretaps"), "it has attached something")
+            until(lambda: "later" in attachments("wiretaps"), "it has attached something")
             if not words:
-                until(stale, "the program is said to be ready")
+                until(stale_names, "the program is said to be ready")
                 text = tca(attached)[1]
-                assert stale() == ["say move"]
-                check = listed("wiretaps")["say move"]["id"]
+                assert stale_names() == ["say move"]
+                check = attachments("wiretaps")["say move"]["id"]
                 assert [
                     line.split()[0]
                     for line in text.splitlines()
@@ -206,14 +206,14 @@ def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Pa
                 ] == [str(check)]
                 gone = f"wiretap say move {{{check}}} of all move, which 'guard' had attached in an earlier run: detached\n"
                 assert tca(detach, "--stale") == (0, gone, "")
-                assert [*listed("wiretaps")] == ["later"]
+                assert [*attachments("wiretaps")] == ["later"]
                 assert tca(detach, "--stale") == (0, "nothing is left of earlier runs\n", "")
             process.communicate(timeout=SOON)
         until(
             lambda: "guard" not in {one["module"] for one in user.status("modules")},
             "the program has ended",
         )
-        assert stale() == []  # an absent program may still return unchanged
+        assert stale_names() == []  # an absent program may still return unchanged
 
 
 def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Client) -> None:
@@ -228,7 +228,7 @@ def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Clie
     with first.running():
         pass
     second, early = Module("guard", address), list[str]()
-    second.at_start(lambda _: early.extend(stale()))
+    second.at_start(lambda _: early.extend(stale_names()))
     second.at_start(lambda guard: guard.on_failure(FELL, FIX, of=WALK))
     with second.running():
         assert early == []  # it may still attach more
@@ -239,9 +239,9 @@ def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Clie
         assert found == [(0, "", True), (0, "walk", False)]
         assert known["exception_handlers"][0]["earlier"] == ["guard"]
         assert known["exception_handlers"][0]["gone"] == []
-        assert listed("monitors")["look"]["is_stale"]
+        assert attachments("monitors")["look"]["is_stale"]
         code, text, _ = tca(detach, "--stale")
-        assert (code, text.count("detached"), stale()) == (0, 2, [])
+        assert (code, text.count("detached"), stale_names()) == (0, 2, [])
 
 
 def test_wiretap_on_one_task_is_not_stale(address: str, user: Client) -> None:
@@ -250,8 +250,8 @@ def test_wiretap_on_one_task_is_not_stale(address: str, user: Client) -> None:
         (walk,) = guard.tasks(WALK)
         guard.tap(Condition.AFTER_HANDLED, walk, LATER)
     with Module("guard", address).running():
-        assert listed("wiretaps")["later"]["earlier"] == ["guard"]
-        assert stale() == []
+        assert attachments("wiretaps")["later"]["earlier"] == ["guard"]
+        assert stale_names() == []
 
 
 def test_attachment_shared_with_another_module_is_not_stale(address: str, user: Client) -> None:
@@ -259,14 +259,14 @@ def test_attachment_shared_with_another_module_is_not_stale(address: str, user: 
     with Module("guard", address).running() as guard, Module("guard", address).running():
         guard.on_failure(FELL, FIX, of=WALK)
         guard.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
-        assert stale() == []
+        assert stale_names() == []
         with Module("guard", address).running() as third:  # a copy attaches the same and leaves
             third.on_failure(FELL, FIX, of=WALK)
             third.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
             third.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
-        assert stale() == []
-        assert listed("wiretaps")["say move"]["modules"] == ["guard", "guard#3"]
-        assert listed("wiretaps")["later"]["earlier"] == ["guard#3"]  # shared with the user
+        assert stale_names() == []
+        assert attachments("wiretaps")["say move"]["modules"] == ["guard", "guard#3"]
+        assert attachments("wiretaps")["later"]["earlier"] == ["guard#3"]  # shared with the user
 
 
 def test_attachment_of_an_earlier_script_is_not_stale(address: str) -> None:
@@ -274,8 +274,8 @@ def test_attachment_of_an_earlier_script_is_not_stale(address: str) -> None:
         script.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
     with connect("script", address) as script:
         script.declared("move")
-        assert listed("wiretaps")["later"]["gone"] == ["script"]
-        assert stale() == []
+        assert attachments("wiretaps")["later"]["gone"] == ["script"]
+        assert stale_names() == []
 
 
 def test_detach_rejects_stale_with_a_name_and_neither(user: Client) -> None:

@@ -150,11 +150,11 @@ def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
     assert "Traceback" not in said
 
 
-Refused = Callable[..., str]
+StartRefused = Callable[..., str]
 
 
 @pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
+def start_refused(monkeypatch: pytest.MonkeyPatch) -> StartRefused:
     """Try to start a central with some options; return the error text."""
     monkeypatch.setattr(Daemon, "serve", lambda _: pytest.fail("it has started"))
 
@@ -168,25 +168,27 @@ def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
 
 
 def test_second_central_is_refused_address_and_journal_in_use(
-    tmp_path: Path, refused: Refused
+    tmp_path: Path, start_refused: StartRefused
 ) -> None:
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
-        said = refused("--bind", daemon.address, "--no-journal")
+        said = start_refused("--bind", daemon.address, "--no-journal")
         assert f"can't listen on {daemon.address}: another central uses it; stop it" in said
-        said = refused("--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal))
+        said = start_refused(
+            "--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal)
+        )
         assert "another central writes its journal there: name another folder" in said
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
         with connect("user", daemon.address) as user:
             assert user.status("status")["modules"] == 1
 
 
-def test_start_error_names_the_port_in_use(refused: Refused) -> None:
+def test_start_error_names_the_port_in_use(start_refused: StartRefused) -> None:
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        said = refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
+        said = start_refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
     assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in said
 
 
@@ -206,9 +208,9 @@ def test_start_error_names_the_port_in_use(refused: Refused) -> None:
     ],
 )
 def test_start_error_explains_invalid_option(
-    tmp_path: Path, refused: Refused, options: list[str], words: str
+    tmp_path: Path, start_refused: StartRefused, options: list[str], words: str
 ) -> None:
-    assert words in refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
+    assert words in start_refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
 
 
 def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
@@ -351,7 +353,7 @@ WORK, UNHEARD = Command("work", int), Command("unheard of", int)
 LEVEL, HEIGHT, WHERE = Variable("level", int), Variable("height", int), Query("where", reply=int)
 
 
-def set_to(user: Client, level: int) -> int:
+def set_and_get(user: Client, level: int) -> int:
     user.set_variable(LEVEL, level)
     return user.get_variable(LEVEL)
 
@@ -365,7 +367,7 @@ CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
     "declared": (lambda user: user.declared("work").name, "work"),
     "command": (lambda user: user.command(WORK, 2).id, 1),
     "command of another message": (lambda user: user.command(UNHEARD, 2).id, 2),
-    "set a variable": (lambda user: set_to(user, 3), 3),
+    "set a variable": (lambda user: set_and_get(user, 3), 3),
     "swap a variable": (lambda user: user.swap_variable(HEIGHT, 3), None),
     "ask": (lambda user: user.execute_if_handled(WHERE), None),
 }
@@ -382,5 +384,5 @@ def test_first_call_after_central_restart_keeps_client_state(tmp_path: Path) -> 
             user.set_variable(HEIGHT, 1)
         first.kill()
         stack.enter_context(central(tmp_path / "again", bind=first.address))
-        told = {call: CALLS[call][0](user) for call, user in users.items()}
-        assert told == {call: expected for call, (_, expected) in CALLS.items()}
+        found = {call: CALLS[call][0](user) for call, user in users.items()}
+        assert found == {call: expected for call, (_, expected) in CALLS.items()}

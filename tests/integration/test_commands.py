@@ -46,8 +46,8 @@ def test_send_wait_prints_the_task_result(robot: list[str]) -> None:
     assert code == 0
     assert text.splitlines()[1] == 'done: {"x": 2.0, "y": 0.0}'
     code, text, _ = tca(send, "move", '{"leg": 1, "to": {"x": 2, "y": 3}}', "--wait", "--json")
-    told = json.loads(text)
-    assert (code, told["outcome"], told["result"]) == (0, "done", {"x": 2.0, "y": 3.0})
+    report = json.loads(text)
+    assert (code, report["outcome"], report["result"]) == (0, "done", {"x": 2.0, "y": 3.0})
     assert tca(send, "move", "-", "--wait", given='{"leg": 1, "to": {"x": 1}}')[0] == 0
     assert tca(send, "walk", "0", "--wait")[1].endswith("}\ndone\n")
 
@@ -56,8 +56,8 @@ def test_send_wait_exits_1_when_task_fails_or_is_killed(robot: list[str], user: 
     code, text, error = tca(send, "walk", "--wait", "--", "-1")
     assert (code, error) == (1, f"{text.strip()} failed: fell: too\n")
     code, text, _ = tca(send, "walk", "--wait", "--json", "--", "-1")
-    told = json.loads(text)
-    assert (code, told["outcome"], told["failure"], told["data"]) == (1, "failed", "fell", -1)
+    report = json.loads(text)
+    assert (code, report["outcome"], report["failure"], report["data"]) == (1, "failed", "fell", -1)
     killed: list[tuple[int, str, str]] = []
     waiting = threading.Thread(target=lambda: killed.append(tca(send, "later", "--wait")))
     user.execute_if_handled(LATER)
@@ -277,15 +277,15 @@ def test_status_command_lists_suspended_tasks(robot: list[str], user: Client) ->
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     walk.suspend()
-    (told,) = [
+    (report,) = [
         one
         for one in json.loads(tca(status, "--json")[1])["waiting"]
         if one["state"] == "suspended"
     ]
-    assert told["what"] == f"walk {{{walk.id}}}"
+    assert report["what"] == f"walk {{{walk.id}}}"
     assert re.fullmatch(
         rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'",
-        told["for"],
+        report["for"],
     )
     assert not re.search(
         r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
@@ -297,8 +297,8 @@ def test_status_command_lists_suspended_tasks(robot: list[str], user: Client) ->
 
 
 def test_status_command_does_not_count_its_own_connection(user: Client) -> None:
-    told = json.loads(tca(status, "--json")[1])
-    assert (told["modules"], told["connections"]) == (1, 1)  # the user
+    report = json.loads(tca(status, "--json")[1])
+    assert (report["modules"], report["connections"]) == (1, 1)  # the user
     assert "1 module, 1 connection," in tca(status)[1]
     user.close()
     assert "0 modules, 0 connections," in tca(status)[1]
@@ -327,8 +327,8 @@ def test_unlock_command_releases_the_lock(robot: list[str], user: Client) -> Non
 
 def test_raise_command_fails_the_task(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
-    told = tca(raise_failure, "walk", "fell", "it slipped", "--data", "7")
-    assert told == (0, f"walk {{{walk.id}}}: failure 'fell' was raised\n", "")
+    report = tca(raise_failure, "walk", "fell", "it slipped", "--data", "7")
+    assert report == (0, f"walk {{{walk.id}}}: failure 'fell' was raised\n", "")
     with pytest.raises(Exception, match="fell: it slipped") as failed:
         walk.result(SOON)
     assert failed.value.data_as(FELL) == 7  # type: ignore[attr-defined]
@@ -384,5 +384,5 @@ def test_failure_name_with_colons_is_reported_whole(user: Client, address: str) 
             json.loads(tca(send, "later", "--wait", "--json")[1])["failure"] == "knee: stuck: hard"
         )
     task = user.command(LATER)
-    told = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
-    assert told == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")
+    report = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
+    assert report == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")

@@ -69,7 +69,7 @@ def friend(daemon: Central) -> Iterator[Client]:
     assert daemon.process.poll() is None
 
 
-class Line:
+class RawConnection:
     """A raw ZeroMQ connection without the module protocol."""
 
     def __init__(self, address: str, routing_id: bytes = b"") -> None:
@@ -101,14 +101,14 @@ def hello(**fields: Any) -> Hello:
 
 
 @pytest.fixture
-def rogue(daemon: Central, friend: Client) -> Iterator[Line]:
-    line = Line(daemon.address)
+def rogue(daemon: Central, friend: Client) -> Iterator[RawConnection]:
+    line = RawConnection(daemon.address)
     yield line
     line.socket.close()
 
 
 @contextmanager
-def raw(daemon: Central) -> Iterator[socket.socket]:
+def raw_tcp(daemon: Central) -> Iterator[socket.socket]:
     """A raw TCP connection."""
     with socket.create_connection(
         ("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20
@@ -116,7 +116,7 @@ def raw(daemon: Central) -> Iterator[socket.socket]:
         yield line
 
 
-def item(header: bytes, body: bytes = b"") -> bytes:
+def packet_item(header: bytes, body: bytes = b"") -> bytes:
     return struct.pack(">II", len(header), len(body)) + header + body
 
 
@@ -126,25 +126,25 @@ BAD = {
     "lengths beyond": struct.pack(">II", 0xFFFFFFFF, 0xFFFFFFFF),
     "half a length": b"\0\0\0",
     "text": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
-    "nesting": item(b"\x91" * 100_000),
-    "nesting in a field": item(b"\x93\x04\x01" + b"\x91" * 5000 + b"\xc0"),
-    "a map": item(msgpack.packb({"kind": 4})),
-    "an unknown kind": item(msgpack.packb([250, 1])),
-    "no integer": item(msgpack.packb([4, "one", "move"])),
-    "NaN where a number is": item(msgpack.packb([4, float("nan"), "move"])),
-    "an integer of 65 bits": item(b"\x93\x04\xcf" + b"\xff" * 8 + b"\xa4move\x00"),
-    "a lone surrogate": item(b"\x93\x04\x01\xa3\xed\xa0\x80"),
-    "bad UTF-8": item(b"\x93\x04\x01\xa2\xff\xfe"),
-    "more fields": item(msgpack.packb([12, 1, 2, 3])),
-    "too few": item(msgpack.packb([4])),
-    "a length that is none": item(b"\xdd\xff\xff\xff\xff"),
-    "an extension": item(b"\xc7\xff\x01" + bytes(255)),
+    "nesting": packet_item(b"\x91" * 100_000),
+    "nesting in a field": packet_item(b"\x93\x04\x01" + b"\x91" * 5000 + b"\xc0"),
+    "a map": packet_item(msgpack.packb({"kind": 4})),
+    "an unknown kind": packet_item(msgpack.packb([250, 1])),
+    "no integer": packet_item(msgpack.packb([4, "one", "move"])),
+    "NaN where a number is": packet_item(msgpack.packb([4, float("nan"), "move"])),
+    "an integer of 65 bits": packet_item(b"\x93\x04\xcf" + b"\xff" * 8 + b"\xa4move\x00"),
+    "a lone surrogate": packet_item(b"\x93\x04\x01\xa3\xed\xa0\x80"),
+    "bad UTF-8": packet_item(b"\x93\x04\x01\xa2\xff\xfe"),
+    "more fields": packet_item(msgpack.packb([12, 1, 2, 3])),
+    "too few": packet_item(msgpack.packb([4])),
+    "a length that is none": packet_item(b"\xdd\xff\xff\xff\xff"),
+    "an extension": packet_item(b"\xc7\xff\x01" + bytes(255)),
     "two items of which one is bad": pack_item(Ask(1, "status")) + b"\0\0\0\x01\0\0\0\0\xc1",
 }
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_malformed_packet_is_refused(rogue: Line, what: str) -> None:
+def test_malformed_packet_is_refused(rogue: RawConnection, what: str) -> None:
     (answer,) = rogue.ask(BAD[what])
     assert isinstance(answer, Refused | Unknown)
     if isinstance(answer, Refused):
@@ -153,26 +153,28 @@ def test_malformed_packet_is_refused(rogue: Line, what: str) -> None:
 
 
 @pytest.mark.parametrize("frames", [2, 100, 50_000])
-def test_packet_of_several_frames_is_refused(rogue: Line, frames: int) -> None:
+def test_packet_of_several_frames_is_refused(rogue: RawConnection, frames: int) -> None:
     (answer,) = rogue.ask(pack_item(hello()), *[b""] * (frames - 1))
     assert answer.text == f"{frames:,} frames; a packet is one"
     assert isinstance(rogue.hello(), Welcome)
 
 
 @pytest.mark.parametrize("version", [0, 4, PROTOCOL_VERSION + 1, (1 << 63) - 1, -1])
-def test_other_protocol_version_is_refused_with_both_named(rogue: Line, version: int) -> None:
+def test_other_protocol_version_is_refused_with_both_named(
+    rogue: RawConnection, version: int
+) -> None:
     (answer,) = rogue.ask(pack_item(hello(version=version)))
     assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
 
 
 def test_routing_id_reserved_by_central_is_shut_out(daemon: Central, friend: Client) -> None:
-    line = Line(daemon.address, AWAY + b"0")
+    line = RawConnection(daemon.address, AWAY + b"0")
     (answer,) = line.ask(pack_item(hello()))
     line.socket.close()
     assert answer.refusal is Refusal.SHUT_OUT
 
 
-def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: Line) -> None:
+def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: RawConnection) -> None:
     for name in (ESCAPES, "../../../etc/passwd\n", "x" * 100_000):
         (answer,) = rogue.ask(pack_item(hello(module=name)))
         assert isinstance(answer, Refused)
@@ -199,7 +201,7 @@ def test_client_rejects_oversized_body_or_header_before_sending(friend: Client) 
         friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
 
 
-def test_oversized_body_is_refused_with_both_sizes(rogue: Line) -> None:
+def test_oversized_body_is_refused_with_both_sizes(rogue: RawConnection) -> None:
     rogue.hello()
     (answer,) = rogue.ask(pack_item(Send(99, "note"), bytes(Limit.BODY + 1)))
     assert (answer.number, answer.refusal) == (99, Refusal.PROTOCOL)
@@ -227,7 +229,7 @@ STRANGERS = {
 def test_foreign_protocol_does_not_disturb_central(
     daemon: Central, friend: Client, what: str
 ) -> None:
-    with raw(daemon) as line:
+    with raw_tcp(daemon) as line:
         line.sendall(STRANGERS[what])
         line.settimeout(0.1)
         with suppress(
@@ -239,7 +241,7 @@ def test_foreign_protocol_does_not_disturb_central(
 
 
 def test_endless_message_does_not_disturb_other_clients(daemon: Central, friend: Client) -> None:
-    with raw(daemon) as line:
+    with raw_tcp(daemon) as line:
         line.sendall(_ZMTP + _READY)
         for _ in range(16):
             line.sendall(
@@ -253,7 +255,7 @@ def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> No
     before = len(list(files.iterdir()))
     with ExitStack() as lines:
         for _ in range(200):
-            lines.enter_context(raw(daemon))
+            lines.enter_context(raw_tcp(daemon))
         friend.status()
         assert len(list(files.iterdir())) > before + 100
         end = time.monotonic() + 20

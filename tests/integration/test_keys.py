@@ -47,7 +47,7 @@ SQUARE = Query("square", int, reply=int)
 TCP = "tcp://127.0.0.1:*"
 
 
-def said(*arguments: str, code: int = 0) -> str:
+def run_keys(*arguments: str, code: int = 0) -> str:
     result = CliRunner().invoke(keys_command, arguments)
     assert result.exit_code == code, result.output
     return result.output
@@ -57,8 +57,8 @@ def said(*arguments: str, code: int = 0) -> str:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of keys with one for 'arm' and one for 'user'."""
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
-    said("new", "arm")
-    said("new", "user")
+    run_keys("new", "arm")
+    run_keys("new", "user")
     return tmp_path / "keys"
 
 
@@ -115,7 +115,7 @@ def test_connection_is_refused_without_a_matching_key(
     as_key("none")
     assert "it wants a key, and this program shows none" in refusal(keyed.address)
     stranger = tmp_path / "elsewhere"
-    said("new", "--folder", str(stranger), "arm")
+    run_keys("new", "--folder", str(stranger), "arm")
     other = read_client_key(stranger / "arm.key")
     as_key(str(stranger / "arm.key"))
     assert "is not the central that the key is for" in refusal(keyed.address)
@@ -140,14 +140,14 @@ def test_waiting_program_connects_once_its_key_is_allowed(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     central_key = read_client_key(folder / "arm.key").central
-    path, _ = said(
+    path, _ = run_keys(
         "new", "late", "--central", central_key, "--folder", str(tmp_path / "there")
     ).splitlines()
     as_key(path)
     with ThreadPoolExecutor() as threads:
         late = threads.submit(lambda: connect("late", keyed.address, patience=30).close())
         until(lambda: "refused a key from 127.0.0.1" in caplog.text, "it is refused")
-        said("allow", "late", read_client_key(Path(path)).public)
+        run_keys("allow", "late", read_client_key(Path(path)).public)
         late.result(timeout=30)
 
 
@@ -179,12 +179,12 @@ def test_central_does_not_start_when_authenticator_accepts_all(
 
 def test_revoke_keeps_the_secret_key_file(folder: Path) -> None:
     secret = read_client_key(folder / "arm.key")
-    told = said("revoke", "arm")
-    assert str(folder / "arm.key") in told
+    output = run_keys("revoke", "arm")
+    assert str(folder / "arm.key") in output
     assert read_client_key(folder / "arm.key") == secret
-    assert "remove that file" in said("new", "arm", code=1)
-    said("allow", "arm", secret.public)
-    assert secret.public in said("list")
+    assert "remove that file" in run_keys("new", "arm", code=1)
+    run_keys("allow", "arm", secret.public)
+    assert secret.public in run_keys("list")
 
 
 def test_revoked_key_loses_its_connection_at_once(
@@ -194,7 +194,7 @@ def test_revoked_key_loses_its_connection_at_once(
     user = connect("user", keyed.address)
     as_key("arm")
     arm = connect("arm", keyed.address, patience=0.5)
-    said("revoke", "arm")
+    run_keys("revoke", "arm")
     keyed.server.check_soon()
     until(lambda: keyed.facts(facts.ModuleLeft), "the arm has left")
     (left,) = keyed.facts(facts.ModuleLeft)
@@ -205,7 +205,7 @@ def test_revoked_key_loses_its_connection_at_once(
     assert user.status()["modules"] == 1
     # A new key of that name is accepted at once; the old connection stays refused.
     (folder / "arm.key").unlink()
-    said("new", "arm")
+    run_keys("new", "arm")
     with connect("new arm", keyed.address):
         pass
     assert is_shut_out(arm.status)
@@ -234,19 +234,19 @@ WAITS: list[Callable[[Client], object]] = [
 def test_revoked_client_is_shut_out_of_every_wait(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
-    def told(wait: Callable[[Client], object]) -> list[bool]:
+    def are_shut_out(wait: Callable[[Client], object]) -> list[bool]:
         with connect("user", keyed.address) as client:
             return [is_shut_out(partial(wait, client)), is_shut_out(client.status)]
 
     as_key("user")
     lines = keyed.server.central.registry.connections
     with ThreadPoolExecutor(len(WAITS)) as threads:
-        clients = [threads.submit(told, wait) for wait in WAITS]
+        clients = [threads.submit(are_shut_out, wait) for wait in WAITS]
         until(
             lambda: sum(len(line.outstanding) for line in list(lines.values())) == len(WAITS),
             "all wait",
         )
-        said("revoke", "user")
+        run_keys("revoke", "user")
         keyed.server.check_soon()
         assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
 
@@ -262,10 +262,10 @@ def test_revoked_module_reconnects_once_its_key_is_allowed(
     module = Module("squares", keyed.address)
     module.handles(SQUARE)(lambda _, number: number * number)
     with module.running():
-        said("revoke", "arm")
+        run_keys("revoke", "arm")
         keyed.server.check_soon()
         until(lambda: "central refuses this module" in caplog.text, "it is shut out")
-        said("allow", "arm", public)
+        run_keys("allow", "arm", public)
         as_key("user")
         with connect("user", keyed.address) as user:
             assert user.query(SQUARE, 12, timeout=SOON) == 144
@@ -299,13 +299,13 @@ def test_second_machine_is_set_up_in_five_commands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "robot"))
-    assert said("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
+    assert run_keys("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
     with central(tmp_path, bind="tcp://0.0.0.0:*") as daemon:
         port = daemon.first_line.rpartition(":")[2]
         copied = tmp_path / "laptop.key"
         copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as scp leaves it
         monkeypatch.setenv("TCA_KEYS", str(tmp_path / "laptop"))
-        assert "'laptop'" in said("use", str(copied))
+        assert "'laptop'" in run_keys("use", str(copied))
         monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
         assert "0 modules" in (status := tca("status")).stdout, status
 
@@ -347,7 +347,7 @@ def test_direct_messages_are_encrypted_and_end_on_revocation(
             greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")
             stranger.send(codec.pack_item(greet))
             assert not stranger.poll(300)
-        said("revoke", "user")
+        run_keys("revoke", "user")
         keyed.server.check_soon()
 
         def hears_no_more() -> bool:
@@ -377,11 +377,11 @@ def test_key_files_are_private_and_never_overwritten(folder: Path) -> None:
         "user.pub": 0o600,
     }
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
-    assert "'arm' has a key" in said("new", "arm", code=1)
-    said("use", str(folder / "arm.key"))
-    assert "exists already: move it away first" in said("use", str(folder / "user.key"), code=1)
+    assert "'arm' has a key" in run_keys("new", "arm", code=1)
+    run_keys("use", str(folder / "arm.key"))
+    assert "exists already: move it away first" in run_keys("use", str(folder / "user.key"), code=1)
     assert {path: path.read_bytes() for path in before} == before
-    listed = said("list")
+    listed = run_keys("list")
     assert read_client_key(folder / "arm.key").public in listed
     assert read_client_key(folder / "arm.key").secret not in listed
 
@@ -394,23 +394,23 @@ def test_generated_public_key_never_starts_with_a_dash(monkeypatch: pytest.Monke
 
 def test_foreign_key_is_allowed_by_its_public_half(folder: Path) -> None:
     public = new_pair().public
-    said("allow", "planner", public)
-    assert f"planner    {public}" in said("list")
-    assert "that is the key of 'planner'" in said("allow", "other", public, code=1)
-    assert "is not a public key" in said("allow", "other", "short", code=1)
+    run_keys("allow", "planner", public)
+    assert f"planner    {public}" in run_keys("list")
+    assert "that is the key of 'planner'" in run_keys("allow", "other", public, code=1)
+    assert "is not a public key" in run_keys("allow", "other", "short", code=1)
 
 
 def test_key_works_without_moving_its_secret(
     folder: Path, tmp_path: Path, as_key: Callable[[str], None]
 ) -> None:
     there = tmp_path / "laptop"
-    central_key = said("list").split()[1]
-    path, advice = said(
+    central_key = run_keys("list").split()[1]
+    path, advice = run_keys(
         "new", "laptop", "--central", central_key, "--folder", str(there)
     ).splitlines()
-    assert said("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
+    assert run_keys("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
     name, public = advice.split()[-2:]
-    said("allow", name, public.strip("'"))
+    run_keys("allow", name, public.strip("'"))
     as_key(path)
     with RealCentral(TCP, gate=KeyGate(folder)) as running, connect("x", running.address):
         assert [fact.principal for fact in running.facts(facts.ModuleJoined)] == ["laptop"]
@@ -420,7 +420,7 @@ def test_key_works_without_moving_its_secret(
     "name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"]
 )
 def test_keys_new_rejects_invalid_name(folder: Path, name: str) -> None:
-    assert "can't be the name of a key" in said("new", "--", name, code=1)
+    assert "can't be the name of a key" in run_keys("new", "--", name, code=1)
 
 
 def test_key_files_readable_by_others_are_refused(
@@ -434,7 +434,7 @@ def test_key_files_readable_by_others_are_refused(
     with pytest.raises(MisuseError, match=r"can.t read the key .*nobody.key"):
         connect("arm", "tcp://127.0.0.1:1")
     folder.chmod(0o755)
-    assert "others may enter" in said("new", "leg", code=1)
+    assert "others may enter" in run_keys("new", "leg", code=1)
     folder.chmod(0o700)
 
 

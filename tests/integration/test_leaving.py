@@ -39,7 +39,7 @@ WITHOUT_BLOCK = """
     input()
     user.inform(POSE)
 """
-IN_A_THREAD = """
+IN_THREAD = """
     import threading
     from tca_module import Inform, connect
     POSE = Inform("pose", bytes)
@@ -54,7 +54,7 @@ IN_A_THREAD = """
     thread.start()
     thread.join()
 """
-IN_A_THREAD_THAT_GOES_ON = """
+IN_DAEMON_THREAD = """
     import threading
     from tca_module import Command, Inform, connect
     POSE, NOBODY = Inform("pose", bytes), Command("nobody")
@@ -72,10 +72,10 @@ IN_A_THREAD_THAT_GOES_ON = """
     threading.Thread(target=work, name="worker", daemon=True).start()
     sent.wait()
 """
-IDLE = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "threading.Event().wait()")
-WAITING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "nobody.wait()")
-SENDING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "while True: user.inform(POSE, b'')")
-IN_A_CHILD = """
+IDLE = IN_DAEMON_THREAD.replace("{goes_on}", "threading.Event().wait()")
+WAITING = IN_DAEMON_THREAD.replace("{goes_on}", "nobody.wait()")
+SENDING = IN_DAEMON_THREAD.replace("{goes_on}", "while True: user.inform(POSE, b'')")
+IN_CHILD = """
     import multiprocessing, sys
     from tca_module import Inform, connect
     POSE = Inform("pose", bytes)
@@ -107,7 +107,7 @@ MODULE = """
 """
 
 
-def stopped_when_there(running: Process, daemon: Central) -> None:
+def stop_central_when_ready(running: Process, daemon: Central) -> None:
     """Stop central, then let the program continue."""
     running.hear("there")
     daemon.signal(signal.SIGSTOP)
@@ -115,15 +115,15 @@ def stopped_when_there(running: Process, daemon: Central) -> None:
     running.stdin.flush()
 
 
-def soaked(*values: str) -> Any:
+def soak_only(*values: str) -> Any:
     """A case for the soak only: another test covers its program."""
     return pytest.param(*values, marks=pytest.mark.soak)
 
 
-@pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, *map(soaked, (IDLE, WAITING)), IN_A_CHILD])
+@pytest.mark.parametrize("text", [SCRIPT, IN_THREAD, *map(soak_only, (IDLE, WAITING)), IN_CHILD])
 def test_leaving_program_waits_for_a_slow_central(text: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text.format(linger=60), daemon.address) as script:
-        stopped_when_there(script, daemon)
+        stop_central_when_ready(script, daemon)
         with pytest.raises(subprocess.TimeoutExpired):
             script.wait(2.5)
         daemon.signal(signal.SIGCONT)
@@ -144,14 +144,14 @@ def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> 
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
-        soaked(
-            IN_A_THREAD.format(linger=0.5),
+        soak_only(
+            IN_THREAD.format(linger=0.5),
             "51 messages of 'script' may not have reached central at ",
         ),
         (IDLE.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WAITING.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
-        soaked(
-            IN_A_CHILD.format(linger=0.5),
+        soak_only(
+            IN_CHILD.format(linger=0.5),
             "51 messages of 'script' may not have reached central at ",
         ),
         (MODULE, "2 messages of 'legs' may not have reached central at "),
@@ -159,7 +159,7 @@ def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> 
 )
 def test_leaving_program_reports_unconfirmed_messages(text: str, said: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text, daemon.address) as running:
-        stopped_when_there(running, daemon)
+        stop_central_when_ready(running, daemon)
         _, errors = running.communicate(timeout=30)
     assert running.returncode == 1
     assert said in errors.splitlines()[-1]

@@ -54,7 +54,7 @@ EYES = """
     eyes.after(0.0, lambda _: print("runs", flush=True))
     eyes.run()
 """
-MOST = 120 << 20
+MEMORY_LIMIT = 120 << 20
 """Bytes of central's process. Python and its libraries take 40 MiB; the clients ask for 400 MiB."""
 
 
@@ -86,7 +86,7 @@ def test_stopped_receiver_loses_only_its_own_messages(daemon: Central) -> None:
         eyes.send_signal(signal.SIGCONT)
         assert user.query(LOOK, b"x", timeout=20.0) == 1
         assert user.status("load")["memory"]["messages and tasks"][0] < 1 << 20
-    assert peak(daemon) < MOST
+    assert peak(daemon) < MEMORY_LIMIT
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
@@ -102,7 +102,7 @@ def test_client_that_reads_no_replies_does_not_slow_others(daemon: Central) -> N
             line.send(pack([(GetVariable(2 + one, "map"), b"") for one in range(40)]))
         for _ in range(20):
             assert len(user.get_variable(MAP)) == 1 << 20  # and is answered each time
-    assert peak(daemon) < MOST
+    assert peak(daemon) < MEMORY_LIMIT
 
 
 def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
+def stepped_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
     """A central whose turns the test takes itself, with in-process connections."""
     monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
     server = Daemon(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
@@ -149,7 +149,7 @@ def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
     server.close()
 
 
-def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
+def connect_raw(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     line = server._context.socket(zmq.DEALER)
     line.setsockopt(zmq.LINGER, 0)
     line.setsockopt(zmq.SNDHWM, 0)
@@ -158,28 +158,28 @@ def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     return line
 
 
-def test_big_packets_of_one_client_do_not_delay_others(turns: Daemon) -> None:
+def test_big_packets_of_one_client_do_not_delay_others(stepped_daemon: Daemon) -> None:
     """ZeroMQ polls idle connections for new input only every hundred frames, unless it is asked."""
-    with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
+    with connect_raw(stepped_daemon, "flood") as flood, connect_raw(stepped_daemon, "user") as user:
         for _ in range(100):
             flood.send(pack_item(Send(0, "nothing"), bytes(2000)))
         while not user.poll(0):
-            turns._receive()
-            turns._flush()
+            stepped_daemon._receive()
+            stepped_daemon._flush()
         user.recv()
         for _ in range(3):  # now ZeroMQ considers that connection idle
-            turns._receive()
+            stepped_daemon._receive()
         user.send(pack_item(Ask(2, "status")))
         for _ in range(3):
-            turns._receive()  # a turn with a big packet answers earlier requests
+            stepped_daemon._receive()  # a turn with a big packet answers earlier requests
         assert user.poll(0)
         assert flood.poll(0)
-        assert turns._has_arrived(), "the flood had ended"
+        assert stepped_daemon._has_arrived(), "the flood had ended"
 
 
-def test_central_answers_while_it_drains_goodbyes(turns: Daemon) -> None:
-    with line_to(turns, "user") as user:
-        turns._drain()
+def test_central_answers_while_it_drains_goodbyes(stepped_daemon: Daemon) -> None:
+    with connect_raw(stepped_daemon, "user") as user:
+        stepped_daemon._drain()
         assert user.poll(0)
 
 
@@ -240,10 +240,10 @@ def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
 def test_tcp_connection_times_out_after_five_seconds() -> None:
     """The kernel probes every second; this checks the options that it received."""
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
-        assert (5000, 1, 1) in patience_of_lines_at(int(central.address.rpartition(":")[2]))
+        assert (5000, 1, 1) in socket_timeouts_at(int(central.address.rpartition(":")[2]))
 
 
-def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
+def socket_timeouts_at(port: int) -> list[tuple[int, ...]]:
     """Timeout in ms, and seconds until and between probes, of this process's TCP sockets on a port."""
     options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
     found = []
@@ -299,7 +299,7 @@ def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
         ):
             dig, walk = user.command(DIG), user.goal(WALK)
             digger.hear("digging")
-            fill(user, walk)
+            fill_tree(user, walk)
             assert user.query(DEPTH, timeout=60) == 7
             daemon.signal(signal.SIGSTOP)
             with pytest.raises(CentralLost):
@@ -315,7 +315,7 @@ def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
     assert not daemon.facts(facts.Failed)
 
 
-def fill(user: Client, walk: SentTask[None]) -> None:
+def fill_tree(user: Client, walk: SentTask[None]) -> None:
     """Send commands as ``command`` does, without waiting for each."""
     connection = user._connection()
     connection.declare(STEP)

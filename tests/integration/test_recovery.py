@@ -277,10 +277,12 @@ def test_skipped_task_numbers_are_synced_before_any_reply(
         folder.central.handle(asked)
         point = Point(TaskId(lost), Moment.END_ACHIEVING)
         asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
-        told = [one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)]
-        assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], (
-            "the task may have been done"
-        )
+        transmitted = [
+            one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)
+        ]
+        assert [one.refusal for one in transmitted if isinstance(one, Refused)] == [
+            Refusal.UNKNOWN
+        ], "the task may have been done"
     finally:
         server.close()
         folder.close()

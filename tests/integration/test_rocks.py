@@ -193,16 +193,16 @@ def test_recoveries_are_tried_from_the_leg_up(given_up: Walk) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("rock", [TALL, BROAD])
 def test_each_move_is_checked_past_a_rock(walked: Walks, rock: str) -> None:
-    check_that_moves_are_checked(walked(rock).history)
+    assert_moves_checked(walked(rock).history)
 
 
 def test_each_move_is_checked_under_faults(
     faulty: Walk,
 ) -> None:
-    check_that_moves_are_checked(faulty.history)
+    assert_moves_checked(faulty.history)
 
 
-def check_that_moves_are_checked(history: History) -> None:
+def assert_moves_checked(history: History) -> None:
     before, after = STABILITY.count(history), FOOTFALL.count(history)
     assert (before.bad, after.bad) == ([], [])
     assert before.number >= 8

@@ -79,7 +79,7 @@ PARENT = """
 """
 
 
-def eyes_at(address: str) -> Module:
+def make_eyes(address: str) -> Module:
     eyes = Module("eyes", address)
     eyes.resource("camera")
     eyes.handles(LOOK)(lambda _: "clear")
@@ -87,7 +87,7 @@ def eyes_at(address: str) -> Module:
     return eyes
 
 
-def silent(daemon: Central) -> list[str]:
+def modules_lost_for_silence(daemon: Central) -> list[str]:
     """Modules that were lost for their silence, by the journal."""
     return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
@@ -102,10 +102,12 @@ def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Centr
         yield daemon, daemon.first_line.removeprefix("central: listening on ")
 
 
-def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") -> None:
+def check_module_lost_and_rejoined(
+    folder: Path, seconds: int, *options: str, bind: str = ""
+) -> None:
     """Stop a module while it handles a command: it is lost, and serves again once it resumes."""
     why = f"its process was silent for {seconds} s"
-    with running(folder, *options, bind=bind) as (daemon, address), eyes_at(address).running():
+    with running(folder, *options, bind=bind) as (daemon, address), make_eyes(address).running():
         with program(LEGS, address) as legs, connect("user", address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
@@ -133,21 +135,21 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             if "refused" in line or "nothing done" in line
         ]
         assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
-        assert silent(daemon) == ["legs"]
+        assert modules_lost_for_silence(daemon) == ["legs"]
 
 
 def test_stopped_module_is_lost_and_rejoins_when_resumed(tmp_path: Path) -> None:
-    stop_and_go_on(tmp_path, 3, "--lost-after", "3")
+    check_module_lost_and_rejoined(tmp_path, 3, "--lost-after", "3")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
 def test_stopped_module_is_lost_after_default_timeout(tmp_path: Path, bind: str) -> None:
-    stop_and_go_on(tmp_path, 5, bind=bind)
+    check_module_lost_and_rejoined(tmp_path, 5, bind=bind)
 
 
 def test_stopped_script_loses_its_lock(tmp_path: Path) -> None:
-    with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
+    with central(tmp_path, "--lost-after", "3") as daemon, make_eyes(daemon.address).running():
         with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
             script.hear("has it")
             script.send_signal(signal.SIGSTOP)
@@ -175,7 +177,7 @@ def test_client_without_first_heartbeat_is_lost(tmp_path: Path) -> None:
                 lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON
             )
         daemon.stop()
-        assert silent(daemon) == ["early"]
+        assert modules_lost_for_silence(daemon) == ["early"]
 
 
 @pytest.mark.soak
@@ -185,12 +187,12 @@ def test_handler_holding_the_gil_is_not_lost(tmp_path: Path) -> None:
             user.wait_until_handled(LOAD, timeout=SOON)
             assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
         daemon.stop()
-        assert silent(daemon) == []
+        assert modules_lost_for_silence(daemon) == []
 
 
 @pytest.mark.soak
 def test_resumed_module_does_not_report_central_silent(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, eyes_at(daemon.address).running():
+    with central(tmp_path) as daemon, make_eyes(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             user.command(STEP)
@@ -208,7 +210,7 @@ def test_resumed_module_does_not_report_central_silent(tmp_path: Path) -> None:
 @pytest.mark.parametrize("bind", ["", TCP])
 def test_resumed_central_loses_no_module(tmp_path: Path, bind: str) -> None:
     with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):
-        with eyes_at(address).running(), program(LEGS, address) as legs:
+        with make_eyes(address).running(), program(LEGS, address) as legs:
             with connect("user", address, patience=3.0) as user:
                 user.wait_until_handled(STEP, timeout=SOON)
                 step = user.command(STEP)
@@ -224,12 +226,12 @@ def test_resumed_central_loses_no_module(tmp_path: Path, bind: str) -> None:
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
-        assert silent(daemon) == []
+        assert modules_lost_for_silence(daemon) == []
 
 
 @pytest.mark.soak
 def test_stopped_module_is_never_lost_when_lost_after_is_0(tmp_path: Path) -> None:
-    with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
+    with central(tmp_path, "--lost-after", "0") as daemon, make_eyes(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
@@ -258,7 +260,7 @@ def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) ->
             finally:
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
-        assert silent(daemon) == ["parent"]
+        assert modules_lost_for_silence(daemon) == ["parent"]
 
 
 def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
@@ -272,7 +274,7 @@ def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
             user.wait_until_handled(STEP, timeout=0.5)
         daemon.signal(signal.SIGCONT)
         user.modules()
-        with eyes_at(daemon.address).running():
+        with make_eyes(daemon.address).running():
             assert user.query(LOOK, timeout=SOON) == "clear"
         assert user.handlers(STEP) == []
         daemon.signal(signal.SIGSTOP)

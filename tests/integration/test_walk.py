@@ -79,14 +79,14 @@ def test_task_tree_of_the_walk_matches_figure_2(history: History) -> None:
     arcs = tasks(history, "traverse arc")
     assert [history.tasks[arc].parent for arc in arcs] == [path, path]
     for arc in arcs:
-        assert named(history, arc) == ["acquire image", "take steps"]
+        assert child_names(history, arc) == ["acquire image", "take steps"]
         for number, steps in enumerate(chain := steps_of(history, arc)):
-            names = [name for name in named(history, steps) if name != "acquire image"]
+            names = [name for name in child_names(history, steps) if name != "acquire image"]
             assert names[:3] == ["move leg", "move body", "achieved position?"]
             assert names[3:] == (["take steps"] if number + 1 < len(chain) else [])
 
 
-def named(history: History, task: int) -> list[str]:
+def child_names(history: History, task: int) -> list[str]:
     return [history.tasks[child].name for child in history.tasks[task].children]
 
 
@@ -96,7 +96,7 @@ def test_next_step_is_planned_while_walking_the_current_one(history: History) ->
         assert len(chain) >= 4
         for now, following in pairwise(chain):
             body = history.tasks[
-                history.tasks[now].children[named(history, now).index("move body")]
+                history.tasks[now].children[child_names(history, now).index("move body")]
             ].reached
             begun, planned = (
                 history.tasks[now].reached[Moment.START_ACHIEVING],

@@ -136,12 +136,12 @@ def test_update_task_changes_parameters_of_a_running_task() -> None:
 def test_mission_misuse_is_reported_before_sending(approve: Callable[..., None]) -> None:
     with rover() as (central, robot), Mission("rover", central=central) as mission:
 
-        def tell(case: str) -> str:
+        def message_of(case: str) -> str:
             with pytest.raises((UnknownTask, BadParameter, MisuseError)) as caught:
                 eval(case, globals(), {"mission": mission})
             return f"{caught.type.__name__}: {caught.value}"
 
-        approve("mistakes.txt", tell)
+        approve("mistakes.txt", message_of)
         assert robot.done == []
         assert not [
             fact

@@ -32,7 +32,7 @@ TRIP = """
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[tuple[str, Rover]]:
+def running_rover(folder: Path) -> Iterator[tuple[str, Rover]]:
     """Run a central behind a socket, and a rover that serves."""
     with RealCentral(f"ipc://{folder}/central.sock") as central:
         robot = Rover()
@@ -41,7 +41,7 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 
 
 @contextmanager
-def on_its_trip(
+def mission_process(
     address: str, robot: Rover, folder: Path, *, stays: bool = False
 ) -> Iterator[Process]:
     """Run the mission in a process, until it drives back and has recorded both drives in its
@@ -72,8 +72,8 @@ def tasks_of(address: str) -> list[str]:
 def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
     tmp_path: Path,
 ) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path) as process:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGKILL)
             until(lambda: {"stands at 2", "watched"} <= set(robot.done), "the rover is safe", SOON)
         until(lambda: tasks_of(address) == [], "nothing runs", SOON)
@@ -94,8 +94,8 @@ def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
 
 
 def test_resumed_mission_finds_its_running_task_again(tmp_path: Path) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path, stays=True) as process:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path, stays=True) as process:
             process.send_signal(signal.SIGKILL)
             process.wait()
         trip = Mission(
@@ -114,8 +114,8 @@ def test_resumed_mission_finds_its_running_task_again(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path) as process:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGINT)
             assert "KeyboardInterrupt" in process.communicate(timeout=SOON)[1]
             assert process.returncode != 0

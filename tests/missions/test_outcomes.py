@@ -32,11 +32,11 @@ FAILURES: list[dict[str, Any]] = [
     {"fails": "never", "task_timeout": 0.02},
     {"fails": "initialise"},
 ]
-Told = list[tuple[str, str]]
+Ends = list[tuple[str, str]]
 
 
 @contextmanager
-def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
+def mission_with_every_end() -> Iterator[tuple[LocalCentral, Mission, Ends]]:
     """Three drives fail, one is stopped, and one completes; with their ends as an observer sees
     them.
     """
@@ -51,17 +51,17 @@ def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
                     mission.Drive(**parameters)
             mission.stop_task(mission.start("Drive", fails="never"))
             mission.Drive()
-            told = [
+            ends = [
                 (change.transition, change.state)
                 for _, change in zip(range(15), changes, strict=False)
             ]
-        yield central, mission, told[2::3]
+        yield central, mission, ends[2::3]
 
 
 def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
-    with every_end() as (central, mission, told):
+    with mission_with_every_end() as (central, mission, ends):
         outcomes = [task.sent.wait(0) for task in mission.ended]
-    assert told == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
+    assert ends == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
     assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
     run = History.until(central.entries)
     tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
@@ -70,24 +70,24 @@ def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
         TaskState.KILLED,
         TaskState.ACHIEVED,
     ]
-    assert [life_at(run, task).state for task in tasks] == [state for _, state in told]
+    assert [life_at(run, task).state for task in tasks] == [state for _, state in ends]
     assert checked(central.entries) == []
 
 
-def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+def as_recovered(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     """As if the mission's exception handler had recovered the failure."""
-    told = [
+    kept = [
         fact
         for fact in entry.facts
         if not (isinstance(fact, facts.Killed) and fact.task == failed.task)
     ]
     has_returned = any(
-        isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in told
+        isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in kept
     )
-    return [*told, facts.Recovered(failed.task)] if has_returned else told
+    return [*kept, facts.Recovered(failed.task)] if has_returned else kept
 
 
-def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+def as_completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     """As if the handler had returned a status that is not COMPLETED."""
     end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
     returned = [
@@ -99,11 +99,11 @@ def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     ]
 
 
-@pytest.mark.parametrize("bend", [dealt_with, completed])
+@pytest.mark.parametrize("bend", [as_recovered, as_completed])
 def test_check_reports_a_failed_run_counted_as_done(
     bend: Callable[..., list[facts.Fact]],
 ) -> None:
-    with every_end() as (central, *_):
+    with mission_with_every_end() as (central, *_):
         pass
     failed = next(fact for fact in central.facts if isinstance(fact, facts.Caught))
     bent = [replace(entry, facts=bend(entry, failed)) for entry in central.entries]

@@ -17,7 +17,7 @@ from tca_module import Refused, Rejected, SentTask
 SECONDS = st.sampled_from([0.0, 0.05, 0.1, 0.25])
 
 
-class Noted:
+class Recorded:
     """Records when a run begins and ends."""
 
     env: Gripper
@@ -41,7 +41,7 @@ class Noted:
             raise ValueError(self.dies_in)
 
 
-class Work(Noted, PeriodicTask[Gripper]):
+class Work(Recorded, PeriodicTask[Gripper]):
     left: int = 3
 
     def iterate(self) -> Status:
@@ -51,7 +51,7 @@ class Work(Noted, PeriodicTask[Gripper]):
         return Status.RUNNING if self.left > 0 else Status.COMPLETED
 
 
-class Sleep(Noted, OnceTask[Gripper]):
+class Sleep(Recorded, OnceTask[Gripper]):
     seconds: float = 0.3
 
     def iterate(self) -> None:
@@ -77,7 +77,7 @@ ACTS = st.lists(
 )
 
 
-def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
+def carry_out(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
     """Carry out one random act."""
     if isinstance(what, float):
         robot.central.advance(what)
@@ -107,7 +107,7 @@ def test_foreground_is_exclusive_in_random_runs(acts: list[Any]) -> None:
     sent: list[SentTask[Any]] = []
     with serving(Work, Sleep, idle=Idle, capacity=5) as robot:
         for what in acts:
-            act(robot, what, sent)
+            carry_out(robot, what, sent)
         robot.central.advance(20)
         assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
         assert [type(run.served) for run in robot.server.runs] == [Idle]

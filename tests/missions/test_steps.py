@@ -39,7 +39,7 @@ def trip(tmp_path: Path) -> Iterator[Trip]:
 
 
 @contextmanager
-def crashes() -> Iterator[None]:
+def expect_crash() -> Iterator[None]:
     with pytest.raises(Crash):
         yield
 
@@ -50,7 +50,7 @@ def test_completed_step_is_skipped_and_keeps_its_value(trip: Trip) -> None:
         return number, "seen"
 
     for _ in range(2):
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             assert Status.of(mission.step("out", mission.Drive, x=1.0).status) is Status.COMPLETED
             assert mission.step("look", look, 3) == (3, "seen")
             raise Crash
@@ -67,7 +67,7 @@ def test_completed_mission_starts_over(trip: Trip) -> None:
 
 def test_failed_step_is_repeated(trip: Trip) -> None:
     for fails in ("rock", ""):
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             try:
                 mission.step("out", mission.Drive, x=1.0, fails=fails)
             except MissionTaskFailed:
@@ -76,24 +76,24 @@ def test_failed_step_is_repeated(trip: Trip) -> None:
     assert trip.robot.done == ["to 1", "stands at 1"] * 2
 
 
-def die_in_a_step(trip: Trip, **parameters: Any) -> None:
+def crash_in_step(trip: Trip, **parameters: Any) -> None:
     """Run a program that dies in a step: its checkpoint is restored to that moment."""
-    with crashes(), trip.mission() as mission:
+    with expect_crash(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
 
         def drive() -> None:
             mission.Drive(**parameters)
-            die_in_a_step.file = trip.file.read_bytes()  # type: ignore[attr-defined]
+            crash_in_step.file = trip.file.read_bytes()  # type: ignore[attr-defined]
             raise Crash
 
         mission.step("out", drive)
-    trip.file.write_bytes(die_in_a_step.file)  # type: ignore[attr-defined]
+    trip.file.write_bytes(crash_in_step.file)  # type: ignore[attr-defined]
     trip.robot.done.clear()
 
 
 def test_interrupted_step_is_uncertain(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
-    with crashes(), trip.mission() as mission:
+    crash_in_step(trip, x=2.0)
+    with expect_crash(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
         with pytest.raises(
             StepUncertain, match=r"under way .* \(Drive \{\d+\} completed\): repeat it with"
@@ -107,20 +107,20 @@ def test_interrupted_step_is_uncertain(trip: Trip) -> None:
 
 
 def test_interrupted_step_is_done_when_its_only_task_completed(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+    crash_in_step(trip, x=2.0)
     with trip.mission() as mission:
         assert Status.of(mission.step("out", mission.Drive, x=2.0).status) is Status.COMPLETED
     assert trip.robot.done == []
 
 
 def test_interrupted_repeatable_step_is_repeated(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+    crash_in_step(trip, x=2.0)
     with trip.mission() as mission:
         assert mission.repeatable_step("out", list) == []
 
 
 def test_step_of_another_epoch_is_uncertain(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+    crash_in_step(trip, x=2.0)
     trip.file.write_text(trip.file.read_text().replace('"epoch":"local"', '"epoch":"another"'))
     with trip.mission() as mission, pytest.raises(StepUncertain, match="is unknown to central"):
         mission.step("out", mission.Drive, x=2.0)
@@ -164,7 +164,7 @@ def test_resumed_step_returns_the_stored_value(trip: Trip, function: Callable[[]
     values = []
     for again in (function, partial(pytest.fail, "it is done again")):
         again.__annotations__ = function.__annotations__
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             values.append(mission.step("look", again))
             raise Crash
     assert repr(values[0]) == repr(values[1])
@@ -179,7 +179,7 @@ def test_step_value_that_cannot_be_stored_is_rejected(
     trip: Trip, function: Callable[[], Any]
 ) -> None:
     for _ in range(2):  # neither done nor uncertain
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             with pytest.raises(
                 MisuseError, match="step 'look' does not count as done: its value can't be stored"
             ):
@@ -188,11 +188,11 @@ def test_step_value_that_cannot_be_stored_is_rejected(
 
 
 def test_torn_checkpoint_line_is_dropped(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+    crash_in_step(trip, x=2.0)
     whole = trip.file.read_bytes()
     for torn in (b'{"step":"out","is":"do', b"\0\0\0\0\n", b'{"step":"out","is":"don\n'):
         trip.file.write_bytes(whole + torn)
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             mission.step("before", mission.Drive, x=1.0)
             raise Crash
         assert trip.file.read_bytes() == whole

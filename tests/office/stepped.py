@@ -40,7 +40,7 @@ def office(
         yield central, user
 
 
-def keep_free(
+def run_until_clean(
     world: OfficeWorld,
     look: Callable[[Client, LabScene], None],
     layers: tuple[MakeModule, ...] = LAYERS,

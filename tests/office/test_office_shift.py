@@ -8,7 +8,7 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from office.stepped import LAYERS, keep_free, office, the
+from office.stepped import LAYERS, office, run_until_clean, the
 
 from robots.office_sim.layers import battery, grasps, vanished_cups
 from robots.office_sim.layers.battery import RECHARGE, TRIES
@@ -52,7 +52,7 @@ def shift(seed: int) -> tuple[str, LabScene, int]:
     most.
     """
     observer = ShiftObserver()
-    central, scene = keep_free(OfficeWorld(seed, SHIFT), observer.look)
+    central, scene = run_until_clean(OfficeWorld(seed, SHIFT), observer.look)
     return central.transcript(), scene, observer.most_goals
 
 
@@ -83,7 +83,7 @@ def test_goals_are_cancelled_when_their_cups_vanish() -> None:
 
 @pytest.mark.soak
 def test_office_seed_is_reproducible() -> None:
-    runs = [keep_free(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
+    runs = [run_until_clean(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
     assert runs[0][1] == runs[1][1]
     assert runs[0][0].transcript() == runs[1][0].transcript()
 
@@ -99,7 +99,7 @@ def test_office_goals_added_during_others_run_in_order() -> None:
 
 
 def test_cup_in_hand_comes_to_the_charger_and_then_the_bin() -> None:
-    _, scene = keep_free(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
+    _, scene = run_until_clean(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
     told = [line.split("  ")[-1] for line in scene.happened]
     grasped = told.index("cup 1 is in the hand")
     charged = next(number for number, line in enumerate(told) if "is being charged" in line)
@@ -146,7 +146,7 @@ def test_office_rules_hold_in_any_lab() -> None:
         world = OfficeWorld(
             seed, rng.choice([60.0, 150.0, 300.0]), battery=rng.choice([1.0, rng.uniform(0.3, 0.6)])
         )
-        _, scene = keep_free(world, ShiftObserver().look)
+        _, scene = run_until_clean(world, ShiftObserver().look)
         assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
 
 

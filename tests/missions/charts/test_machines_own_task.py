@@ -70,10 +70,10 @@ def test_machine_is_a_task_of_its_mission() -> None:
             "rover.Drive",
             "rover.Drive",
         ]
-        _check_told(machine, mission.central.facts)
+        check_journal(machine, mission.central.facts)
 
 
-def _check_told(machine: facts.Received, told: list[Any]) -> None:
+def check_journal(machine: facts.Received, told: list[Any]) -> None:
     """The journal contains the machine and its active states."""
     formats = next(
         fact

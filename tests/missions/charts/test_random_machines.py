@@ -24,7 +24,7 @@ MOST_ARE_REFUSED = settings(
 LABELS = [f"s{number}" for number in range(9)]
 
 
-class Bored(PlayedMission):
+class RandomEndings(PlayedMission):
     """Any task may end in any way."""
 
     def __init__(self, data: st.DataObject) -> None:
@@ -48,7 +48,7 @@ class Bored(PlayedMission):
         return super().first_ended(tasks, timeout)
 
 
-def write(
+def write_states(
     sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool
 ) -> None:
     """Write some states. Most have no transitions of their own, as few machines with many are
@@ -74,7 +74,7 @@ def write(
                 if kind == "sequence"
                 else sm.concurrence(label, until=until) as state
             ):
-                write(sm, data, labels, depth - 1, is_in_front=is_in_front)
+                write_states(sm, data, labels, depth - 1, is_in_front=is_in_front)
         if state.parent is not None and state.parent.kind.is_concurrent:
             is_in_front = False  # at most one branch has the foreground
         possible = ["completed"] if kind == "epsilon" else ENDINGS
@@ -86,11 +86,11 @@ def write(
         state.on(**targets)
 
 
-def drawn(data: st.DataObject) -> StateMachine:
+def random_sound_machine(data: st.DataObject) -> StateMachine:
     """A random sound machine."""
     try:
         with Sequence("random") as sm:
-            write(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
+            write_states(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
     except UnsoundMachine:
         assume(False)
     return sm
@@ -99,8 +99,8 @@ def drawn(data: st.DataObject) -> StateMachine:
 @MOST_ARE_REFUSED
 @given(st.data())
 def test_sound_machine_keeps_its_guarantees_in_any_run(data: st.DataObject) -> None:
-    sm = drawn(data)
-    mission: Any = Bored(data)
+    sm = random_sound_machine(data)
+    mission: Any = RandomEndings(data)
     published = list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
@@ -140,5 +140,5 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
 @given(st.data())
 def test_soundness_agrees_with_exhaustive_search(data: st.DataObject) -> None:
     """Each state can be entered, and exactly the computed endings are possible."""
-    sm = drawn(data)
+    sm = random_sound_machine(data)
     assert explored(sm.root) == (set(sm.root.all()), set(endings_of(sm.root)[sm.root]))

@@ -93,12 +93,12 @@ def _same_label(sm: StateMachine) -> None:
 
 
 def test_unsound_machine_is_rejected_when_built(approve: Callable[..., None]) -> None:
-    def tell(write: str) -> str:
+    def message_of(write: str) -> str:
         with pytest.raises(UnsoundMachine) as refused, Sequence("robot") as sm:
             eval(write)(sm)
         return str(refused.value)
 
-    approve("unsound_machines.txt", tell)
+    approve("unsound_machines.txt", message_of)
 
 
 def test_machine_misuse_is_rejected_when_written() -> None:
