@@ -19,7 +19,7 @@ from tca_module import Module, connect
 
 
 def said(address: str, *arguments: str) -> str:
-    """The output of a command that serves no page."""
+    """The output of a command that starts no page."""
     result = CliRunner().invoke(activities, [*arguments, "--central", address, "--no-browser"])
     assert result.exit_code == 1
     return result.output.strip()

@@ -1,4 +1,4 @@
-"""Verdicts on moves and footfalls."""
+"""Checks of moves and footfalls."""
 
 from dataclasses import replace
 

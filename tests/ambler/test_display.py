@@ -15,7 +15,7 @@ HILLS = TerrainSpec(seed=2, slope=0.3)
 
 
 class FakeSender:
-    """Takes values of variables, or fails."""
+    """Receives values of variables, or fails."""
 
     def __init__(self, error: TcaError | None = None) -> None:
         self.values: list[Any] = []

@@ -1,4 +1,4 @@
-"""Choosing a foothold from a map."""
+"""The choice of a foothold from a map."""
 
 import math
 from dataclasses import replace

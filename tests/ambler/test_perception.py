@@ -1,4 +1,4 @@
-"""From scan points to maps."""
+"""Maps made of scan points."""
 
 from dataclasses import replace
 

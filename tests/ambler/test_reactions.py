@@ -66,7 +66,7 @@ def robot() -> Robot:
 
 @pytest.fixture
 def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
-    """All modules of a walk."""
+    """Run all modules of a walk."""
     walkers = (
         gait_planner.planner,
         *PLANNERS.values(),

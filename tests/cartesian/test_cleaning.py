@@ -1,4 +1,4 @@
-"""The cleaning robot without central: four regions a joint, limits, moves in two dimensions,
+"""The cleaning robot without central: four regions per joint, limits, moves in two dimensions,
 cleaning.
 """
 
@@ -50,7 +50,7 @@ def test_cleaning_show_counts_missed_ticks() -> None:
 def test_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
     axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.5, wanted=2.0)
     axis.advance(1.0)
-    assert (axis.position, axis.speed) == (0.5, 0.0)  # it is off
+    assert (axis.position, axis.speed) == (0.5, 0.0)  # switched off
     axis.is_on = True
     axis.advance(POWER_UP)
     axis.advance(0.1)

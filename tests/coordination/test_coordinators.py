@@ -171,7 +171,7 @@ def test_next_activity_waits_for_a_slow_cancel_of_its_agent() -> None:
     @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
     def drive(task: Task, _: str) -> None:
         task.wait_for_request()
-        task.sleep(2)  # it takes a while to stand still
+        task.sleep(2)  # stops slowly
         raise task.aborted()
 
     @robot.handles(GRIPPER, resource="horn")

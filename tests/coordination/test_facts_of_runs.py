@@ -213,7 +213,7 @@ def test_next_activity_waits_for_facts_that_a_left_one_needs() -> None:
     @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
     def drive(task: Task, _: str) -> None:
         task.wait_for_request()
-        task.sleep(2)  # it takes a while to stand still
+        task.sleep(2)  # stops slowly
         raise task.aborted()
 
     @robot.handles(MOVE_ARM, resource="arm")

@@ -303,7 +303,7 @@ def test_second_machine_is_set_up_in_five_commands(
     with central(tmp_path, bind="tcp://0.0.0.0:*") as daemon:
         port = daemon.first_line.rpartition(":")[2]
         copied = tmp_path / "laptop.key"
-        copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as scp leaves it
+        copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as after scp
         monkeypatch.setenv("TCA_KEYS", str(tmp_path / "laptop"))
         assert "'laptop'" in run_keys("use", str(copied))
         monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
@@ -408,7 +408,7 @@ def test_key_works_without_moving_its_secret(
     path, advice = run_keys(
         "new", "laptop", "--central", central_key, "--folder", str(there)
     ).splitlines()
-    assert run_keys("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
+    assert run_keys("list", "--folder", str(there)).count("\n") == 1, "the key is not allowed there"
     name, public = advice.split()[-2:]
     run_keys("allow", name, public.strip("'"))
     as_key(path)

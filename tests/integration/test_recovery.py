@@ -397,7 +397,7 @@ def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync:
         server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
         folder.open(server, sync)
         newest.append(folder.central.tree.newest)
-        server.log = None  # it is killed
+        server.log = None  # as after a kill
         server.close()
         folder.close()
     assert newest[1] > newest[0] > 1_000_000

@@ -38,7 +38,7 @@ class Roll(PeriodicTask[Environment]):
         return Status.RUNNING
 
     def terminate(self) -> None:
-        self.sleep(0.01)  # slowly
+        self.sleep(0.01)
         self.stands.set()
 
 

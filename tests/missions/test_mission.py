@@ -185,7 +185,7 @@ def test_verified_condition_interrupts_and_terminates_the_task() -> None:
         with pytest.raises(ConditionVerified, match=r"Watch \{\d+\} has ended") as caught:
             mission.Drive(x=2.0, fails="never")
         assert len(caught.value.conditions) == 1
-        assert robot.done[-1] == "stands at 2"  # it had terminated when the exception came
+        assert robot.done[-1] == "stands at 2"  # terminated before the exception
         mission.Drive(x=3.0)  # conditions are cleared when one is verified
 
 
@@ -282,7 +282,7 @@ def test_stopped_tasks_are_terminated() -> None:
         assert robot.done == ["to 4", "stands at 4"]
         mission.stop_all_tasks()
         assert robot.done[-1] == "watched"
-        mission.stop_task(watch)  # it has ended: nothing happens
+        mission.stop_task(watch)  # already ended: no effect
         with pytest.raises(MissionTaskFailed, match="interrupted: the mission has stopped it"):
             mission.wait_for_task(watch)
 
@@ -401,7 +401,7 @@ def test_mission_without_a_server_does_not_open() -> None:
             NotOffered, match=r"server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"
         ):
             Mission("rovre", central=central, patience=0).open()
-        with Mission(central=central) as mission:  # there is only one
+        with Mission(central=central) as mission:  # the only server
             assert mission.server == "rover"
         with TaskServer("other", Rover(), tasks=TASKS, central=central).running():
             with pytest.raises(MisuseError, match=r"several servers offer tasks: .*; name one"):

@@ -1,6 +1,4 @@
-"""A shift on a stepped clock: what must hold of cups and goals at any time, and what each layer is
-for.
-"""
+"""A shift on a stepped clock: invariants of cups and goals, and the effect of each layer."""
 
 import random
 import re
@@ -20,20 +18,18 @@ from tca_module import Client, TaskFailed
 SHIFT = 150.0
 SEEDS = [1, 3, pytest.param(4, marks=pytest.mark.soak)]
 NOTICED = 6.0
-"""Seconds within which there is no goal for a vanished cup any more: three pictures, a poll, a
-grasp.
-"""
+"""Seconds within which the goal of a vanished cup must end: three pictures, a poll, a grasp."""
 
 
 class ShiftObserver:
-    """Looks every second whether what must hold does."""
+    """Checks the invariants every second."""
 
     def __init__(self) -> None:
         self.most_goals = 0
         self._gone_for: Counter[int] = Counter()
 
     def look(self, user: Client, scene: LabScene) -> None:
-        """Raises AssertionError if not."""
+        """Raise AssertionError if an invariant is broken."""
         assert len(the(scene, CupState.HAND)) <= 1
         assert 0 < scene.battery <= 1
         goals = [goal.data(COLLECT_CUP).spot for goal in user.tasks(COLLECT_CUP)]
@@ -48,9 +44,7 @@ class ShiftObserver:
 
 @cache
 def shift(seed: int) -> tuple[str, LabScene, int]:
-    """A whole shift: what happened at central and in the lab, and how many goals there were at
-    most.
-    """
+    """A whole shift: its transcript, its last scene, and the greatest number of goals."""
     observer = ShiftObserver()
     central, scene = run_until_clean(OfficeWorld(seed, SHIFT), observer.look)
     return central.transcript(), scene, observer.most_goals
@@ -68,7 +62,7 @@ def test_each_cup_ends_in_the_bin_or_is_taken(seed: int) -> None:
 
 
 def test_goals_are_cancelled_when_their_cups_vanish() -> None:
-    """One that waits for its turn, too: nothing is under way for it then."""
+    """Also a goal that waits for its turn and has no running task."""
     transcript, scene, _ = shift(1)
     cancelled = re.findall(r"killed: collect cup \{(\d+)\}: cup \d+ is out of view", transcript)
     assert 2 <= len(cancelled) <= len(the(scene, CupState.TAKEN))
@@ -108,7 +102,7 @@ def test_cup_in_hand_comes_to_the_charger_and_then_the_bin() -> None:
 
 @pytest.mark.parametrize("is_removed", [True, False])
 def test_robot_waits_for_a_blocked_charger_with_a_limit(*, is_removed: bool) -> None:
-    """A box stands on the charger, and the robot comes with a cup in its hand."""
+    """A box blocks the charger while the robot arrives with a cup in its hand."""
     world = OfficeWorld(9, 30.0, battery=0.35)
     box = world.floor.charger.around(0.2)
     world.floor.tables.append(box)
@@ -178,8 +172,8 @@ def test_cup_of_a_killed_goal_is_put_down_and_collected_later() -> None:
 
 @pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
 def test_office_robot_does_not_import_its_layers(without: object) -> None:
-    """Without one it works on, but not as well: it drives to cups that are gone, stands still, or
-    stops at a slip.
+    """Without a layer the robot continues, but worse: it drives to vanished cups, stops, or fails
+    at a slip.
     """
     layers = tuple(make for make in LAYERS if make.__module__ != getattr(without, "__name__", ""))
     assert len(layers) == len(LAYERS) - 1

@@ -50,7 +50,7 @@ class Town:
         return sent.result(timeout=5)
 
     def until_over(self, sent: SentTask[Any], at_most: float = 100.0) -> None:
-        """Let time pass until a task has ended."""
+        """Advance until a task has ended."""
         until = self.central.now() + at_most
         self.central.until_quiet()
         while sent.info() is not None:

@@ -74,7 +74,7 @@ def test_machine_is_a_task_of_its_mission() -> None:
 
 
 def check_journal(machine: facts.Received, told: list[Any]) -> None:
-    """The journal contains the machine and its active states."""
+    """Check that the journal contains the machine and its active states."""
     formats = next(
         fact
         for fact in told
