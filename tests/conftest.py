@@ -120,16 +120,16 @@ def approve(
     ``--rewrite`` updates it.
     """
 
-    def compare(name: str, tell: Callable[[str], object]) -> None:
+    def compare(name: str, message_of: Callable[[str], object]) -> None:
         path = request.path.parent / name
         cases = [
             line
             for line in path.read_text().splitlines()
             if line.strip() and not line.startswith(" ")
         ]
-        told = "\n".join(f"{case}\n    {tell(case)}\n" for case in cases)
+        text = "\n".join(f"{case}\n    {message_of(case)}\n" for case in cases)
         if rewrite:
-            path.write_text(told)
-        assert told == path.read_text()
+            path.write_text(text)
+        assert text == path.read_text()
 
     return compare

@@ -73,9 +73,9 @@ class Process:
         """Its output until its end, from both streams, which are closed then."""
         if self.stdout.closed:
             return "", ""
-        said: dict[IO[str], str] = {}
+        outputs: dict[IO[str], str] = {}
         readers = [
-            threading.Thread(target=lambda one=one: said.update({one: one.read()}), daemon=True)
+            threading.Thread(target=lambda one=one: outputs.update({one: one.read()}), daemon=True)
             for one in (self.stdout, self.stderr)
         ]
         with self.killed_after(timeout):
@@ -88,7 +88,7 @@ class Process:
                 reader.join()
             self.wait(timeout)
         self._close_streams()
-        return said[self.stdout], said[self.stderr]
+        return outputs[self.stdout], outputs[self.stderr]
 
     def send_signal(self, number: int) -> None:
         if self.poll() is None:

@@ -18,7 +18,7 @@ from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Module, connect
 
 
-def said(address: str, *arguments: str) -> str:
+def command_error(address: str, *arguments: str) -> str:
     """The output of a command that starts no page."""
     result = CliRunner().invoke(activities, [*arguments, "--central", address, "--no-browser"])
     assert result.exit_code == 1
@@ -29,19 +29,23 @@ def said(address: str, *arguments: str) -> str:
 def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon:
         assert (
-            said(daemon.address)
+            command_error(daemon.address)
             == "Error: central knows no application: start a program that has a Manager"
         )
         module = Module("robot", daemon.address)
         for name in ("arm", "base"):
             Manager(Application(name)).handle_in(module)
         with module.running():
-            assert said(daemon.address).endswith("several applications: name one of 'arm', 'base'")
-            assert said(daemon.address, "leg").endswith(
+            assert command_error(daemon.address).endswith(
+                "several applications: name one of 'arm', 'base'"
+            )
+            assert command_error(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )
-            assert "can't serve there" in said(daemon.address, "arm", "--host", "192.0.2.1")
-    assert "does not answer" in said(daemon.address)
+            assert "can't serve there" in command_error(
+                daemon.address, "arm", "--host", "192.0.2.1"
+            )
+    assert "does not answer" in command_error(daemon.address)
 
 
 def wait_for_part(live: LiveApplication, part: str, words: str) -> None:

@@ -128,8 +128,8 @@ def test_application_requires_initialised_components() -> None:
 def test_application_starts_and_stops_repeatedly() -> None:
     counter = Counter("c")
     application = Application("test", [counter], one_each)
-    told: list[bool] = []
-    application.on_change(lambda: told.append(application.is_running))
+    running_changes: list[bool] = []
+    application.on_change(lambda: running_changes.append(application.is_running))
     for _ in range(3):
         counter.enough.clear()
         with application.running():
@@ -143,7 +143,7 @@ def test_application_starts_and_stops_repeatedly() -> None:
     application.start()
     application.stop()
     application.stop()
-    assert told == [True, False] * 3 + [True, True, False, False]
+    assert running_changes == [True, False] * 3 + [True, True, False, False]
 
 
 def test_raising_activity_does_not_disturb_others(caplog: pytest.LogCaptureFixture) -> None:

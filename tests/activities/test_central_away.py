@@ -84,7 +84,7 @@ def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> Non
         until_lost(is_lost=True)
         central = Central(tmp_path)
         until_lost(is_lost=False)
-        said = live.send(PageCommand("set policy of robot", "one_each"))
-        told = central.stop()
-    assert said == "set policy of robot: done"
-    assert "did not come back" not in told
+        reply = live.send(PageCommand("set policy of robot", "one_each"))
+        log_text = central.stop()
+    assert reply == "set policy of robot: done"
+    assert "did not come back" not in log_text

@@ -178,14 +178,14 @@ def test_states_exit_inside_out_and_enter_outside_in() -> None:
     log: list[str] = []
     chain = Chain(log)
     chain.initialise()
-    told = []
+    entries = []
     for event in ("next", "next", "again", "out", "back"):
-        told.append(" ".join(log))
+        entries.append(" ".join(log))
         log.clear()
         chain.post(event)
         tick(chain)
-    told.append(" ".join(log))
-    assert told == [
+    entries.append(" ".join(log))
+    assert entries == [
         "+outer +one",
         "-one +two",
         "-two +two",

@@ -85,10 +85,11 @@ def test_every_transition_is_published(town: Town) -> None:
     town.joint.command.put("disable")
     town.baton.run(0.1)
     town.central.advance(0.1)
-    told = town.user.get_variable(NAMES.states)
-    assert told.states["x.enabling"] == "disabled"
+    published = town.user.get_variable(NAMES.states)
+    assert published.states["x.enabling"] == "disabled"
     assert [
-        (f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes
+        (f"{one.component}.{one.region}", one.source, one.target, one.event)
+        for one in published.changes
     ] == [
         ("x.enabling", "disabled", "enabled", "enable"),
         ("x.enabling", "enabled", "disabled", "disable"),
@@ -102,14 +103,14 @@ def test_every_transition_is_published(town: Town) -> None:
 def test_transition_during_publication_is_published(
     town: Town, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    published: list[str] = []
     set_variable = Callback.set_variable
 
     def disable_meanwhile(self: Callback, variable: Any, value: Any, **how: Any) -> None:
         set_variable(self, variable, value, **how)
         if variable.name == NAMES.states.name:
-            told.extend(change.event for change in value.changes)
-            if len(told) == 3:
+            published.extend(change.event for change in value.changes)
+            if len(published) == 3:
                 town.joint.command.put("disable")
                 town.baton.run(0.1)
 
@@ -119,7 +120,7 @@ def test_transition_during_publication_is_published(
         town.joint.command.put(event)
     town.baton.run(0.1)
     town.central.advance(0.2)
-    assert told == ["enable", "disable", "enable", "disable"]
+    assert published == ["enable", "disable", "enable", "disable"]
 
 
 def test_added_component_is_published(town: Town) -> None:
@@ -134,10 +135,10 @@ def test_added_component_is_published(town: Town) -> None:
         "late",
     ]
     assert "late.movement.machine" in town.allocated()["all"]
-    told = town.user.get_variable(NAMES.states)
-    assert told.states["late.enabling"] == "enabled"
+    published = town.user.get_variable(NAMES.states)
+    assert published.states["late.enabling"] == "enabled"
     assert ("late", "enabling", "enable") in [
-        (one.component, one.region, one.event) for one in told.changes
+        (one.component, one.region, one.event) for one in published.changes
     ]
 
 

@@ -31,7 +31,7 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def said(*arguments: object) -> Result:
+def run_generate(*arguments: object) -> Result:
     return CliRunner().invoke(generate, list(map(str, arguments)))
 
 
@@ -70,7 +70,7 @@ def test_invalid_model_is_rejected_with_its_line(
 
 
 def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:
-    shown = said(tmp_path / "no.toml")
+    shown = run_generate(tmp_path / "no.toml")
     assert (shown.exit_code, shown.output) == (
         2,
         f"Error: {tmp_path}/no.toml can't be read: No such file or directory\n",
@@ -111,7 +111,7 @@ application.main()
 
 
 def test_generated_code_runs_at_once(model: Path) -> None:
-    assert said(model).output.splitlines() == [
+    assert run_generate(model).output.splitlines() == [
         f"{model.parent}/{name}: written"
         for name in ("generated.py", "application.py", "joint.py", "panel.py")
     ]
@@ -126,7 +126,7 @@ def test_generated_code_runs_at_once(model: Path) -> None:
 
 
 def test_generate_keeps_handwritten_code(model: Path) -> None:
-    said(model)
+    run_generate(model)
     by_hand = model.parent / "joint.py"
     by_hand.write_text(
         by_hand.read_text().replace(
@@ -135,7 +135,7 @@ def test_generate_keeps_handwritten_code(model: Path) -> None:
         )
     )
     before = {file: file.read_bytes() for file in model.parent.glob("*.py")}
-    assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == [
+    assert [line.partition(": ")[2] for line in run_generate(model).output.splitlines()] == [
         "unchanged"
     ] * 2 + ["yours, not changed"] * 2
     assert {file: file.read_bytes() for file in model.parent.glob("*.py")} == before
@@ -145,7 +145,7 @@ def test_generate_keeps_handwritten_code(model: Path) -> None:
             '"is_near"', '"is_close"'
         )
     )
-    output = said(model).output
+    output = run_generate(model).output
     assert f"{by_hand}: yours, not changed; class Joint lacks brake_off, is_close. Add:" in output
     assert by_hand.read_bytes() == before[by_hand]
     (added,) = output.split("Add:\n")[1].split(f"{model.parent}/panel.py")[:1]
@@ -156,23 +156,23 @@ def test_generate_keeps_handwritten_code(model: Path) -> None:
 def test_generate_does_not_overwrite_foreign_files(model: Path) -> None:
     other = model.parent / "generated.py"
     other.write_text("mine = 1\n")
-    shown = said(model)
+    shown = run_generate(model)
     assert (shown.exit_code, shown.output.partition(": ")[2]) == (
         2,
         f"{other} exists already, and was not made by tca generate: rename it, or choose a folder with -o FOLDER\n",
     )
     assert sorted(file.name for file in model.parent.iterdir()) == ["cleaning.toml", "generated.py"]
     folder = model.parent / "code"
-    assert not said(model, "-o", folder).exit_code
+    assert not run_generate(model, "-o", folder).exit_code
     (folder / "joint.py").write_text("class Joint(:\n")
     assert (
-        said(model, "-o", folder).output
+        run_generate(model, "-o", folder).output
         == f"Error: {folder}/joint.py, line 1: can't be read: invalid syntax\n"
     )
     (folder / "joint.py").write_text("class Elbow: ...\n")
     assert (
         "joint.py: yours, not changed; it lacks class Joint: add it"
-        in said(model, "-o", folder).output
+        in run_generate(model, "-o", folder).output
     )
 
 
@@ -181,7 +181,7 @@ def test_generated_package_imports_its_own_name(model: Path) -> None:
     inner.mkdir()
     for package in (model.parent, inner):
         (package / "__init__.py").touch()
-    said(model, "-o", inner)
+    run_generate(model, "-o", inner)
     assert "from robot.inner.generated import JointBase, Target" in (inner / "joint.py").read_text()
     python(model.parent.parent, "-c", TRY.replace("from app", "from robot.inner.app"))
 
@@ -190,13 +190,13 @@ def test_generated_code_imports_types_of_a_module(model: Path) -> None:
     fields = '[types.Target]\nposition = "float"\nspeed = "float"'
     model.write_text(TEXT.replace(fields, '[types]\nTarget = "messages:Target"'))
     (model.parent / "messages.py").write_text("class Target: ...\n")
-    said(model)
+    run_generate(model)
     assert "\nfrom messages import Target\n" in (model.parent / "joint.py").read_text()
     python(model.parent, "-c", "import joint")
 
 
 def test_generated_code_passes_formatter_and_linter(model: Path) -> None:
-    said(model)
+    run_generate(model)
     ruff = Path(sys.executable).parent / "ruff"
     for length in (88, 120):
         options = ["--isolated", f"--config=line-length={length}"]
@@ -222,7 +222,7 @@ def test_generated_code_passes_formatter_and_linter(model: Path) -> None:
 
 @pytest.mark.soak
 def test_generated_code_passes_mypy(model: Path) -> None:
-    said(model)
+    run_generate(model)
     python(model.parent, "-m", "mypy", "--strict", ".")
 
 
@@ -241,7 +241,7 @@ def test_each_transition_has_its_own_arrow(model: Path) -> None:
 
 def test_generate_draws_a_model(model: Path) -> None:
     picture = model.with_suffix(".svg")
-    assert not said(model, "-o", picture).exit_code
+    assert not run_generate(model, "-o", picture).exit_code
     shown = picture.read_text()
     words = [
         "Joint",
@@ -253,6 +253,6 @@ def test_generate_draws_a_model(model: Path) -> None:
         "length = 2.0",
     ]
     assert [word for word in words if word not in shown] == []
-    refused = said(model, "-o", model.with_suffix(".jpg"))
+    refused = run_generate(model, "-o", model.with_suffix(".jpg"))
     assert refused.exit_code == 2
     assert "give a picture (.svg, .png, .pdf, .dot), or a folder without a suffix" in refused.output

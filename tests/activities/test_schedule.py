@@ -45,43 +45,43 @@ class RunningSchedule:
 def test_no_tick_is_lost_or_doubled_when_activities_move(
     periods: list[float], data: st.DataObject
 ) -> None:
-    made = RunningSchedule(periods)
+    running = RunningSchedule(periods)
     for _ in range(12):
-        made.baton.run(data.draw(st.integers(1, 5000)))
+        running.baton.run(data.draw(st.integers(1, 5000)))
         to = data.draw(st.sampled_from(["p0", "p1", "p2"]))
-        made.move(
-            data.draw(st.sampled_from(made.names)), to, data.draw(st.sampled_from([None, 0, 1]))
+        running.move(
+            data.draw(st.sampled_from(running.names)), to, data.draw(st.sampled_from([None, 0, 1]))
         )
-        with made.baton.changing() as schedule:
+        with running.baton.changing() as schedule:
             data.draw(st.sampled_from(schedule.processors)).priority = data.draw(st.integers(0, 2))
-    now = made.baton.clock()
-    for name, period in zip(made.names, periods, strict=True):
-        turns = [at // period for at in made.ticks(name)]
+    now = running.baton.clock()
+    for name, period in zip(running.names, periods, strict=True):
+        turns = [at // period for at in running.ticks(name)]
         assert turns == list(range(len(turns)))  # one in each period
         assert len(turns) in (now // period, now // period + 1)
-    assert not any(one.release.missed for one in made.baton.schedule.activities.values())
+    assert not any(one.release.missed for one in running.baton.schedule.activities.values())
 
 
 @given(st.data())
 def test_changed_period_counts_from_the_previous_tick(data: st.DataObject) -> None:
-    made = RunningSchedule([4 * UNIT, 3 * UNIT])
+    running = RunningSchedule([4 * UNIT, 3 * UNIT])
     wanted = 4 * UNIT
     in_force = [(0.0, wanted)]
     for _ in range(10):
-        made.baton.run(data.draw(st.integers(1, 6000)))
-        in_force.append((made.baton.clock(), wanted := data.draw(st.sampled_from(PERIODS))))
-        made.set_period("a0", wanted)
-        made.move("a0", data.draw(st.sampled_from(["p0", "p1"])))
-    made.baton.run(2 * wanted)
-    ticks = made.ticks("a0")
-    assert ticks[-1] > made.baton.clock() - wanted - 20
+        running.baton.run(data.draw(st.integers(1, 6000)))
+        in_force.append((running.baton.clock(), wanted := data.draw(st.sampled_from(PERIODS))))
+        running.set_period("a0", wanted)
+        running.move("a0", data.draw(st.sampled_from(["p0", "p1"])))
+    running.baton.run(2 * wanted)
+    ticks = running.ticks("a0")
+    assert ticks[-1] > running.baton.clock() - wanted - 20
     for before, after in pairwise(ticks):
         seconds = [each for at, each in in_force if before < at <= after]
         seconds.append(next(each for at, each in reversed(in_force) if at <= before))
         assert (
             min(seconds) - 20 <= after - before <= max(seconds) + 20
         )  # other ticks may delay it by as much
-    assert [at // (3 * UNIT) for at in made.ticks("a1")] == list(range(len(made.ticks("a1"))))
+    assert [at // (3 * UNIT) for at in running.ticks("a1")] == list(range(len(running.ticks("a1"))))
 
 
 @given(st.lists(task_sets(), min_size=1, max_size=3))
@@ -120,25 +120,25 @@ def test_processor_ticks_activities_in_subscription_order(names: list[str], cost
 
 
 def test_activity_due_during_a_round_waits_for_the_next() -> None:
-    made = RunningSchedule([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
-    made.baton.run(6 * UNIT)
-    assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
-    made.baton.run(1 * UNIT)
-    assert made.log[3:] == [
+    running = RunningSchedule([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
+    running.baton.run(6 * UNIT)
+    assert [name for name, _ in running.log] == ["a0", "a1", "a2"]
+    running.baton.run(1 * UNIT)
+    assert running.log[3:] == [
         ("a0", 6 * UNIT + 10),
         ("a0", 6 * UNIT + 20),
     ]  # due at 2 and 6; the one at 4 is skipped
 
 
 def test_unassigned_activity_is_due_when_reassigned() -> None:
-    made = RunningSchedule([2 * UNIT, 2 * UNIT])
-    with made.baton.changing() as schedule:
+    running = RunningSchedule([2 * UNIT, 2 * UNIT])
+    with running.baton.changing() as schedule:
         schedule.unassign(schedule.activity("a0"))
-    made.baton.run(5 * UNIT)
-    assert made.ticks("a0") == []
-    made.move("a0", "p1")
-    made.baton.run(5 * UNIT)
-    assert made.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
+    running.baton.run(5 * UNIT)
+    assert running.ticks("a0") == []
+    running.move("a0", "p1")
+    running.baton.run(5 * UNIT)
+    assert running.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
 
 
 def test_activity_moved_during_its_tick_is_not_ticked_twice() -> None:

@@ -27,17 +27,17 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
     The earliest valid start is the last time at which its state was left, or became unforeseen.
     Returns the number of executions that started early.
     """
-    told = list(_reports(entries))
+    reports = list(_reports(entries))
     seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
     ahead = 0
-    for place, one in enumerate(told):
+    for place, one in enumerate(reports):
         state = one.report.before
         if one.report.taken.split(" ")[0] != DONE or machine.states[state].activity is None:
             continue
         entered = max(
-            (place for place, other in enumerate(told[:place]) if other.report.taken), default=0
+            (place for place, other in enumerate(reports[:place]) if other.report.taken), default=0
         )
-        since = _last_left(told[: entered + 1], state)
+        since = _last_left(reports[: entered + 1], state)
         own = [
             began
             for execution in seen
@@ -47,14 +47,14 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
         assert own, (
             f"{machine.states[state]!r} is left at {one.time:g} s, and nothing was done for it since {since:g} s"
         )
-        ahead += own[-1] < told[entered].time
+        ahead += own[-1] < reports[entered].time
     return ahead
 
 
-def _last_left(told: list[TimedReport], state: int) -> float:
+def _last_left(reports: list[TimedReport], state: int) -> float:
     """Time of the last transition that left a state or made it unforeseen, before it was entered."""
     found = 0.0
-    for one, following in pairwise(told):
+    for one, following in pairwise(reports):
         is_rest = not (
             following.time == one.time and following.report.taken
         )  # only then does the report have a preview

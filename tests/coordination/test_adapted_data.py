@@ -24,7 +24,7 @@ def drive_and(activity: Activity) -> Coordination:
     return machine
 
 
-def make_robot(told: list[tuple[float, Any]]) -> Module:
+def make_robot(received: list[tuple[float, Any]]) -> Module:
     """A robot whose base reports each quarter of 8 s. Its arm moves until 10 s after its last data."""
     robot = Module("robot")
 
@@ -35,9 +35,9 @@ def make_robot(told: list[tuple[float, Any]]) -> Module:
             task.report(quarter)
 
     def move(task: Task, data: Any) -> None:
-        told.append((task.time(), data))
+        received.append((task.time(), data))
         while request := task.wait_for_request(10):
-            told.append((task.time(), request.goal))
+            received.append((task.time(), request.goal))
             request.accept()
 
     robot.handles(MOVE_ARM, resource="arm", takes=["update"])(move)
@@ -67,25 +67,25 @@ def run_to_the_end(run: Play) -> None:
 
 def test_adapted_data_is_made_once_per_speed(caplog: pytest.LogCaptureFixture) -> None:
     """The task keeps its data when ``adapt`` fails, and that is logged once."""
-    told: list[tuple[float, str]] = []
+    received: list[tuple[float, str]] = []
     activity = Activity(Do(MOVE_ARM, "box B", ARM), adapt=fails_from(2))
-    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:
+    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(received)) as run:
         run_to_the_end(run)
-    assert told == [(2.0, "box B at 0.2"), (8.0, "box B")]
+    assert received == [(2.0, "box B at 0.2"), (8.0, "box B")]
     warnings = [one.message for one in caplog.records if one.name == "tca.coordinator"]
     assert warnings == ['Activity(arm to "box B") keeps its speed: ValueError: no data at 0.5']
 
 
 def test_adapted_array_is_sent_when_its_elements_change() -> None:
-    told: list[tuple[float, Speeds]] = []
+    received: list[tuple[float, Speeds]] = []
 
     def adapt(speeds: Speeds, share: float, _: int) -> Speeds:
         return speeds * (1.0 if share > 0.5 else 0.5)
 
     activity = Activity(Do(STEER, np.array([1.0, 2.0]), ARM), adapt=adapt)
-    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:
+    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(received)) as run:
         run_to_the_end(run)
-    assert [(time, speeds.tolist()) for time, speeds in told] == [
+    assert [(time, speeds.tolist()) for time, speeds in received] == [
         (2.0, [0.5, 1.0]),
         (6.0, [1.0, 2.0]),
     ]

@@ -47,15 +47,15 @@ def test_coordinator_process_previews_stops_and_is_learned_from(tmp_path: Path) 
 
     robot.handles(MOVE_BASE, resource="base")(move)
     robot.handles(MOVE_ARM, resource="arm")(move)
-    here = Coordinator(reaching())
+    local = Coordinator(reaching())
     text = PROGRAM.format(tests=str(Path(__file__).parents[1]))
     with central(tmp_path) as daemon, program(text, daemon.address) as process:
         robot.central = daemon.address
         with robot.running(), connect("user", daemon.address) as user:
-            end = here.run(user)
+            end = local.run(user)
             assert (end.state, end.kept) == ("end", 1)
             is_quick = False
-            run = user.command(here.message, here.chart)
+            run = user.command(local.message, local.chart)
             for _ in range(4):
                 assert moving.acquire(timeout=SOON)
             process.send_signal(signal.SIGINT)
@@ -63,7 +63,7 @@ def test_coordinator_process_previews_stops_and_is_learned_from(tmp_path: Path) 
             assert user.tasks() == []
             assert process.communicate(timeout=SOON)[0] == "over\n"
         daemon.stop()
-    assert count_transitions([daemon.journal], here.chart) == {
+    assert count_transitions([daemon.journal], local.chart) == {
         ("to B", "done"): 1,
         ("reach", "done"): 1,
     }

@@ -333,12 +333,12 @@ def test_event_for_a_failed_start_does_not_reach_the_next_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The first run fails before it listens, after an event for it has arrived."""
-    begins, told, restart = Event(), Event(), Interpreter.restart
+    begins, event_sent, restart = Event(), Event(), Interpreter.restart
 
     def fail_once(interpreter: Interpreter) -> None:
         if not begins.is_set():
             begins.set()
-            assert told.wait(5)
+            assert event_sent.wait(5)
             raise RuntimeError("no chart today")
         restart(interpreter)
 
@@ -352,7 +352,7 @@ def test_event_for_a_failed_start_does_not_reach_the_next_run(
             assert begins.wait(5)
             user.broadcast(COORDINATION_EVENT, MachineEvent("deliver", "object given"))
             central.until_quiet(ignoring=[coordinator.message])
-            told.set()
+            event_sent.set()
             with pytest.raises(TaskFailed, match="no chart today"):
                 first.result(timeout=5)
             second = user.command(coordinator.message, coordinator.chart)

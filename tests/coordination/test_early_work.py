@@ -165,10 +165,10 @@ def test_unforeseen_result_lasts_as_long_as_the_current_state() -> None:
 
 
 def test_unforeseen_result_needs_no_search_of_the_machine() -> None:
-    asked: list[str] = []
+    evaluated: list[str] = []
 
     def likely(situation: Situation) -> float:
-        asked.append(situation.state)
+        evaluated.append(situation.state)
         return 0.9
 
     with Coordination("long", facts=START) as machine:
@@ -187,7 +187,7 @@ def test_unforeseen_result_needs_no_search_of_the_machine() -> None:
         LookAhead(Discrete(0.5), limits, needed_later(machine)).decide(automaton, present).stops
         == []
     )
-    assert len(asked) < 5
+    assert len(evaluated) < 5
 
 
 def test_failed_early_work_is_not_restarted_early() -> None:

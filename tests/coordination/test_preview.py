@@ -125,13 +125,13 @@ def test_preview_of_an_endless_machine_covers_one_cycle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         ({"final": 0.0}, "final must be above 0, and 1 at most, not 0.0"),
         ({"transition": 1.0}, "transition must be 0 or more, and less than 1, not 1.0"),
         ({"horizon": 0}, "horizon must be 1 or more, or None for any number, not 0"),
     ],
 )
-def test_invalid_preview_limits_are_rejected(wrong: dict[str, float], told: str) -> None:
-    with pytest.raises(MisuseError, match=told):
+def test_invalid_preview_limits_are_rejected(wrong: dict[str, float], message: str) -> None:
+    with pytest.raises(MisuseError, match=message):
         PreviewLimits(**wrong)  # type: ignore[arg-type]

@@ -236,14 +236,14 @@ def test_slow_early_task_gets_full_speed_on_state_entry() -> None:
 
 def test_agent_with_capacity_two_ranks_its_tasks() -> None:
     robot = make_driving_base()
-    told: list[tuple[float, str]] = []
+    records: list[tuple[float, str]] = []
     robot.resource("arms", capacity=2)
 
     @robot.handles(MOVE_ARM, resource="arms", takes=["update"])
     def solve(task: Task, weight: str) -> None:
-        told.append((task.time(), weight))
+        records.append((task.time(), weight))
         while request := task.wait_for_request(20):
-            told.append((task.time(), request.goal))
+            records.append((task.time(), request.goal))
             request.accept()
 
     solver = Agent("solver", tasks=2)
@@ -261,7 +261,7 @@ def test_agent_with_capacity_two_ranks_its_tasks() -> None:
     with play(machine, AS_SOON_AS_LIKELY, robot) as run:
         run.begin()
         run.central.advance(60)
-    assert sorted(told) == [
+    assert sorted(records) == [
         (0.0, "hold 2"),
         (0.0, "look 1"),
         (8.0, "hold 1"),
@@ -327,9 +327,9 @@ def test_invalid_progress_of_early_task_does_not_end_the_run(
             ran = run.start_with_wrong_prediction(seconds=5.2)
             end = ran.result(timeout=5)
             assert (end.state, end.wasted) == ("end", 1)
-        told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-        assert len(told) == 1
-        assert 'the progress of Activity(arm to "box B") does not change: ' in told[0]
+        records = [one.message for one in caplog.records if one.name == "tca.coordinator"]
+        assert len(records) == 1
+        assert 'the progress of Activity(arm to "box B") does not change: ' in records[0]
 
 
 def test_invalid_progress_of_current_task_fails_the_run() -> None:

@@ -65,8 +65,8 @@ def test_prefetched_informs_are_handled_once_in_order(quick: Quick, user: Client
 
 def test_prefetched_queries_get_their_own_replies(quick: Quick, user: Client) -> None:
     with quick.module.running():
-        asked = [user.query_send(DOUBLE, number) for number in range(COUNT)]
-        assert [one.receive(timeout=SOON) for one in asked] == [
+        pending = [user.query_send(DOUBLE, number) for number in range(COUNT)]
+        assert [one.receive(timeout=SOON) for one in pending] == [
             2 * number for number in range(COUNT)
         ]
     assert quick.most_prefetched > 1
@@ -129,7 +129,7 @@ def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: 
     with quick.module.running():
         for number in range(COUNT):
             user.inform(NOTE, number)
-        asked = [user.query_send(later) for _ in range(5)]
+        pending = [user.query_send(later) for _ in range(5)]
         for number in range(COUNT):
             user.inform(NOTE, number)
         for number in range(5):
@@ -138,7 +138,7 @@ def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: 
             reply, before = owed[number]
             user.modules()
             reply.reply(len(quick.heard) == before)
-        assert all(one.receive(timeout=SOON) for one in asked)
+        assert all(one.receive(timeout=SOON) for one in pending)
         assert len(user.query(HEARD, timeout=SOON)) == 2 * COUNT
 
 
@@ -150,9 +150,9 @@ def test_hanging_handler_does_not_delay_earlier_replies(
     quick.module.handles(hang, resource="ear")(lambda _: may_return.wait(SOON))
     with quick.module.running():
         for _ in range(5):
-            asked = [user.query_send(DOUBLE, number) for number in range(50)]
+            pending = [user.query_send(DOUBLE, number) for number in range(50)]
             hanging = user.query_send(hang)
-            assert [one.receive(timeout=SOON / 2) for one in asked] == [
+            assert [one.receive(timeout=SOON / 2) for one in pending] == [
                 2 * number for number in range(50)
             ]
             may_return.set()
@@ -163,10 +163,14 @@ def test_hanging_handler_does_not_delay_earlier_replies(
 def test_message_sent_by_prefetched_handler_is_accepted_in_order(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
-    echo, tell, echoes = Inform("echo", int), Inform("tell", int), Query("echoes", reply=list[int])
+    echo, forward, echoes = (
+        Inform("echo", int),
+        Inform("tell", int),
+        Query("echoes", reply=list[int]),
+    )
     echoed: list[int] = []
 
-    @quick.module.handles(tell, resource="ear")
+    @quick.module.handles(forward, resource="ear")
     def pass_on(task: Task, number: int) -> None:
         if number % 7 == 0:
             task.inform(echo, number)
@@ -175,11 +179,13 @@ def test_message_sent_by_prefetched_handler_is_accepted_in_order(
     quick.module.handles(echoes, resource="echo")(lambda _: echoed)
     with quick.module.running():
         for number in range(COUNT):
-            user.inform(tell, number)
+            user.inform(forward, number)
         user.query(HEARD, timeout=SOON)
         assert user.query(echoes, timeout=SOON) == list(range(0, COUNT, 7))
-    told = {fact.id for fact in daemon.facts(Received) if fact.message == tell.name}
-    assert {fact.origin for fact in daemon.facts(Received) if fact.message == echo.name} <= told
+    forwarded_ids = {fact.id for fact in daemon.facts(Received) if fact.message == forward.name}
+    assert {
+        fact.origin for fact in daemon.facts(Received) if fact.message == echo.name
+    } <= forwarded_ids
     assert daemon.facts(RequestRefused) == []
 
 

@@ -101,15 +101,15 @@ def test_label_query_point_and_say_follow_figure_13(play_example: PlayExample) -
             "completed",
         ]
     assert len(story) == 17
-    begun, done = (
+    starts, done = (
         [index_of(story, message, 1, transition) for message in ("point", "say")]
         for transition in ("initiated", "completed")
     )
-    again = [index_of(story, message, 2, "initiated") for message in ("point", "say")]
-    assert index_of(story, "label query", 1, "accepted") < min(begun)
-    assert max(begun) < min(done)  # side by side
-    assert max(done) < min(again)
-    assert index_of(story, "label query", 2, "rejected") < min(again)
+    second_starts = [index_of(story, message, 2, "initiated") for message in ("point", "say")]
+    assert index_of(story, "label query", 1, "accepted") < min(starts)
+    assert max(starts) < min(done)  # side by side
+    assert max(done) < min(second_starts)
+    assert index_of(story, "label query", 2, "rejected") < min(second_starts)
     assert index_of(story, "label query", 1, "completed") == len(story) - 1
 
 

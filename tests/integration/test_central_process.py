@@ -144,10 +144,10 @@ def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
             assert user.query(SQUARE, 8) == 64
         enemy.close()
         context.term()
-        said = daemon.stop()
-    assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in said
-    assert "3 frames; a packet is one" in said
-    assert "Traceback" not in said
+        output = daemon.stop()
+    assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in output
+    assert "3 frames; a packet is one" in output
+    assert "Traceback" not in output
 
 
 StartRefused = Callable[..., str]
@@ -172,12 +172,12 @@ def test_second_central_is_refused_address_and_journal_in_use(
 ) -> None:
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
-        said = start_refused("--bind", daemon.address, "--no-journal")
-        assert f"can't listen on {daemon.address}: another central uses it; stop it" in said
-        said = start_refused(
+        output = start_refused("--bind", daemon.address, "--no-journal")
+        assert f"can't listen on {daemon.address}: another central uses it; stop it" in output
+        output = start_refused(
             "--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal)
         )
-        assert "another central writes its journal there: name another folder" in said
+        assert "another central writes its journal there: name another folder" in output
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
         with connect("user", daemon.address) as user:
             assert user.status("status")["modules"] == 1
@@ -188,8 +188,8 @@ def test_start_error_names_the_port_in_use(start_refused: StartRefused) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        said = start_refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
-    assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in said
+        output = start_refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
+    assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in output
 
 
 @pytest.mark.parametrize(
@@ -222,9 +222,9 @@ def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
             user.modules()
         first.kill()
     before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
-    with central(tmp_path, "--fresh") as again, connect("late", again.address) as user:
+    with central(tmp_path, "--fresh") as second, connect("late", second.address) as user:
         user.modules()
-        assert again.journal == first.journal
+        assert second.journal == first.journal
     found = {path.name: path.read_bytes() for path in first.journal.iterdir()}
     assert sorted(found) == ["00000001.tcai", "00000001.tcaj", "00000002.tcai", "00000002.tcaj"]
     assert found["00000001.tcaj"] == before["00000001.tcaj"]
@@ -283,13 +283,13 @@ def test_internal_error_ends_central_with_its_reason(
             user.goal(WALK, 1)
             with pytest.raises(CentralLost):
                 user.get_variable(Variable("mode", int))
-        said = daemon.communicate(timeout=10)[1]
+        output = daemon.communicate(timeout=10)[1]
     assert daemon.returncode == 1
     assert "central ends: internal error: AssertionError in event" in caplog.text
-    assert "the cat is both dead and alive" in said
+    assert "the cat is both dead and alive" in output
     assert (
         "GetVariable of module 'user'; this is a bug in central, please report it with the journal"
-        in said
+        in output
     )
     log = open_log(journal)
     entries = list(log)
@@ -345,8 +345,8 @@ PARENT = """
 def test_forked_child_gets_a_connection_of_its_own(tmp_path: Path) -> None:
     """ZeroMQ's threads do not survive a fork, so the child must not use its parent's context."""
     with central(tmp_path) as daemon, program(PARENT, daemon.address) as parent:
-        said, errors = parent.communicate(timeout=60)
-        assert said.splitlines() == ["child parent", "parent"], errors
+        output, errors = parent.communicate(timeout=60)
+        assert output.splitlines() == ["child parent", "parent"], errors
 
 
 WORK, UNHEARD = Command("work", int), Command("unheard of", int)

@@ -42,8 +42,8 @@ def test_central_survives_running_out_of_file_descriptors(tmp_path: Path) -> Non
             stack.enter_context(socket.socket(socket.AF_UNIX)).connect(
                 daemon.address.removeprefix("ipc://")
             )
-        said = wait_for_log(daemon, "accepts no more connections")
-        assert "of 1024 file descriptors are in use" in said
+        line = wait_for_log(daemon, "accepts no more connections")
+        assert "of 1024 file descriptors are in use" in line
         stack.close()
         wait_for_log(daemon, "accepts connections again")
         connect("late", daemon.address).close()

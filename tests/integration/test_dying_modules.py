@@ -103,8 +103,8 @@ module.run()
 def test_message_that_kills_its_handler_is_not_rerouted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun = tmp_path / "begun"
-    monkeypatch.setenv("BEGUN", str(begun))
+    log = tmp_path / "begun"
+    monkeypatch.setenv("BEGUN", str(log))
     poison, question = Command("poison"), Query("bad question", reply=int)
     with (
         central(tmp_path) as daemon,
@@ -119,12 +119,12 @@ def test_message_that_kills_its_handler_is_not_rerouted(
         user.wait_until_handled(poison, question, timeout=SOON)
         with pytest.raises(QueryFailed, match="module lost"):
             user.query(question, timeout=SOON)
-        assert begun.read_text().count("begun") == 1
+        assert log.read_text().count("begun") == 1
         retrier = Module("retrier", daemon.address)
         retrier.handles(AGAIN)(lambda task: task.trouble.failing.retry() and None)
         with retrier.running(), pytest.raises(TaskFailed, match="module lost"):
             user.command(poison, on_failure=[Recovery(None, AGAIN, maximum=1)]).result(timeout=SOON)
-        assert begun.read_text().count("begun") == 3
+        assert log.read_text().count("begun") == 3
         assert sum(one.poll() is None for one in pool) == 1
 
 
@@ -196,10 +196,10 @@ QUICK = """
 
 def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
     """Replies, or failures, of queries sent together. A second module starts while they wait."""
-    asked = [user.query_send(DOUBLE, number) for number in numbers]
+    pending = [user.query_send(DOUBLE, number) for number in numbers]
     found: list[int | str] = []
     with program(QUICK, address):
-        for one in asked:
+        for one in pending:
             try:
                 found.append(one.receive(PATIENCE))
             except QueryFailed as lost:

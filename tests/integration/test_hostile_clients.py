@@ -51,12 +51,12 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
         running.address = running.first_line.rpartition(" ")[2]
         yield running
         assert running.process.poll() is None
-        said = running.stop()
-    for line in said.splitlines():
+        output = running.stop()
+    for line in output.splitlines():
         assert line.isprintable()
         assert line.startswith("central: ")
         assert len(line) <= 2000
-    assert "internal error" not in said
+    assert "internal error" not in output
 
 
 @pytest.fixture
@@ -187,9 +187,9 @@ def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: RawConnec
     sent = rogue.ask(pack_item(Send(3, "walk"), b"\xc1\xff" + ESCAPES.encode()))
     rogue.ask(pack_item(Send(4, ESCAPES * 1000)))
     for command in (status, modules, messages, variables, attached):
-        code, said, errors = ask(command, "--central", daemon.address)
+        code, output, errors = ask(command, "--central", daemon.address)
         assert code == 0, errors
-        assert all(line.isprintable() for line in (said + errors).splitlines())
+        assert all(line.isprintable() for line in (output + errors).splitlines())
     rogue.ask(pack_item(Kill(5, TaskId(sent[-1].id), ESCAPES * 1000)))
 
 
@@ -266,8 +266,8 @@ def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> No
 
 def test_journal_after_attacks_is_readable_and_printable(daemon: Central, friend: Client) -> None:
     """Also all that ``tca log show`` prints."""
-    said = tca("log", "show", str(daemon.journal), "--json")
-    assert all(json.loads(line) for line in said.stdout.splitlines())
+    output = tca("log", "show", str(daemon.journal), "--json")
+    assert all(json.loads(line) for line in output.stdout.splitlines())
     shown = tca("log", "show", str(daemon.journal))
     assert shown.returncode == 0
     assert all(line.isprintable() for line in (shown.stdout + shown.stderr).splitlines())

@@ -70,15 +70,15 @@ def test_journal_writer_does_not_wait_for_sync(
     """This includes the start of another segment during a sync."""
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(JournalWriter, "longest", 100)
-    asked, done, synced = threading.Event(), threading.Event(), []
+    sync_began, done, synced = threading.Event(), threading.Event(), []
 
     def slow(file: int) -> None:
-        asked.set()
+        sync_began.set()
         synced.append((file, done.wait(10.0)))
 
     monkeypatch.setattr(os, "fdatasync", slow)
     journal = writer(tmp_path / "run")
-    assert asked.wait(10.0)
+    assert sync_began.wait(10.0)
     for number in range(1, 20):
         journal.add(Entry(number, number / 10, [Dropped(number, "any", "x" * 50)]))
         journal.flush()
@@ -118,9 +118,9 @@ def test_full_disk_stops_central_and_keeps_journal_readable(
     with pytest.raises(TcaError), connect("user", daemon.address, patience=2) as user:
         flood(user)
     assert daemon.process.wait(timeout=10) == 1
-    said = daemon.stop()
-    assert "File too large: central stops, since it must not act without recording it" in said
-    assert "Traceback" not in said
+    log_text = daemon.stop()
+    assert "File too large: central stops, since it must not act without recording it" in log_text
+    assert "Traceback" not in log_text
     assert len(list(open_log(daemon.journal))) > 5
 
 

@@ -127,20 +127,20 @@ def test_leaving_program_waits_for_a_slow_central(text: str, tmp_path: Path) -> 
         with pytest.raises(subprocess.TimeoutExpired):
             script.wait(2.5)
         daemon.signal(signal.SIGCONT)
-        _, said = script.communicate(timeout=30)
-        assert (script.returncode, said) == (0, "")
+        _, message = script.communicate(timeout=30)
+        assert (script.returncode, message) == (0, "")
         daemon.stop()
     assert sum(fact.message == "pose" for fact in daemon.facts(facts.Received)) == 51
 
 
 def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(SENDING.format(linger=60), daemon.address) as script:
-        _, said = script.communicate("go on\n", timeout=30)
-    assert (script.returncode, said) == (0, "")
+        _, message = script.communicate("go on\n", timeout=30)
+    assert (script.returncode, message) == (0, "")
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
@@ -157,12 +157,14 @@ def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> 
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )
-def test_leaving_program_reports_unconfirmed_messages(text: str, said: str, tmp_path: Path) -> None:
+def test_leaving_program_reports_unconfirmed_messages(
+    text: str, message: str, tmp_path: Path
+) -> None:
     with central(tmp_path) as daemon, program(text, daemon.address) as running:
         stop_central_when_ready(running, daemon)
         _, errors = running.communicate(timeout=30)
     assert running.returncode == 1
-    assert said in errors.splitlines()[-1]
+    assert message in errors.splitlines()[-1]
 
 
 # --- the first Ctrl-C or SIGTERM ends a program of modules, whatever its handlers wait for ----------
@@ -195,18 +197,18 @@ RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
 
 
 @pytest.mark.parametrize(
-    ("body", "code", "said"),
+    ("body", "code", "message"),
     [(RUN, 0, "over\n"), (RUNNING, -signal.SIGINT, "")],
     ids=["run", "running"],
 )
 def test_first_ctrl_c_ends_the_module_program(
-    tmp_path: Path, body: str, code: int, said: str
+    tmp_path: Path, body: str, code: int, message: str
 ) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
         robot.hear("docking")
         robot.send_signal(signal.SIGINT)
         output, errors = robot.communicate(timeout=20)
-    assert output == f"left the dock\n{said}"
+    assert output == f"left the dock\n{message}"
     assert robot.returncode == code
     assert errors.strip().endswith("KeyboardInterrupt" if code else "")
 

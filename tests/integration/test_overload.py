@@ -187,7 +187,7 @@ def test_listener_cycle_is_refused_at_tap_depth(tmp_path: Path) -> None:
     move, check = Query("move", int, reply=int), Inform("check", int)
     errors: queue.Queue[str] = queue.Queue()
 
-    def again(task: Any, to: int) -> None:
+    def query_again(task: Any, to: int) -> None:
         try:
             task.query(move, to)
         except Refused as refused:
@@ -195,7 +195,7 @@ def test_listener_cycle_is_refused_at_tap_depth(tmp_path: Path) -> None:
 
     with central(tmp_path, "--tap-depth", "2") as daemon:
         robot = Module("robot", central=daemon.address)
-        robot.handles(check)(again)
+        robot.handles(check)(query_again)
         robot.handles(move, resource="legs")(lambda _, to: to)
         with robot.running(), connect("user", daemon.address) as user:
             user.tap(Condition.AFTER_HANDLED, move, check)
@@ -233,8 +233,8 @@ def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
     heartbeat.
     """
     command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
-    lived = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (lived.returncode, lived.stdout) == (0, f"{-signal.SIGKILL}\n"), lived.stderr
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stdout) == (0, f"{-signal.SIGKILL}\n"), result.stderr
 
 
 def test_tcp_connection_times_out_after_five_seconds() -> None:

@@ -108,13 +108,13 @@ def test_source_distribution_contains_all_sources(dist: Path) -> None:
 @pytest.mark.slow
 def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Path) -> None:
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
-    here = {name for package in PACKAGES for name in files(package)}
-    unwanted = ("__main__.py", *(name for name in here if "/peers/" in name))
+    source_files = {name for package in PACKAGES for name in files(package)}
+    unwanted = ("__main__.py", *(name for name in source_files if "/peers/" in name))
     assert imported == {
-        name for name in here if name.endswith(".py") and not name.endswith(unwanted)
+        name for name in source_files if name.endswith(".py") and not name.endswith(unwanted)
     }
     installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
-    assert [name for name in here if not (installed / name).exists()] == []
+    assert [name for name in source_files if not (installed / name).exists()] == []
 
 
 @pytest.mark.slow
@@ -129,8 +129,8 @@ def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: P
         1:4
     ]
     with central(tmp_path, command=(str(tca), "central")) as daemon:
-        said = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
-    assert said == printed
+        output = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
+    assert output == printed
     assert rows_of(run(tca, "tree", daemon.journal, cwd=tmp_path)) == rows_of(tree)
 
 

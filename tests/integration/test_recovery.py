@@ -84,7 +84,7 @@ class Robot:
         self.central = Central(self.folder, *options)
         return self.central.first_line
 
-    def begun(self) -> Counter[int]:
+    def starts(self) -> Counter[int]:
         words = (
             [line.split() for line in self.notebook.read_text().splitlines()]
             if self.notebook.exists()
@@ -99,9 +99,9 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Robot]:
-    made = Robot(tmp_path)
-    yield made
-    made.close()
+    running = Robot(tmp_path)
+    yield running
+    running.close()
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_commands_run_exactly_once_through_central_restarts(robot: Robot, user: 
             robot.kill()
             assert "continues the unfinished run" in robot.restart()
     assert [step.result(timeout=20) for step in steps] == [2 * number for number in range(120)]
-    assert robot.begun() == Counter(range(120))
+    assert robot.starts() == Counter(range(120))
     user.close()
     robot.central.stop()
     good = tca("check", str(robot.central.journal))
@@ -128,7 +128,7 @@ def test_commands_run_exactly_once_through_central_restarts(robot: Robot, user: 
 def test_result_of_handler_is_accepted_after_central_restart(robot: Robot, user: Client) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     after = user.command(STEP, 5)
     user.status()
     robot.kill()
@@ -137,19 +137,19 @@ def test_result_of_handler_is_accepted_after_central_restart(robot: Robot, user:
     assert step.result(timeout=20) == -2
     assert after.result(timeout=20) == 10
     assert user.get_variable(SPEED) == 3
-    assert robot.begun() == Counter([-1, 5])
+    assert robot.starts() == Counter([-1, 5])
 
 
 def test_task_of_dead_module_is_uncertain_after_central_restart(robot: Robot, user: Client) -> None:
     step = user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     robot.kill()
     robot.legs.kill()
     robot.legs.wait()
     robot.restart()
     with pytest.raises(TaskFailed) as failed:
         step.result(timeout=20)
-    assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
+    assert (failed.value.failure, robot.starts()[-1]) == ("uncertain", 1)
 
 
 def test_recovery_counts_a_zombie_process_as_lost(robot: Robot, user: Client) -> None:
@@ -176,9 +176,9 @@ def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) ->
     assert user.query(WHERE, timeout=20) == 7  # queries are answered
     with pytest.raises(Timeout):
         step.result(timeout=0.3)
-    assert robot.begun()[2] == 0
-    said = tca("status", "--central", robot.central.address).stdout
-    assert "no task starts since central was restarted" in said
+    assert robot.starts()[2] == 0
+    output = tca("status", "--central", robot.central.address).stdout
+    assert "no task starts since central was restarted" in output
     assert tca("resume", "--central", robot.central.address).stdout == "tasks start again\n"
     assert step.result(timeout=20) == 4
 
@@ -186,7 +186,7 @@ def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) ->
 def test_ended_run_is_not_continued(tmp_path: Path) -> None:
     with central(tmp_path) as first, connect("user", first.address) as user:
         epoch = user.status()["epoch"]
-    with central(tmp_path) as again, connect("user", again.address) as user:
+    with central(tmp_path) as restarted, connect("user", restarted.address) as user:
         assert user.status()["epoch"] != epoch
 
 
@@ -271,14 +271,14 @@ def test_skipped_task_numbers_are_synced_before_any_reply(
         folder.open(server, Sync.BATCH)
         assert ".tcai" in on_disk
         lost = folder.central.tree.newest
-        asked = RequestReceived(
+        event = RequestReceived(
             server.now(), ConnectionId(b"new"), Hello(1, PROTOCOL_VERSION, "user", "run")
         )
-        folder.central.handle(asked)
+        folder.central.handle(event)
         point = Point(TaskId(lost), Moment.END_ACHIEVING)
-        asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
+        event = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
         transmitted = [
-            one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)
+            one.header for one in folder.central.handle(event) if isinstance(one, Transmit)
         ]
         assert [one.refusal for one in transmitted if isinstance(one, Refused)] == [
             Refusal.UNKNOWN
@@ -294,7 +294,7 @@ def test_check_rerun_shows_the_first_difference(
     same = tca("check", "--rerun", str(broken_run))
     assert same.returncode == 0, same.stderr
     assert re.fullmatch(
-        r"[\d,]+ inputs since the run began lead to the same [\d,]+ entries in this version\n",
+        r"[\d,]+ inputs .* lead to the same [\d,]+ entries in this version\n",
         same.stdout,
     )
     journal = broken_run / "00000001.tcaj"
@@ -327,8 +327,8 @@ def test_image_taken_in_recovery_is_covered_by_the_journal(
     run.close()
     server.log = None
     server.close()
-    again = recover(broken_run, unfinished_segments(broken_run))
-    assert again.inputs == 0
+    restarted = recover(broken_run, unfinished_segments(broken_run))
+    assert restarted.inputs == 0
     written = [fact for entry in open_log(broken_run) for fact in entry.facts]
     assert sum(isinstance(fact, facts.CentralRestarted) for fact in written) == 1
     assert any(isinstance(fact, facts.ModuleLeft) for fact in written)
@@ -355,8 +355,8 @@ def test_truncated_journal_is_completed_on_recovery(broken_run: Path) -> None:
     journal = broken_run / "00000001.tcaj"
     whole = journal.read_bytes()
     journal.write_bytes(whole[: len(whole) // 2])
-    with central(broken_run.parent) as again, connect("user", again.address, patience=20):
-        assert "continues" in again.first_line
+    with central(broken_run.parent) as restarted, connect("user", restarted.address, patience=20):
+        assert "continues" in restarted.first_line
     checked = tca("check", str(broken_run))
     assert checked.returncode == 0, checked.stdout
 
@@ -375,17 +375,17 @@ def test_wall_clock_jump_does_not_change_central_time(
 
 def test_restart_without_inputs_starts_a_new_run(robot: Robot, user: Client) -> None:
     user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
     user.status()
     robot.kill()
-    said = robot.restart("--no-inputs")
-    assert "starts a new run" in said
+    output = robot.restart("--no-inputs")
+    assert "starts a new run" in output
     Path(f"{robot.notebook}.go").touch()
     robot.central.stop()
     assert "goes on" not in robot.restart()
     robot.central.stop()
-    assert robot.begun()[5] == 0
+    assert robot.starts()[5] == 0
 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])

@@ -177,9 +177,9 @@ def test_feet_are_shuffled_when_replanning_fails(walked: Walks) -> None:
 def test_walk_is_given_up_when_no_recovery_helps(given_up: Walk) -> None:
     assert given_up.code == 1
     assert given_up.recoveries.keys() >= set(LADDER)
-    said = " ".join(given_up.output.split())
-    assert "the walk failed: traverse path {" in said
-    assert "walk given up" in said
+    text = " ".join(given_up.output.split())
+    assert "the walk failed: traverse path {" in text
+    assert "walk given up" in text
     (path,) = given_up.named("traverse path")
     assert path.state in (TaskState.KILLED, TaskState.FAILED)
 

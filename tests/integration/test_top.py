@@ -89,9 +89,9 @@ def test_top_shows_central_going_away_and_returning(
 
 
 def test_top_once_prints_one_plain_frame(address: str) -> None:
-    told = json.loads(CliRunner().invoke(top, ["--once", "--json", "--central", address]).stdout)
-    assert {line["module"] for line in told["resources"]} == {"legs", "map"}
-    assert {line["message"] for line in told["messages"]} == {"step", "where"}
+    report = json.loads(CliRunner().invoke(top, ["--once", "--json", "--central", address]).stdout)
+    assert {line["module"] for line in report["resources"]} == {"legs", "map"}
+    assert {line["message"] for line in report["messages"]} == {"step", "where"}
     shown = CliRunner().invoke(top, ["--once", "--central", address])
     assert shown.exit_code == 0
     assert "rates of the whole run" in shown.stdout

@@ -98,12 +98,12 @@ def test_next_step_is_planned_while_walking_the_current_one(history: History) ->
             body = history.tasks[
                 history.tasks[now].children[child_names(history, now).index("move body")]
             ].reached
-            begun, planned = (
+            started, planned = (
                 history.tasks[now].reached[Moment.START_ACHIEVING],
                 history.tasks[following].reached,
             )
             assert (
-                begun
+                started
                 <= planned[Moment.START_HANDLING]
                 < planned[Moment.END_HANDLING]
                 < body[Moment.END_HANDLING]

@@ -147,8 +147,8 @@ def test_progress_updates_are_throttled() -> None:
         sent.follow()
         robot.after(3)
         message = robot.server.definitions["Count"].message
-        told = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
-        assert [message.progress.decode(body) for body in told] == [
+        bodies = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
+        assert [message.progress.decode(body) for body in bodies] == [
             TaskStatus("step 1"),
             TaskStatus("step 3"),
             TaskStatus("step 5"),

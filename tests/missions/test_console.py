@@ -59,30 +59,30 @@ def test_console_runs_typed_tasks_in_a_terminal(tmp_path: Path) -> None:
 
 def test_console_names_run_tasks_and_print_help() -> None:
     with rover() as (central, robot), Mission("rover", central=central) as mission:
-        said: list[str] = []
-        typed = ConsoleNames(mission, said.append)
+        printed: list[str] = []
+        typed = ConsoleNames(mission, printed.append)
         assert {"Drive", "Watch", "Weigh", "mission", "index", "status", "help"} == set(typed.names)
         typed.index()
-        assert said == [
+        assert printed == [
             "Drive  Drive to a place.",
             "Watch  Wait until the rover has arrived.",
             "Weigh  Weigh a sample.",
         ]
-        said.clear()
+        printed.clear()
         typed.help("Weigh")
-        assert said[0].startswith("Weigh: Weigh a sample.\n\ngrams: list[int]")
-        said.clear()
+        assert printed[0].startswith("Weigh: Weigh a sample.\n\ngrams: list[int]")
+        printed.clear()
         typed.names["Watch"]()
         with pytest.raises(Exception, match="hit a rock"):
             typed.names["Drive"](fails="rock")
         typed.status()
-        assert [line.partition("{")[0] + line.partition("}")[2] for line in said] == [
+        assert [line.partition("{")[0] + line.partition("}")[2] for line in printed] == [
             "Watch()  runs",
             "Drive  failed: hit a rock",
         ]
         robot.arrived.set()
         typed.help()
-        assert "Ctrl-D leaves" in said[-1]
+        assert "Ctrl-D leaves" in printed[-1]
 
 
 @pytest.fixture

@@ -77,7 +77,7 @@ class Sensing(Gripper):
 
     def attach(self, module: Module) -> None:
         @module.handles(WHERE)
-        def heard(_: Task, place: float) -> None:
+        def record_place(_: Task, place: float) -> None:
             self.notes.append(f"at {place}")
 
     def close(self) -> None:

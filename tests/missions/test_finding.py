@@ -60,7 +60,7 @@ def test_task_file_in_the_folder_is_offered(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("class Bro ken:", "the tasks of {file} are left out: SyntaxError: "),
         (
@@ -89,13 +89,13 @@ def test_task_file_in_the_folder_is_offered(folder: Path) -> None:
     ],
 )
 def test_unusable_task_file_is_logged_and_left_out(
-    folder: Path, caplog: pytest.LogCaptureFixture, text: str, says: str
+    folder: Path, caplog: pytest.LogCaptureFixture, text: str, message: str
 ) -> None:
     file = folder / "zzz.py"
     file.write_text(text)
     assert offered(folder=folder) == ["Wave"]
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
-    assert says.format(file=file, folder=folder) in caplog.text
+    assert message.format(file=file, folder=folder) in caplog.text
 
 
 def test_task_files_with_leading_underscore_are_ignored(folder: Path) -> None:
@@ -144,7 +144,7 @@ class Needy(Turn):
 
 
 @pytest.mark.parametrize(
-    ("tasks", "says"),
+    ("tasks", "message"),
     [
         ((Gripper,), "is not a task: give a class that inherits from PeriodicTask or OnceTask"),
         ((Bare,), "task Bare has no iterate(): define it"),
@@ -160,23 +160,23 @@ class Needy(Turn):
         ),
     ],
 )
-def test_invalid_task_definition_is_rejected(tasks: Any, says: str) -> None:
+def test_invalid_task_definition_is_rejected(tasks: Any, message: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(*tasks)
-    assert says in str(wrong.value)
+    assert message in str(wrong.value)
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"rate": 0}, "server 'gripper': rate must be more than 0 iterations a second, not 0"),
         ({"capacity": 2}, "server 'gripper': capacity must be 3 or more, not 2"),
     ],
 )
-def test_invalid_server_option_is_rejected(options: Any, says: str) -> None:
+def test_invalid_server_option_is_rejected(options: Any, message: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(Turn, **options)
-    assert str(wrong.value) == says
+    assert str(wrong.value) == message
 
 
 def test_idle_task_is_offered() -> None:

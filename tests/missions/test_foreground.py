@@ -99,8 +99,8 @@ def test_long_wait_for_the_foreground_is_logged(caplog: pytest.LogCaptureFixture
         robot.after(12)
         texts = [status.text for status in said_of_turn.arrived()]
         assert texts[:2] == ["waits until gripper.Brake {1} has terminated", ""]
-    said = [record.getMessage() for record in caplog.records]
-    assert said == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
 
 
 def test_background_runs_overlap_the_foreground_run() -> None:

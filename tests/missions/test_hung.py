@@ -102,15 +102,15 @@ def test_server_logs_once_that_iterate_does_not_return(
 ) -> None:
     monkeypatch.setattr("tca_behaviours.missions.serving.run._RETURNS_WITHIN", 0.02)
 
-    def said() -> list[str]:
+    def server_warnings() -> list[str]:
         return [one.getMessage() for one in caplog.records if one.name == "tca.stuck"]
 
     with stuck() as (central, environment), Mission("stuck", central=central) as mission:
         handle = mission.start(task, task_timeout=0.01)
-        until(said, "it is said")
+        until(server_warnings, "it is said")
         environment.may_return.set()
         mission.first_ended([handle])
-        assert said() == [
+        assert server_warnings() == [
             f"stuck.{handle}: task_timeout of 0.01 s has passed and iterate() has not returned"
         ]
 

@@ -73,7 +73,7 @@ def test_run_continues_when_its_client_leaves() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "says", "why"),
+    ("number", "output", "why"),
     [
         (signal.SIGINT, "stands\nover\n", "server 'cart' has ended"),
         (signal.SIGKILL, "", "module 'cart'"),
@@ -81,7 +81,7 @@ def test_run_continues_when_its_client_leaves() -> None:
     ids=["ctrl-c", "killed"],
 )
 def test_runs_fail_when_their_server_ends(
-    tmp_path: Path, number: signal.Signals, says: str, why: str
+    tmp_path: Path, number: signal.Signals, output: str, why: str
 ) -> None:
     with (
         central(tmp_path) as daemon,
@@ -94,7 +94,7 @@ def test_runs_fail_when_their_server_ends(
         drive = user.command(user.declared("cart.Drive"), {})
         server.hear("drives")
         server.send_signal(number)
-        assert server.communicate(timeout=20)[0] == says
+        assert server.communicate(timeout=20)[0] == output
         with pytest.raises(TaskFailed, match=why) as failed:
             drive.result(20)
         assert failed.value.failure == "module lost"

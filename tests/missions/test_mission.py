@@ -228,8 +228,8 @@ def test_repeated_rounds_with_conditions_leave_no_task() -> None:
 class When:
     """A custom condition."""
 
-    def __init__(self, is_so: Callable[[], bool]) -> None:
-        self.is_verified = is_so
+    def __init__(self, holds: Callable[[], bool]) -> None:
+        self.is_verified = holds
 
 
 def test_refused_start_does_not_verify_a_condition() -> None:
@@ -445,10 +445,10 @@ def test_server_loss_fails_running_and_waiting_tasks() -> None:
         rovers = TaskServer(
             "rover", Rover(), tasks=TASKS, central=central
         )  # never started: only its message is used
-        module, begun = Module("rover", central, capacity=1), threading.Event()
+        module, started = Module("rover", central, capacity=1), threading.Event()
 
         def drive(task: Task, _: Any) -> TaskEnd:
-            begun.set()
+            started.set()
             while not task.cancelled:
                 pass
             return TaskEnd(Status.COMPLETED)
@@ -456,7 +456,7 @@ def test_server_loss_fails_running_and_waiting_tasks() -> None:
         module.handles(rovers.definitions["Drive"].message)(drive)
         with module.running(), Mission("rover", central=central) as mission:
             working = mission.start("Drive")
-            assert begun.wait(10)
+            assert started.wait(10)
             waiting, another = mission.start("Drive"), mission.start("Drive")
             module.stop()
             with pytest.raises(

@@ -50,7 +50,7 @@ def test_task_format_describes_its_parameters() -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "parameters", "says"),
+    ("task", "parameters", "expected"),
     [
         ("Turn", {"angel": 1}, "field 'angel' is unknown: did you mean 'angle'?"),
         ("Turn", {"angle": 4}, "field 'angle' must be at most 3, not 4"),
@@ -61,14 +61,14 @@ def test_task_format_describes_its_parameters() -> None:
     ],
 )
 def test_invalid_parameter_is_rejected_before_sending(
-    task: str, parameters: Any, says: str
+    task: str, parameters: Any, expected: str
 ) -> None:
     with serving() as robot:
         before = len(robot.central.facts)
         message = robot.user.declared(f"gripper.{task}")
         with pytest.raises(BadData) as wrong:
             robot.user.command(message, parameters)
-        assert says in str(wrong.value)
+        assert expected in str(wrong.value)
         assert len(robot.central.facts) == before
 
 
@@ -152,7 +152,7 @@ class Unknown(Turn):
 
 
 @pytest.mark.parametrize(
-    ("task", "says"),
+    ("task", "expected"),
     [
         (
             OutOfRange,
@@ -178,11 +178,11 @@ class Unknown(Turn):
     ],
 )
 def test_invalid_parameter_declaration_is_rejected(
-    task: type[PeriodicTask[Any]], says: str
+    task: type[PeriodicTask[Any]], expected: str
 ) -> None:
     with pytest.raises(BadFormat) as wrong:
         TaskServer("gripper", Gripper(), [task])
-    assert str(wrong.value).startswith(says)
+    assert str(wrong.value).startswith(expected)
 
 
 def test_task_for_any_environment_is_offered() -> None:
@@ -193,6 +193,6 @@ def test_task_for_any_environment_is_offered() -> None:
             self.report(self.text)
 
     with serving(Say) as robot:
-        said = robot.send("Say", text="hello")
+        sent = robot.send("Say", text="hello")
         robot.after(0)
-        assert said.result().text == "hello"
+        assert sent.result().text == "hello"

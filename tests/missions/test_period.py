@@ -45,20 +45,20 @@ def test_overruns_are_counted_and_logged_once(
         sent = robot.send("Slow", takes=takes)
         assert robot.after(2) == [f"{begin:.2f} Slow steps" for begin in begins]
         assert sent.result().overruns == overruns
-        said = f"gripper.Slow {{1}} misses its period of 0.1 s: an iteration ended {takes[0]:g} s after it was due"
-        assert caplog.text.count(said) == (overruns > 0)
+        warning = f"gripper.Slow {{1}} misses its period of 0.1 s: an iteration ended {takes[0]:g} s after it was due"
+        assert caplog.text.count(warning) == (overruns > 0)
 
 
 @given(st.lists(st.floats(0, 0.5), max_size=50), st.floats(0.01, 0.2))
 def test_period_keeps_its_grid_for_any_iteration_times(takes: list[float], seconds: float) -> None:
     period, now = Period(5.0, seconds), 5.0
     for number, each in enumerate(takes, 1):
-        begun, now = period.due, max(now, period.due) + each
+        start, now = period.due, max(now, period.due) + each
         due = period.next(now, seconds)
-        assert due > begun
+        assert due > start
         assert due >= now - seconds - 1e-9  # a late one starts at once, at most one period late
         assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
-        assert due <= max(now, begun) + seconds + 1e-9
+        assert due <= max(now, start) + seconds + 1e-9
         assert round((due - 5.0) / seconds) >= number
 
 

@@ -111,12 +111,12 @@ def test_foreground_is_exclusive_in_random_runs(acts: list[Any]) -> None:
         robot.central.advance(20)
         assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
         assert [type(run.served) for run in robot.server.runs] == [Idle]
-    has_it: str = ""
+    holder: str = ""
     for note in robot.gripper.notes:
         what, task, foreground = note.split()
         if foreground == "True":
-            assert has_it == ("" if what == "begins" else task), robot.gripper.notes
-            has_it = task if what == "begins" else ""
+            assert holder == ("" if what == "begins" else task), robot.gripper.notes
+            holder = task if what == "begins" else ""
     begun = Counter(note.split()[1] for note in robot.gripper.notes if note.startswith("begins"))
     ended = Counter(note.split()[1] for note in robot.gripper.notes if note.startswith("ends"))
     assert begun == ended

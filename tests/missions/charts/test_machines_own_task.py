@@ -40,12 +40,12 @@ def patrol(**last: object) -> StateMachine:
 class When:
     """A condition that acts once *is_so* holds; it is evaluated while the mission waits."""
 
-    def __init__(self, is_so: Callable[[], bool], do: Callable[[], object]) -> None:
-        self.is_so, self.do = is_so, do
+    def __init__(self, holds: Callable[[], bool], do: Callable[[], object]) -> None:
+        self.holds, self.do = holds, do
 
     def is_verified(self) -> bool:
         """Whether to interrupt the mission: the action's result, once the condition holds."""
-        return self.is_so() and bool(self.do())
+        return self.holds() and bool(self.do())
 
 
 WATCHED = ["to 1", "stands at 1", "to 2", "stands at 2", "to 3"]
@@ -73,18 +73,20 @@ def test_machine_is_a_task_of_its_mission() -> None:
         check_journal(machine, mission.central.facts)
 
 
-def check_journal(machine: facts.Received, told: list[Any]) -> None:
+def check_journal(machine: facts.Received, journal_facts: list[Any]) -> None:
     """Check that the journal contains the machine and its active states."""
     formats = next(
         fact
-        for fact in told
+        for fact in journal_facts
         if isinstance(fact, facts.FormatDefined) and fact.message == machine.message
     )
     chart = read_machine(formats.data, machine.body)
     assert chart is not None
     assert chart == patrol().chart
     changes = [
-        fact for fact in told if isinstance(fact, facts.StateChanged) and fact.task == machine.id
+        fact
+        for fact in journal_facts
+        if isinstance(fact, facts.StateChanged) and fact.task == machine.id
     ]
     progress = [read_active(change.body) for change in changes]
     assert [(one.running, one.after) for one in progress] == [
