@@ -18,23 +18,23 @@ import sampling
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--rewrite", action="store_true", help="write the expected transcripts anew")
+    parser.addoption("--rewrite", action="store_true", help="rewrite the expected transcripts")
     parser.addoption(
         "--new-lives",
         action="store_true",
-        help="random examples that were never tried before, and more",
+        help="new random examples, and more of them",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What fails is due to what was changed: random examples are the same in every run, unless new
-    ones are wanted, and may take their time on a busy machine.
+    """Make failures repeatable and test processes cheap.
 
-    Byte code is kept, also where the environment (of many containers) says otherwise: else each of
-    the hundreds of processes that the tests start compiles all sources anew.
+    Random examples are the same in every run, unless new ones are wanted, and have no deadline.
 
-    Ctrl-C ends what the tests start, also where a shell in the background has told everything to
-    ignore it.
+    Byte code is kept even if the environment disables it: otherwise each of hundreds of test
+    processes would compile all sources again.
+
+    Ctrl-C ends the processes of the tests, also if a background shell ignores SIGINT.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.dont_write_bytecode = False
@@ -49,7 +49,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def compile_once(config: pytest.Config) -> None:
-    """In a fresh clone one process makes the byte code, before each worker makes all of it."""
+    """In a fresh clone, compile byte code in one process before the workers start."""
     if not Path(__file__).with_name("central").joinpath("__pycache__").exists():
         command = [sys.executable, "-m", "pytest", "-n", "0", "--collect-only", "-qq", *config.args]
         subprocess.run(
@@ -57,10 +57,12 @@ def compile_once(config: pytest.Config) -> None:
         )
 
 
-@pytest.hookimpl(optionalhook=True)  # not all have xdist
+@pytest.hookimpl(optionalhook=True)  # xdist may be missing
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With ``--dist loadfile`` one worker runs all tests of the page: a browser costs as much as
-    ten of them. The long simulated lives, half of the soak in one file, are shared out.
+    """With ``--dist loadfile``, run all tests of the page in one worker: a browser costs as much as
+    ten tests.
+
+    The long simulated lives, half of the soak in one file, are shared out.
     """
     if config.getoption("dist") != "loadfile":
         return None
@@ -79,8 +81,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """No collection of garbage looks through thousands of tests and all modules: not while they
-    come, and not later. Later ones are rarer than usual: most of what tests make goes without them.
+    """Keep tests and modules out of garbage collection, during collection and later. Later
+    collections are rarer than usual.
     """
     gc.disable()
     found = yield
@@ -91,7 +93,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """All that the tests and the processes they started have cost."""
+    """Print the processor time of the tests and their processes."""
     processes.end()
     if not hasattr(config, "workerinput"):
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
@@ -100,9 +102,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _state_home(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Centrals of the tests leave nothing in the user's own folder of journals, and show none of
-    the user's keys.
-    """
+    """Keep test journals out of the user's folder, and the user's keys out of the tests."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
     os.environ["XDG_CONFIG_HOME"] = str(tmp_path_factory.mktemp("config"))
 
@@ -116,20 +116,20 @@ def rewrite(request: pytest.FixtureRequest) -> bool:
 def approve(
     request: pytest.FixtureRequest, rewrite: bool
 ) -> Callable[[str, Callable[[str], object]], None]:
-    """Each line of a file beside the test is a case, and the indented one below is told of it:
-    ``--rewrite`` writes it.
+    """Compare a file beside the test: each line is a case, with its expected text indented below.
+    ``--rewrite`` updates it.
     """
 
-    def compare(name: str, tell: Callable[[str], object]) -> None:
+    def compare(name: str, message_of: Callable[[str], object]) -> None:
         path = request.path.parent / name
         cases = [
             line
             for line in path.read_text().splitlines()
             if line.strip() and not line.startswith(" ")
         ]
-        told = "\n".join(f"{case}\n    {tell(case)}\n" for case in cases)
+        text = "\n".join(f"{case}\n    {message_of(case)}\n" for case in cases)
         if rewrite:
-            path.write_text(told)
-        assert told == path.read_text()
+            path.write_text(text)
+        assert text == path.read_text()
 
     return compare

@@ -1,8 +1,7 @@
-"""Real processes, for all tests that need some: centrals and programs, which are started here,
-heard and stopped.
+"""Real processes for tests: start, read and stop centrals and programs.
 
-What runs Python is forked from a process that has imported everything, and so is there at once: a
-test that starts five programs would else import the same packages five times.
+Python programs are forked from a process that has imported all packages, so they start at once. A
+test with five programs would otherwise import the same packages five times.
 """
 
 import functools
@@ -25,12 +24,13 @@ from typing import IO, Any, Self
 
 TESTS = Path(__file__).parent
 SOON = 120.0
-"""Seconds after which a process that ought to end, or to say something, is killed."""
+"""Seconds after which a process that should have ended, or printed a line, is killed."""
 
 
 class Process:
-    """``python COMMAND...``, with pipes to and from it (or *log* for what it says). It can do what
-    ``subprocess.Popen`` can, and :meth:`hear`.
+    """``python COMMAND...``, with pipes to and from it (or *log* for its output).
+
+    It has the methods of ``subprocess.Popen``, and :meth:`hear`.
     """
 
     def __init__(
@@ -46,19 +46,19 @@ class Process:
         if log is not None:
             files[1:] = [os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)] * 2
         self.returncode: int | None = None
-        self.pid = _nursery().start(command, files, {**os.environ, **(environment or {})}, cwd)
+        self.pid = _fork_server().start(command, files, {**os.environ, **(environment or {})}, cwd)
         for file in {*its, *files}:
             os.close(file)
 
     def hear(self, line: str) -> None:
-        """The next line that it says is this one."""
+        """Check the next line of output."""
         with self.killed_after(SOON):
             assert self.stdout.readline() == f"{line}\n"
 
     def poll(self) -> int | None:
-        """What it has ended with, as of ``os.waitstatus_to_exitcode``; None while it lives."""
+        """Its exit code, as of ``os.waitstatus_to_exitcode``; None while it runs."""
         if self.returncode is None:
-            self.returncode = _nursery().look(self.pid)
+            self.returncode = _fork_server().exit_code(self.pid)
         return self.returncode
 
     def wait(self, timeout: float = SOON) -> int:
@@ -70,12 +70,12 @@ class Process:
         return code
 
     def communicate(self, text: str = "", timeout: float = SOON) -> tuple[str, str]:
-        """All that it says until its end, on both streams, which are closed then."""
+        """Its output until its end, from both streams, which are closed then."""
         if self.stdout.closed:
             return "", ""
-        said: dict[IO[str], str] = {}
+        outputs: dict[IO[str], str] = {}
         readers = [
-            threading.Thread(target=lambda one=one: said.update({one: one.read()}), daemon=True)
+            threading.Thread(target=lambda one=one: outputs.update({one: one.read()}), daemon=True)
             for one in (self.stdout, self.stderr)
         ]
         with self.killed_after(timeout):
@@ -88,7 +88,7 @@ class Process:
                 reader.join()
             self.wait(timeout)
         self._close_streams()
-        return said[self.stdout], said[self.stderr]
+        return outputs[self.stdout], outputs[self.stderr]
 
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
@@ -132,13 +132,13 @@ def _text(file: int, mode: str) -> IO[str]:
 
 
 def _pipe(*, is_input: bool) -> tuple[int, int]:
-    """Our end, and the end of a process."""
+    """A pipe: our end, and the process's end."""
     reads, writes = os.pipe()
     return (writes, reads) if is_input else (reads, writes)
 
 
 class Central:
-    """A running daemon; *command*: another program than the one of this checkout."""
+    """A running daemon; *command* runs another program than this checkout's."""
 
     def __init__(
         self, folder: Path, *options: str, bind: str = "", command: Sequence[str] = ()
@@ -160,7 +160,7 @@ class Central:
         self.process.communicate()
 
     def facts(self, *kinds: type) -> list[Any]:
-        """What its journal tells, of these kinds."""
+        """All facts of its journal, of the given kinds."""
         from tca_tools.journal.journals import open_log
 
         return [
@@ -171,7 +171,7 @@ class Central:
         ]
 
     def stop(self) -> str:
-        """End it; everything that it said since the first line."""
+        """Stop it; return its log after the first line."""
         if self.process.poll() is None:
             self.process.terminate()
         return str(self.process.communicate(timeout=10)[1])
@@ -190,7 +190,7 @@ def central(
 
 
 def program(text: str, address: str, *words: str, cwd: Path | None = None) -> Process:
-    """A Python program as a module's process."""
+    """Run a Python program as a module's process."""
     return Process(
         "-c", textwrap.dedent(text), *words, cwd=cwd, environment={"TCA_CENTRAL": address}
     )
@@ -208,11 +208,11 @@ def tca(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return run("tca", *arguments)
 
 
-# --- where processes come from --------------------------------------------------------------------
+# --- forking ----------------------------------------------------------------------------------------
 
 
-class _Nursery:
-    """The process that forks others, and tells what became of them."""
+class _ForkServer:
+    """The process that forks others, and reports their exit codes."""
 
     def __init__(self) -> None:
         self._line, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -241,29 +241,29 @@ class _Nursery:
         environment: dict[str, str],
         cwd: Path | None,
     ) -> int:
-        """A process with these standard streams."""
+        """Start a process with these standard streams."""
         words = {"command": command, "environment": environment, "cwd": str(cwd or Path.cwd())}
         return int(self._ask(words, files))
 
-    def look(self, process: int) -> int | None:
-        """What a process has ended with; None: it lives. Asked once after its end."""
+    def exit_code(self, process: int) -> int | None:
+        """The exit code of a process, or None. It must not be asked again after the end."""
         code: int | None = self._ask({"look": process})
         return code
 
 
 @functools.cache
-def _nursery() -> _Nursery:
-    return _Nursery()
+def _fork_server() -> _ForkServer:
+    return _ForkServer()
 
 
 def end() -> None:
-    """No more processes are wanted."""
-    if _nursery.cache_info().currsize:
-        _nursery().close()
+    """Stop the forking process."""
+    if _fork_server.cache_info().currsize:
+        _fork_server().close()
 
 
-def _forked(line: socket.socket) -> list[str]:
-    """Fork whatever is asked for. It returns in each new process only: its command."""
+def _serve_forks(line: socket.socket) -> list[str]:
+    """Fork on each request. Returns in each new process only, with its command."""
     while packet := socket.recv_fds(line, 1 << 20, 3):
         text, files, *_ = packet
         if not text:
@@ -289,10 +289,8 @@ def _forked(line: socket.socket) -> list[str]:
     raise AssertionError
 
 
-def _be(command: list[str]) -> None:
-    """Be ``python COMMAND...``, or ``tca ...``, or another program, which is given with its
-    path.
-    """
+def _become(command: list[str]) -> None:
+    """Become ``python COMMAND...``, ``tca ...``, or another program, given by its path."""
     how, *words = command
     sys.argv = command
     if how == "-m":
@@ -321,6 +319,6 @@ PACKAGES = (
 if __name__ == "__main__":
     for name in PACKAGES:
         import_module(name)
-    del sys.modules["tca_central.__main__"]  # it is run as the main module
+    del sys.modules["tca_central.__main__"]  # it runs as the main module
     gc.freeze()
-    _be(_forked(socket.socket(fileno=int(sys.argv[1]))))
+    _become(_serve_forks(socket.socket(fileno=int(sys.argv[1]))))

@@ -1,4 +1,4 @@
-"""Of very many combinations the suite tries some, and the soak all."""
+"""Sampling of many combinations: the suite tries some, and the soak all."""
 
 from collections.abc import Iterable
 from itertools import product
@@ -7,17 +7,18 @@ from typing import Any
 import pytest
 
 in_the_soak = False
-"""Whether new lives are wanted, and many: set before tests are collected."""
+"""Whether new and more random examples are wanted; set before collection."""
 
 
 def lives(usual: int, soak: int) -> int:
-    """How many random lives are tried, or how long they are: more in the soak."""
+    """The number, or length, of random examples: larger in the soak."""
     return soak if in_the_soak else usual
 
 
 def one_in(number: int, first: Iterable[str], second: Iterable[str]) -> list[Any]:
-    """All pairs of two lists, as parameters; all but one in so many are of the soak. Each of either
-    list is among those that are not, if neither has fewer than *number*.
+    """All pairs of two lists, as parameters; only one in *number* runs outside the soak.
+
+    They include each item of both lists, if neither is shorter than *number*.
     """
     numbered = product(enumerate(first), enumerate(second))
     return [

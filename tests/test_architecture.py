@@ -1,5 +1,5 @@
-"""Which package may import which: the arrows of docs/architecture.md, and the few files that may
-touch the world.
+"""The imports that packages may have: the arrows of docs/architecture.md, and the few files with
+external effects.
 """
 
 import ast
@@ -34,8 +34,8 @@ MAY_IMPORT = {
         "tca_behaviours", "tca_module", "tca_wire", "tca_tools", "numpy", "msgspec", "pybullet", "pybullet_data", "click", "rich",
     },
 }  # fmt: skip
-"""Beside the package itself and the standard library; a room that has a row of its own obeys that
-one.
+"""Allowed besides the package itself and the standard library. A subpackage with its own row obeys
+only that.
 """
 
 ONLY_IN = {
@@ -68,16 +68,16 @@ ONLY_IN = {
     "uvicorn": {"tca_tools/view/served_page.py"},
 }
 EXCEPTIONS = {
-    ("tca_module/testing.py", "tca_central"),  # the real core for users' tests
-    ("tca_tools/check/rerun.py", "tca_central"),  # whose inputs are handled again
+    ("tca_module/testing.py", "tca_central"),  # the real core, for users' tests
+    ("tca_tools/check/rerun.py", "tca_central"),  # handles recorded inputs again
     ("tca_behaviours/missions/charts/machine.py", "tca_tools"),  # pictures of state machines
-    ("tca_behaviours/missions/console/command.py", "tca_tools"),  # what all commands have
+    ("tca_behaviours/missions/console/command.py", "tca_tools"),  # options of all commands
     ("tca_behaviours/coordination/learning.py", "tca_tools"),  # journals of earlier runs
     ("tca_behaviours/coordination/model/machine.py", "tca_tools"),
 }
 
-# What a room of a package may import of its own package. A room is a folder, or a file beside the
-# folders.
+# Allowed imports of a subpackage ("room") from its own package. A room is a folder, or a file beside
+# the folders.
 ROOMS: dict[str, dict[str, set[str]]] = {
     "tca_wire": {
         "points": set(),
@@ -263,7 +263,7 @@ def nodes(path: Path) -> list[ast.AST]:
 
 @cache
 def imports(path: Path) -> frozenset[str]:
-    """Dotted names that a file imports, for types or anything else."""
+    """Dotted names that a file imports, also for types only."""
     found = set()
     for node in nodes(path):
         if isinstance(node, ast.Import):
@@ -280,7 +280,7 @@ def files(package: str) -> list[Path]:
 
 
 def own_row(path: Path) -> set[str]:
-    """What a file may import from other packages, by the row of its room or of its package."""
+    """Allowed imports of a file, by the row of its subpackage or package."""
     package, *rooms = path.relative_to(ROOT).parts
     return MAY_IMPORT.get(f"{package}.{rooms[0]}") or MAY_IMPORT.get(package, set())
 
@@ -298,10 +298,8 @@ def test_packages_import_along_the_arrows(package: str) -> None:
             assert name in ONLY_IN.get(imported, {name}), f"{name} imports {imported}"
 
 
-def test_files_import_in_no_circle() -> None:
-    """Not for types either: who reads one file needs those that it builds on, and never both at
-    once.
-    """
+def test_source_files_have_no_import_cycle() -> None:
+    """Not for types either: each file must be readable after the files that it builds on."""
     paths = [path for package in PACKAGES for path in files(package) if path.name != "__init__.py"]
     named = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in paths}
     arrows = {
@@ -313,7 +311,7 @@ def test_files_import_in_no_circle() -> None:
         }
         for name, path in named.items()
     }
-    TopologicalSorter(arrows).prepare()  # raises CycleError, with the circle
+    TopologicalSorter(arrows).prepare()  # raises CycleError with the cycle
 
 
 def room(package: str, path: Path) -> str:
@@ -322,7 +320,7 @@ def room(package: str, path: Path) -> str:
 
 
 @pytest.mark.parametrize("package", ROOMS)
-def test_rooms_import_along_the_arrows(package: str) -> None:
+def test_subpackages_import_along_the_arrows(package: str) -> None:
     TopologicalSorter(ROOMS[package]).prepare()
     for path in files(package):
         inside = [
@@ -337,7 +335,7 @@ def test_rooms_import_along_the_arrows(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", ["tca_central", "tca_module", "tca_tools", "tca_wire"])
-def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
+def test_architecture_picture_orders_subpackages_by_imports(package: str) -> None:
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
     heads = next(line for line in page if line.startswith("tca_central  "))
     starts = [*(found.start() for found in re.finditer(r"\S+", heads)), None]
@@ -354,7 +352,7 @@ def test_the_picture_has_a_room_above_those_it_imports(package: str) -> None:
         assert all(heights.get(lower, -99) < height for lower in ROOMS[package][room]), room
 
 
-def test_the_explorer_knows_the_pure_core_only() -> None:
+def test_explorer_imports_the_pure_core_only() -> None:
     for path in files("tca_tools.explore"):
         of_central = {
             dotted.split(".")[1] for dotted in imports(path) if dotted.startswith("tca_central.")
@@ -362,7 +360,7 @@ def test_the_explorer_knows_the_pure_core_only() -> None:
         assert not of_central & {"shell", "__main__"}, path
 
 
-def test_rich_is_for_screens() -> None:
+def test_live_commands_import_rich_for_screens_only() -> None:
     using = {
         path.name
         for path in files("tca_tools.live")
@@ -371,28 +369,27 @@ def test_rich_is_for_screens() -> None:
     assert using == {"top_screen.py"}
 
 
-def test_few_files_name_a_message_class() -> None:
-    """A new one is a row of traits, a declaration and a route; all else asks for traits."""
+def test_message_classes_are_named_in_few_files() -> None:
+    """A new message class is a row of traits, a declaration and a route; other code uses traits
+    only.
+    """
     naming = {
         str(path.relative_to(ROOT))
         for package in PACKAGES
         for path in files(package)
         if re.search(r"\bMessageClass\.[A-Z]", path.read_text())
     }
-    assert (
-        naming
-        == {
-            "tca_wire/messages/declarations.py",
-            "tca_wire/messages/controls.py",
-            "tca_central/requests/sending.py",
-            "tca_central/state.py",  # the root is a goal
-            "tca_tools/journal/fold_records.py",  # what was sent before the journal begins counts as a goal
-            "tca_tools/log/classic.py",  # as the old program called it
-        }
-    )
+    assert naming == {
+        "tca_wire/messages/declarations.py",
+        "tca_wire/messages/controls.py",
+        "tca_central/requests/sending.py",
+        "tca_central/state.py",  # the root is a goal
+        "tca_tools/journal/fold_records.py",  # unknown earlier messages count as goals
+        "tca_tools/log/classic.py",  # its name in the old program
+    }
 
 
-def test_init_files_hold_only_imports() -> None:
+def test_init_files_contain_only_imports() -> None:
     for package in PACKAGES:
         for path in (ROOT / package).rglob("__init__.py"):
             for node in parsed(path).body:
@@ -405,14 +402,14 @@ def test_init_files_hold_only_imports() -> None:
                 )
 
 
-def test_no_file_is_too_long() -> None:
+def test_source_files_have_at_most_600_lines() -> None:
     for package in PACKAGES:
         for path in files(package):
             assert len(path.read_text().splitlines()) <= 600, path
 
 
-def test_nothing_runs_what_it_reads() -> None:
-    """But for the explorer, which copies its plays by pickle: the bytes never leave the process."""
+def test_source_code_never_executes_its_input() -> None:
+    """Except the explorer, which copies its runs by pickle: the bytes never leave the process."""
     never = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "yaml", "dbm"}
     for package in (*PACKAGES, "dev"):
         for path in files(package):
@@ -433,9 +430,9 @@ def test_nothing_runs_what_it_reads() -> None:
                 ), path
 
 
-def test_files_of_tests_have_names_of_their_own() -> None:
-    """pytest takes two of one name for the same, unless their folders are packages: then nothing at
-    all is tested.
+def test_file_names_are_unique() -> None:
+    """pytest confuses two files of one name, unless their folders are packages: then it tests
+    nothing at all.
     """
     found: dict[str, list[Path]] = defaultdict(list)
     for path in (ROOT / "tests").rglob("test_*.py"):

@@ -1,8 +1,7 @@
-"""The code in README and docs/ is true: what quotes an example is in it, and all of it fits the
-library.
+"""Code in README and docs/ is correct: quotes match their examples, and all other code passes mypy.
 
-What is no quote is checked by mypy, after the names that its page takes for known. So a call, an
-option or a name that does not exist is found, and so are data of a wrong type.
+mypy sees each block after the names that its page assumes. It finds missing calls, options and
+names, and data of wrong types.
 """
 
 import ast
@@ -32,9 +31,7 @@ OTHER_WORDS = (
     "[Unit]",
     "[[allow]]",
 )
-"""How blocks begin that are no Python: what one types, what is printed, what is on the wire, a
-service of systemd.
-"""
+"""First words of blocks other than Python: shell commands, output, packets, and systemd units."""
 
 QUOTES = {
     "pending = [asker.query_send": "02_questions",
@@ -66,7 +63,7 @@ QUOTES = {
     "class Robot(Component[list[str]])": "51_activities",
     'application = Application("balancing robot", [robot])': "51_activities",
 }
-"""How blocks begin that are taken from an example."""
+"""First words of blocks that quote an example."""
 
 
 PLAIN = """
@@ -187,11 +184,11 @@ NAMES = {
     "state-machines": MACHINES,
     "task-servers": SERVERS,
 }
-"""What the pages take for known."""
+"""Code with the names that each page assumes."""
 
 
 class Block:
-    """A piece of a page, as it is shown."""
+    """A block of a page, as shown."""
 
     def __init__(self, page: Path, line: int, text: str, language: str) -> None:
         self.where = f"{page.name}:{line}"
@@ -212,12 +209,12 @@ class Block:
 
     @property
     def lines(self) -> list[str]:
-        """Its code without comments."""
+        """Its lines of code, without comments."""
         return [line for line in (without_comment(line) for line in self.text.splitlines()) if line]
 
 
 def without_comment(line: str) -> str:
-    """A line of code; "..." behind it, which stands for what is left out, is none of it."""
+    """A line of code without its comment, or a "..." for omitted code."""
     return re.sub(r"(^|  )#.*", "", line).strip().removesuffix(": ...").removesuffix(":")
 
 
@@ -240,19 +237,19 @@ CODE = [block for block in BLOCKS if block.is_python]
 
 
 @pytest.mark.parametrize("block", CODE, ids=[block.where for block in CODE])
-def test_each_block_is_python_or_listed_as_something_else(block: Block) -> None:
+def test_doc_block_is_python_or_listed(block: Block) -> None:
     ast.parse(block.text)
 
 
 @pytest.mark.parametrize(("beginning", "example"), QUOTES.items(), ids=QUOTES.values())
-def test_quotes_are_in_their_examples(beginning: str, example: str) -> None:
+def test_doc_quote_matches_its_example(beginning: str, example: str) -> None:
     (block,) = [block for block in CODE if block.text.startswith(beginning)]
     known = {without_comment(line) for line in EXAMPLES[example].splitlines()}
     assert [line for line in block.lines if line not in known] == []
 
 
 @pytest.mark.slow
-def test_the_code_in_the_docs_fits_the_library(tmp_path: Path) -> None:
+def test_doc_code_passes_mypy(tmp_path: Path) -> None:
     for block in CODE:
         if not block.is_quote:
             (tmp_path / f"{block.name}.py").write_text(block.names + block.text)

@@ -1,5 +1,5 @@
-"""The counterparts in docs/tca-mapping.md exist: each name, in tables and notes, is resolved, each
-link leads somewhere.
+"""The counterparts in docs/tca-mapping.md exist: each name in tables and notes is resolved, and
+each link leads to a file.
 """
 
 import configparser
@@ -21,8 +21,8 @@ THEIRS = {
     "raise COLLISION(height)", "release()", r"reply=Pose \| None", "tca", "tca_module", "timeout", "unlock", "with",
     "x_ipc", "{int, [double:3]}",
 }  # fmt: skip
-"""Words of TCA and TCM, of Python and of command lines, and pieces of names that are given in full
-beside them.
+"""Words of TCA and TCM, of Python and command lines, and parts of names that are given in full
+nearby.
 """
 
 TOKENS = sorted(set(re.findall(r"`([^`\n]+)`", PAGE)) - THEIRS)
@@ -40,9 +40,7 @@ def public_classes() -> list[type]:
 
 
 def has(owner: type, name: str) -> bool:
-    """Whether objects of a class have an attribute: of the class, annotated, or set when they are
-    made.
-    """
+    """Whether objects of a class have an attribute: in the class, annotated, or set in __init__."""
     if hasattr(owner, name) or any(
         name in getattr(kind, "__annotations__", {}) for kind in owner.__mro__
     ):
@@ -55,7 +53,7 @@ def has(owner: type, name: str) -> bool:
 
 
 def keywords() -> set[str]:
-    """Every keyword that a public call takes."""
+    """All keywords of public calls."""
     options = (tca_module.TaskOptions, tca_module.MonitorOptions, tca_module.HandlerOptions)
     found = {name for one in options for name in one.__annotations__}
     for kind in public_classes():
@@ -66,7 +64,7 @@ def keywords() -> set[str]:
 
 
 @pytest.mark.parametrize("token", TOKENS)
-def test_each_counterpart_exists(token: str) -> None:
+def test_each_mapped_name_exists(token: str) -> None:
     if token.startswith("tca "):
         assert token.split()[1] in commands()
     elif token.endswith("="):
@@ -75,7 +73,7 @@ def test_each_counterpart_exists(token: str) -> None:
         assert hasattr(tca_module, token)
     elif match := re.fullmatch(r"([A-Z]\w+)\.(\w+)", token):
         assert has(getattr(tca_module, match[1]), match[2])
-    else:  # a piece of Python: its attributes and keywords are those of some class
+    else:  # Python code: some class has its attributes and keywords
         names = re.findall(r"\.([a-z]\w*)", token)
         assert names
         spans = [tca_module.this.handling, tca_module.Sender, tca_module.SentTask]
@@ -83,10 +81,10 @@ def test_each_counterpart_exists(token: str) -> None:
         assert set(re.findall(r"(\w+)=(?!=)", token.replace("<=", ""))) <= keywords()
 
 
-def test_every_link_leads_somewhere() -> None:
+def test_mapping_page_links_exist() -> None:
     for link in re.findall(r"\]\(([^)#]+)\)", PAGE):
         assert (ROOT / "docs" / link).exists(), link
 
 
-def test_rows_have_three_cells() -> None:
+def test_mapping_page_rows_have_three_cells() -> None:
     assert all(len(cells) == 3 for cells in CELLS), [cells for cells in CELLS if len(cells) != 3]

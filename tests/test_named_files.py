@@ -1,4 +1,4 @@
-"""Pages, docstrings and comments name only files that exist."""
+"""Pages, docstrings and comments name only existing files."""
 
 import ast
 import io
@@ -23,9 +23,9 @@ OF_USERS = {
     "run.html",
     "to_and_fro.py",
 }
-"""Files that pages let their readers write."""
+"""Files that readers of pages create."""
 HISTORY = {"CHANGELOG.md", "docs/decisions/0106-five-packages.md"}
-"""Pages that name what has gone."""
+"""Pages that may name removed files."""
 
 
 def tracked() -> list[str]:
@@ -70,7 +70,7 @@ def test_files_named_in_prose_exist() -> None:
     missing = {
         (name, found)
         for name, text in texts.items()
-        if not named(text) <= known  # else nobody has to parse it
+        if not named(text) <= known  # parse only files that may fail
         for words in prose(ROOT / name, text)
         for found in named(words) - known
     }

@@ -1,4 +1,4 @@
-"""Each test that docs/task-state-pattern.md names for a requirement is there."""
+"""Each test that docs/task-state-pattern.md names for a requirement exists."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def test_every_requirement_names_a_test() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMED)))
-def test_it_is_there(name: str) -> None:
+def test_named_by_a_requirement_exists(name: str) -> None:
     place, _, test = name.partition("::")
     if test:
         assert f"def {test}(" in (TESTS / f"{place}.py").read_text()

@@ -1,4 +1,4 @@
-"""A joint of a machine, with the four regions of the paper's figure 4, written by hand."""
+"""A joint with the four regions of the paper's figure 4, written by hand."""
 
 import msgspec
 
@@ -19,7 +19,7 @@ class JointData(msgspec.Struct):
 
 
 class Joint(Component[JointData]):
-    """It moves between 0 and 1, and finds its position by driving to 0 first."""
+    """A joint that moves between 0 and 1, and finds its position by driving to 0 first."""
 
     def __init__(self, name: str = "x") -> None:
         super().__init__(name, JointData, period=STEP)
@@ -47,7 +47,7 @@ class Joint(Component[JointData]):
 
         movement = self.region("movement", period=STEP)
         stopped = movement.state("stopped")
-        moving = movement.state("moving", exit=self.tell)
+        moving = movement.state("moving", exit=self.publish_position)
         fast = moving.state("fast", activity=self.move_fast, period=STEP, estimate=0.0001)
         slow = moving.state("slow", activity=self.move_slow, period=2 * STEP)
         stopped.to(
@@ -79,5 +79,5 @@ class Joint(Component[JointData]):
         if abs(left) <= step:
             self.post("stop")
 
-    def tell(self) -> None:
+    def publish_position(self) -> None:
         self.position.set(self.data.position)

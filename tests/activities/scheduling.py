@@ -1,4 +1,4 @@
-"""Activities that write down their ticks, and task sets at random."""
+"""Activities that record their ticks, and random task sets."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from tca_behaviours.activities.analysis import Demand
 
 @dataclass
 class Ticked:
-    """An activity that writes down when it is ticked."""
+    """An activity that records the times of its ticks."""
 
     name: str
     period: float
@@ -25,7 +25,9 @@ class Ticked:
 
 
 def in_virtual_time(processors: Sequence[Sequence[Demand]]) -> VirtualBaton:
-    """The processors, in order of priority, at their start. Each tick takes as long as it may."""
+    """Start the processors, in order of priority, in virtual time. Each tick takes its whole
+    estimate.
+    """
     baton = VirtualBaton()
     with baton.changing() as schedule:
         for number, demands in enumerate(processors):
@@ -42,9 +44,7 @@ def in_virtual_time(processors: Sequence[Sequence[Demand]]) -> VirtualBaton:
 def task_sets(
     draw: st.DrawFn, periods: Sequence[int] = (4, 5, 6, 8, 10, 12, 20, 24)
 ) -> list[Demand]:
-    """By UUniFast: any utilisation, evenly divided among activities of any period. All times are
-    whole numbers.
-    """
+    """Task sets by UUniFast, with any utilisation and period. All times are whole numbers."""
     number = draw(st.integers(1, 6))
     left = draw(st.floats(0.3, 1.1))
     found = []

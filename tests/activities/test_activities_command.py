@@ -1,4 +1,4 @@
-"""``tca activities``: which application it means, and what it says if there is none."""
+"""``tca activities``: the application that it selects, and its errors."""
 
 import threading
 import time
@@ -18,34 +18,38 @@ from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Module, connect
 
 
-def said(address: str, *arguments: str) -> str:
-    """What the command says that does not serve a page."""
+def command_error(address: str, *arguments: str) -> str:
+    """The output of a command that starts no page."""
     result = CliRunner().invoke(activities, [*arguments, "--central", address, "--no-browser"])
     assert result.exit_code == 1
     return result.output.strip()
 
 
 @pytest.mark.slow
-def test_the_application_is_found_or_asked_for(tmp_path: Path) -> None:
+def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) -> None:
     with central(tmp_path, "--quiet") as daemon:
         assert (
-            said(daemon.address)
+            command_error(daemon.address)
             == "Error: central knows no application: start a program that has a Manager"
         )
         module = Module("robot", daemon.address)
         for name in ("arm", "base"):
             Manager(Application(name)).handle_in(module)
         with module.running():
-            assert said(daemon.address).endswith("several applications: name one of 'arm', 'base'")
-            assert said(daemon.address, "leg").endswith(
+            assert command_error(daemon.address).endswith(
+                "several applications: name one of 'arm', 'base'"
+            )
+            assert command_error(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )
-            assert "can't serve on" in said(daemon.address, "arm", "--host", "192.0.2.1")
-    assert "does not answer" in said(daemon.address)
+            assert "can't serve there" in command_error(
+                daemon.address, "arm", "--host", "192.0.2.1"
+            )
+    assert "does not answer" in command_error(daemon.address)
 
 
-def until_told(live: LiveApplication, part: str, words: str) -> None:
-    """Wait until the newest value of a part has some words."""
+def wait_for_part(live: LiveApplication, part: str, words: str) -> None:
+    """Wait until the newest value of a part contains some words."""
     since, end = 0, time.monotonic() + 30
     while time.monotonic() < end:
         news = live.news(since, 1.0)
@@ -56,7 +60,7 @@ def until_told(live: LiveApplication, part: str, words: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
+def test_page_shows_lost_central_and_new_central_gets_all_state(
     tmp_path: Path,
 ) -> None:
     address, names = f"ipc://{tmp_path}/central.sock", ApplicationMessages("arm")
@@ -66,8 +70,8 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
         with central(tmp_path / "first", "--quiet", bind=address):
             robot.enter_context(module.running())
             robot.enter_context(live.running())
-            until_told(live, "application", "referencing")
-        until_told(live, "lost", "does not answer")
+            wait_for_part(live, "application", "referencing")
+        wait_for_part(live, "lost", "does not answer")
         with (
             central(tmp_path / "second", "--quiet", bind=address),
             connect("user", address) as user,
@@ -86,10 +90,10 @@ def test_a_page_tells_that_central_is_lost_and_a_new_central_is_told_everything(
 
 
 @pytest.mark.slow
-def test_a_page_tells_that_an_application_stands_still(
+def test_page_shows_that_an_application_is_stalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Here a picture takes for ever; a program that was stopped (SIGSTOP) is as silent."""
+    """Here drawing a picture blocks; a stopped program (SIGSTOP) is equally silent."""
     monkeypatch.setattr(page, "SILENCE", 2.5)
     drawing, is_drawn = threading.Event(), threading.Event()
 
@@ -102,9 +106,9 @@ def test_a_page_tells_that_an_application_stands_still(
         module, live = Module("robot", daemon.address), LiveApplication("arm", daemon.address)
         Manager(Application("arm", [Joint()]), picture=draw).handle_in(module)
         with module.running(), live.running():
-            until_told(live, "application", "referencing")
+            wait_for_part(live, "application", "referencing")
             drawing.set()
-            until_told(
+            wait_for_part(
                 live,
                 "lost",
                 "'arm' has sent no report for more than 2.5 s: its program hangs or is delayed",

@@ -1,4 +1,4 @@
-"""Models with random faults: each is refused with a line, or its components run and it can be
+"""Models with random faults: each is rejected with its line, or its components run and can be
 drawn.
 """
 
@@ -39,15 +39,15 @@ VALUES: list[Any] = [
 ]
 
 
+def keys_of(node: Any) -> list[Any]:
+    if isinstance(node, dict):
+        return list(node)
+    return list(range(len(node))) if isinstance(node, list) else []
+
+
 def places(node: Any) -> list[tuple[Any, Any]]:
-    """All containers of the model, each with each of its keys."""
-    keys = (
-        list(node)
-        if isinstance(node, dict)
-        else list(range(len(node)))
-        if isinstance(node, list)
-        else []
-    )
+    """All containers of a model, each with each of its keys."""
+    keys = keys_of(node)
     return [(node, key) for key in keys] + [place for key in keys for place in places(node[key])]
 
 
@@ -75,7 +75,7 @@ def faulty(draw: st.DrawFn) -> dict[str, Any]:
 
 @settings(max_examples=60)
 @given(faulty())
-def test_a_model_is_refused_or_runs(tables: dict[str, Any]) -> None:
+def test_random_model_is_rejected_or_runs(tables: dict[str, Any]) -> None:
     try:
         model = model_of("cleaning", tables)
     except BadUserFile:

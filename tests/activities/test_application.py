@@ -1,4 +1,4 @@
-"""Applications: components whose activities are allocated to threads, and allocated anew while they
+"""Applications: components whose activities are allocated to threads, and reallocated while they
 run.
 """
 
@@ -66,7 +66,7 @@ def allocated(application: Application) -> dict[str, list[str]]:
 # --- with threads ---------------------------------------------------------------------------------
 
 
-def test_activities_are_ticked_one_at_a_time_whatever_is_changed() -> None:
+def test_activities_are_ticked_one_at_a_time_under_any_change() -> None:
     counter, other = Counter("c"), Counter("d")
     threads = set()
     counter.on_tick = lambda _: threads.add(threading.current_thread().name)
@@ -92,7 +92,7 @@ def test_activities_are_ticked_one_at_a_time_whatever_is_changed() -> None:
 
 
 class NotingBaton(Baton):
-    """Notes which processors had a thread before the newest change."""
+    """Records which processors had a thread before the newest change."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -105,7 +105,7 @@ class NotingBaton(Baton):
             yield schedule
 
 
-def test_no_tick_waits_until_threads_are_started() -> None:
+def test_threads_are_started_before_the_schedule_is_locked() -> None:
     baton = NotingBaton()
     application = Application("test", [Counter("c")], baton=baton)
     with application.running():
@@ -113,7 +113,7 @@ def test_no_tick_waits_until_threads_are_started() -> None:
         assert {f"processor {name}" for name in application.activity_names} <= baton.there
 
 
-def test_components_are_initialised_before_they_are_ticked() -> None:
+def test_application_requires_initialised_components() -> None:
     application = Application("test", [Counter("c")])
     with pytest.raises(
         MisuseError, match=r"Counter 'c' is not initialised: call initialise\(\) before start\(\)"
@@ -125,11 +125,11 @@ def test_components_are_initialised_before_they_are_ticked() -> None:
         assert late.enough.wait(20)
 
 
-def test_it_starts_and_stops_as_often_as_wanted() -> None:
+def test_application_starts_and_stops_repeatedly() -> None:
     counter = Counter("c")
     application = Application("test", [counter], one_each)
-    told: list[bool] = []
-    application.on_change(lambda: told.append(application.is_running))
+    running_changes: list[bool] = []
+    application.on_change(lambda: running_changes.append(application.is_running))
     for _ in range(3):
         counter.enough.clear()
         with application.running():
@@ -139,14 +139,14 @@ def test_it_starts_and_stops_as_often_as_wanted() -> None:
                 match=r"Application 'test' is running: call stop\(\) before initialise\(\)",
             ):
                 application.initialise()
-    application.start()  # goes on where it was
+    application.start()  # continues from its old state
     application.start()
     application.stop()
     application.stop()
-    assert told == [True, False] * 3 + [True, True, False, False]
+    assert running_changes == [True, False] * 3 + [True, True, False, False]
 
 
-def test_an_activity_that_raises_harms_no_other(caplog: pytest.LogCaptureFixture) -> None:
+def test_raising_activity_does_not_disturb_others(caplog: pytest.LogCaptureFixture) -> None:
     counter = Counter("c")
 
     def fail(number: int) -> None:
@@ -165,7 +165,7 @@ def test_an_activity_that_raises_harms_no_other(caplog: pytest.LogCaptureFixture
     assert "a tick of activity 'c.r1.on' failed" in caplog.text
 
 
-def test_an_activity_may_stop_the_application() -> None:
+def test_activity_may_stop_the_application() -> None:
     counter = Counter("c")
     refused: list[str] = []
 
@@ -185,12 +185,12 @@ def test_an_activity_may_stop_the_application() -> None:
     assert counter.enough.wait(20)
     assert not application.is_running
     assert refused == ["start() was called from the tick that called stop(): use another thread"]
-    with application.running():  # waits until the activity is done
+    with application.running():  # waits for the end of the tick
         assert sum(ticks(application).values()) >= 1
 
 
-def test_no_component_is_initialised_in_its_own_tick() -> None:
-    """It would wait for itself."""
+def test_component_cannot_be_initialised_from_its_own_tick() -> None:
+    """It would deadlock with itself."""
     counter, other = Counter("c"), Counter("d")
     refused: list[str] = []
 
@@ -216,7 +216,7 @@ def test_no_component_is_initialised_in_its_own_tick() -> None:
     application.stop()
 
 
-def test_a_tick_that_takes_long_holds_up_ticks_only(
+def test_long_tick_does_not_block_allocation(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     counter, slow = Counter("c"), Counter("slow")
@@ -234,7 +234,7 @@ def test_a_tick_that_takes_long_holds_up_ticks_only(
     monkeypatch.setattr("tca_behaviours.activities.processing.schedule._LONG", 0.0)
     monkeypatch.setattr("tca_behaviours.activities.processing.baton._PATIENCE", 0.0)
     assert application.figures().held_by == "slow.r0.on"
-    application.allocate(one_for_all)  # nobody waits for the tick
+    application.allocate(one_for_all)  # does not wait for the tick
     application.move("c.r0.on", "own")
     assert set(allocated(application)) == {"all", "own"}
     slow.on_tick = lambda _: None
@@ -250,7 +250,7 @@ def test_a_tick_that_takes_long_holds_up_ticks_only(
 
 
 class HastyBaton(Baton):
-    """Now and then much time passes between two looks at the clock."""
+    """A baton on which the clock jumps now and then between two readings."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -261,8 +261,8 @@ class HastyBaton(Baton):
         return self.looks * 0.00001 + self.looks // 7 * 0.0005
 
 
-def test_the_baton_is_never_lost() -> None:
-    """Not even if another processor is due when it is handed on than when that was decided."""
+def test_baton_is_not_lost_when_the_clock_jumps() -> None:
+    """Another processor may become due between the decision and the hand-over."""
     counter = Counter("c")
     with Application("test", [counter], one_each, baton=HastyBaton()).running():
         assert counter.enough.wait(20)
@@ -276,7 +276,7 @@ def baton() -> VirtualBaton:
     return VirtualBaton()
 
 
-def test_a_joint_moves_under_any_policy(baton: VirtualBaton) -> None:
+def test_joint_moves_under_any_policy(baton: VirtualBaton) -> None:
     joint = Joint()
     application = Application("test", [joint], one_each, baton=baton)
     with application.running():
@@ -292,7 +292,7 @@ def test_a_joint_moves_under_any_policy(baton: VirtualBaton) -> None:
     assert joint.position.value == pytest.approx(0.9)
 
 
-def test_two_virtual_runs_are_the_same() -> None:
+def test_virtual_runs_are_repeatable() -> None:
     def run() -> Any:
         baton = VirtualBaton()
         application = Application("test", [Counter("c", estimate=0.0003)], one_each, baton=baton)
@@ -305,7 +305,7 @@ def test_two_virtual_runs_are_the_same() -> None:
     assert run() == run()
 
 
-def test_the_verdict_is_held_by_the_run(baton: VirtualBaton) -> None:
+def test_schedulability_verdict_agrees_with_the_run(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c", estimate=0.00015)], one_each, baton=baton)
     with application.running():
         baton.run(2.0)
@@ -322,7 +322,7 @@ def test_the_verdict_is_held_by_the_run(baton: VirtualBaton) -> None:
         assert one.overruns == 0
 
 
-def test_too_much_for_one_processor_is_divided_before_it_runs(baton: VirtualBaton) -> None:
+def test_automatic_policy_splits_an_overloaded_processor(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c", estimate=0.0003)], baton=baton)
     figures = application.figures()
     assert (figures.is_schedulable, figures.processors[0].bound, figures.processors[0].margin) == (
@@ -336,7 +336,7 @@ def test_too_much_for_one_processor_is_divided_before_it_runs(baton: VirtualBato
     assert application.figures().running_for == 0.0
 
 
-def test_late_ticks_and_those_left_out_are_counted(baton: VirtualBaton) -> None:
+def test_late_and_skipped_ticks_are_counted(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c", estimate=0.0006)], baton=baton)
     with application.running():
         baton.run(0.5)
@@ -348,7 +348,7 @@ def test_late_ticks_and_those_left_out_are_counted(baton: VirtualBaton) -> None:
     assert figures["c.r0.on"].overruns > 0
 
 
-def test_measurement_overrules_analysis_for_a_while() -> None:
+def test_measured_lateness_overrules_analysis_for_a_while() -> None:
     slow: list[float] = []
     baton = VirtualBaton(lambda _: slow.pop() if slow else 0.0001)
     application = Application("test", [Counter("c", estimate=0.0001)], one_each, baton=baton)
@@ -368,17 +368,17 @@ def test_measurement_overrules_analysis_for_a_while() -> None:
         assert turn is not None
         baton.schedule.begin(turn.processor, baton.clock())
         hung = application_figures("test", 0.0, baton.clock() + 3.0, baton.schedule)
-        assert all(one.refuted for one in hung.processors), "they wait for a tick that does not end"
+        assert all(one.refuted for one in hung.processors), "they wait for a tick that never ends"
 
 
-def test_an_estimate_longer_than_the_period_is_refused() -> None:
+def test_estimate_longer_than_the_period_is_rejected() -> None:
     with pytest.raises(
         MisuseError, match=r"'c\.r0\.on' takes 3 ms, longer than its period of 1 ms: divide it"
     ):
         Application("test", [Counter("c", estimate=0.003)])
 
 
-def test_an_estimate_that_ticks_refute_does_not_count() -> None:
+def test_estimate_refuted_by_ticks_is_ignored() -> None:
     baton = VirtualBaton(lambda _: 0.002)
     application = Application("test", [Counter("c", estimate=0.0001)], baton=baton)
     assert application.figures().is_schedulable
@@ -391,7 +391,7 @@ def test_an_estimate_that_ticks_refute_does_not_count() -> None:
             application.set_period("c.r2.on", 0.00001)
 
 
-def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> None:
+def test_schedulability_is_unknown_without_execution_times(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     with pytest.raises(
         MisuseError,
@@ -408,7 +408,7 @@ def test_without_execution_times_there_is_no_verdict(baton: VirtualBaton) -> Non
     assert list(allocated(application)) == ["processor 1"]
 
 
-def test_allocation_by_hand(baton: VirtualBaton) -> None:
+def test_activities_are_allocated_by_hand(baton: VirtualBaton) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     machines = ["c.r0.machine", "c.r1.machine", "c.r2.machine"]
     application.allocate({"machines": machines, "rest": ["c.r2.on", "c.r1.on", "c.r0.on"]})
@@ -451,7 +451,7 @@ def test_allocation_by_hand(baton: VirtualBaton) -> None:
 
 
 @given(st.data())
-def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
+def test_no_tick_is_lost_under_any_policy(data: st.DataObject) -> None:
     baton = VirtualBaton()
     application = Application("test", [Counter("c", estimate=0.00002)], baton=baton)
     names = application.activity_names
@@ -476,16 +476,16 @@ def test_no_tick_is_lost_whatever_the_policy(data: st.DataObject) -> None:
         assert now / periods[one.name] - 1 <= one.ticks <= now / periods[one.name] + 1
 
 
-def test_mistakes_are_refused_and_change_nothing(
+def test_application_misuse_is_rejected_without_effect(
     baton: VirtualBaton, approve: Callable[..., None]
 ) -> None:
     application = Application("test", [Counter("c")], baton=baton)
     before = application.allocation()
 
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         with pytest.raises(MisuseError) as raised:
             eval(case, {**globals(), "one": application})
         assert application.allocation() == before
         return str(raised.value)
 
-    approve("mistakes.txt", tell)
+    approve("mistakes.txt", message_of)

@@ -1,6 +1,4 @@
-"""Central is killed, and is away for longer than anybody waits: it knows everything once it is
-back.
-"""
+"""Central is killed and absent for longer than any patience. It gets all changes after its restart."""
 
 import logging
 import threading
@@ -24,7 +22,7 @@ NAMES, POSITION, OTHER = (
 )
 
 
-def test_what_changes_while_central_is_away_is_told_later(
+def test_changes_during_central_downtime_are_published_later(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     joint, baton, losses = Joint(), VirtualBaton(), threading.Semaphore(0)
@@ -47,7 +45,7 @@ def test_what_changes_while_central_is_away_is_told_later(
         baton.run(0.1)
         application.allocate(one_each)
         joint.position.set(0.7)
-        for _ in range(3):  # by then all have lost patience
+        for _ in range(3):  # by then every patience is over
             assert losses.acquire(timeout=60)
         central = Central(tmp_path)
         try:
@@ -68,8 +66,8 @@ def test_what_changes_while_central_is_away_is_told_later(
 
 
 @pytest.mark.soak
-def test_a_page_is_obeyed_at_once_when_central_is_back(tmp_path: Path) -> None:
-    """Central need not wait for a connection that the page has given up."""
+def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> None:
+    """The page gave up its connection, so central need not wait for it."""
     central = Central(tmp_path)
     module, live = Module("robot", central.address), LiveApplication("robot", central.address)
     Manager(Application("robot", [Joint()], baton=VirtualBaton())).handle_in(module)
@@ -86,7 +84,7 @@ def test_a_page_is_obeyed_at_once_when_central_is_back(tmp_path: Path) -> None:
         until_lost(is_lost=True)
         central = Central(tmp_path)
         until_lost(is_lost=False)
-        said = live.send(PageCommand("set policy of robot", "one_each"))
-        told = central.stop()
-    assert said == "set policy of robot: done"
-    assert "did not come back" not in told
+        reply = live.send(PageCommand("set policy of robot", "one_each"))
+        log_text = central.stop()
+    assert reply == "set policy of robot: done"
+    assert "did not come back" not in log_text

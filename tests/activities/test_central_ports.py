@@ -1,5 +1,5 @@
-"""What other programs send arrives at ports, and what is set at ports is sent, without a tick that
-waits for central.
+"""Ports connect with central: messages arrive, and values are sent, without a tick that waits for
+central.
 """
 
 import pytest
@@ -19,7 +19,7 @@ def tick(joint: Joint, times: int) -> None:
             activity.tick()
 
 
-def test_a_joint_is_moved_from_elsewhere() -> None:
+def test_joint_is_controlled_through_central_ports() -> None:
     joint = Joint()
     joint.initialise()
     seen: list[float] = []
@@ -49,7 +49,7 @@ def test_a_joint_is_moved_from_elsewhere() -> None:
             assert panel.get_variable(POSITION) == pytest.approx(0.6)
 
 
-def test_types_must_be_the_same() -> None:
+def test_central_port_rejects_a_message_of_another_type() -> None:
     with LocalCentral() as central, pytest.raises(MisuseError) as error:
         receive(Module("robot", central), Inform("move x", float), Joint().target)  # type: ignore[misc]
     assert str(error.value) == (

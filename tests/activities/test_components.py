@@ -1,4 +1,4 @@
-"""A joint with four regions, ticked by hand."""
+"""A joint with four regions, ticked by the test."""
 
 import sys
 import threading
@@ -43,7 +43,7 @@ def ready(joint: Joint) -> Joint:
     return joint
 
 
-def test_a_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
+def test_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
     assert states(joint) == {
         "limits": "inside",
         "referencing": "unreferenced",
@@ -60,8 +60,8 @@ def test_a_joint_is_enabled_referenced_and_moved(joint: Joint) -> None:
     assert joint.position.value == pytest.approx(0.3)
 
 
-def test_regions_see_each_others_states(joint: Joint) -> None:
-    joint.command.put("reference")  # it is not enabled: the event leads nowhere
+def test_region_transition_needs_states_of_other_regions(joint: Joint) -> None:
+    joint.command.put("reference")  # not enabled: no transition for the event
     tick(joint)
     joint.command.put("enable")
     tick(joint, 5)
@@ -71,7 +71,7 @@ def test_regions_see_each_others_states(joint: Joint) -> None:
     assert states(joint)["movement"] == "stopped"
 
 
-def test_an_event_reaches_all_regions(joint: Joint) -> None:
+def test_event_reaches_all_regions(joint: Joint) -> None:
     ready(joint).target.put(Target(0.9))
     tick(joint)
     joint.command.put("disable")
@@ -79,7 +79,7 @@ def test_an_event_reaches_all_regions(joint: Joint) -> None:
     assert (states(joint)["movement"], states(joint)["enabling"]) == ("stopped", "disabled")
 
 
-def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
+def test_tick_makes_at_most_one_transition(joint: Joint) -> None:
     changes: list[RegionChange] = []
     joint.regions["enabling"].on_transition(changes.append)
     for event in ("enable", "enable", "disable"):
@@ -88,11 +88,11 @@ def test_a_tick_makes_one_transition_at_most(joint: Joint) -> None:
     handler.tick()
     assert changes == [RegionChange("x", "enabling", "disabled", "enabled", "enable")]
     assert str(changes[0]) == "x.enabling: disabled to enabled (enable)"
-    handler.tick()  # the second "enable" leads nowhere
+    handler.tick()  # the second "enable" has no transition
     assert changes[1:] == [RegionChange("x", "enabling", "enabled", "disabled", "disable")]
 
 
-def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
+def test_activities_are_listed_in_declaration_order(joint: Joint) -> None:
     assert [(one.name, one.period, one.estimate) for one in joint.activities()] == [
         ("x.port handler", 0.01, None),
         ("x.limits.machine", 0.01, None),
@@ -105,7 +105,7 @@ def test_activities_stand_in_the_order_of_data(joint: Joint) -> None:
     ]
 
 
-def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
+def test_component_can_be_initialised_again(joint: Joint) -> None:
     first = states(joint)
     changes: list[RegionChange] = []
     joint.regions["movement"].on_transition(changes.append)
@@ -126,8 +126,8 @@ def test_it_begins_anew_as_often_as_wanted(joint: Joint) -> None:
     assert states(joint) == first
 
 
-def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
-    """Near its target it goes slowly; beyond its range it stops."""
+def test_transition_without_event_is_taken_when_its_guard_holds(joint: Joint) -> None:
+    """It slows down near its target, and stops outside its range."""
     ready(joint).target.put(Target(2.0))
     changes: list[RegionChange] = []
     for region in joint.regions.values():
@@ -140,7 +140,7 @@ def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
     ]
     joint.target.put(Target(0.9))
     tick(joint)
-    assert states(joint)["movement"] == "stopped"  # for it is beyond
+    assert states(joint)["movement"] == "stopped"  # outside its range
 
     joint.initialise()
     changes.clear()
@@ -154,7 +154,7 @@ def test_what_needs_no_event_is_done_as_soon_as_it_may_be(joint: Joint) -> None:
 
 
 class Chain(Component[None]):
-    """It enters and leaves, and writes down how."""
+    """Records entries and exits of its states."""
 
     def __init__(self, log: list[str]) -> None:
         super().__init__("chain", lambda: None)
@@ -168,24 +168,24 @@ class Chain(Component[None]):
         other = region.state("other", **steps("other"))
         one.to(two, on="next")
         two.to(two, on="next", when=lambda: True)
-        outer.to(other, on="next")  # the inner ones go first
+        outer.to(other, on="next")  # inner transitions go first
         outer.to(other, on="out")
         outer.to(one, on="again")
         other.to(two, on="back")
 
 
-def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
+def test_states_exit_inside_out_and_enter_outside_in() -> None:
     log: list[str] = []
     chain = Chain(log)
     chain.initialise()
-    told = []
+    entries = []
     for event in ("next", "next", "again", "out", "back"):
-        told.append(" ".join(log))
+        entries.append(" ".join(log))
         log.clear()
         chain.post(event)
         tick(chain)
-    told.append(" ".join(log))
-    assert told == [
+    entries.append(" ".join(log))
+    assert entries == [
         "+outer +one",
         "-one +two",
         "-two +two",
@@ -198,7 +198,7 @@ def test_states_are_left_from_the_inside_and_entered_from_the_outside() -> None:
 # --- ports ----------------------------------------------------------------------------------------
 
 
-def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
+def test_port_rejects_values_of_another_type(joint: Joint) -> None:
     with pytest.raises(
         MisuseError, match=r"port x\.target \(Target\) does not accept 0\.3, of type float"
     ):
@@ -207,7 +207,7 @@ def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
         MisuseError, match=r"port x\.position \(float\) does not accept 'far', of type str"
     ):
         joint.position.set("far")  # type: ignore[arg-type]
-    joint.position.set(1)  # as in annotations
+    joint.position.set(1)  # an int is accepted as a float, as by type checkers
     with pytest.raises(
         MisuseError,
         match=r"port x\.position \(float\) can't be connected with x\.target \(Target\)",
@@ -219,7 +219,7 @@ def test_a_port_takes_its_own_type_only(joint: Joint) -> None:
         connect(joint.target, joint.target)  # type: ignore[arg-type]
 
 
-def test_a_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
+def test_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
     for number in range(10):
         joint.command.put(f"{number}")
         joint.target.put(Target(number))
@@ -227,7 +227,7 @@ def test_a_port_keeps_the_newest_value_or_a_queue(joint: Joint) -> None:
 
 
 class Watch(Component[list[float]]):
-    """It tells what has arrived, at once."""
+    """Records received values."""
 
     def __init__(self, name: str, *, begins: bool) -> None:
         super().__init__(name, list)
@@ -244,7 +244,7 @@ class Watch(Component[list[float]]):
             self.all.set(1.5)
 
 
-def test_a_value_set_at_the_beginning_arrives() -> None:
+def test_value_set_at_initialisation_arrives() -> None:
     components = [Watch("a", begins=True), Watch("b", begins=False)]
     for one, other in (components, components[::-1]):
         connect(one.all, other.seen)
@@ -258,14 +258,14 @@ def test_a_value_set_at_the_beginning_arrives() -> None:
 # --- data -----------------------------------------------------------------------------------------
 
 
-def test_data_are_for_activities_only(joint: Joint) -> None:
+def test_component_data_is_accessible_to_its_activities_only(joint: Joint) -> None:
     with pytest.raises(
         MisuseError, match="the data of Joint 'x' are for its own activities: use a port"
     ):
         _ = joint.data
 
 
-def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
+def test_tick_sees_consistent_data_under_concurrent_ticks() -> None:
     class Pair(Component[dict[str, int]]):
         def __init__(self) -> None:
             super().__init__("pair", lambda: {"left": 0, "right": 0})
@@ -298,10 +298,10 @@ def test_a_tick_sees_data_whole_whatever_threads_tick() -> None:
         assert pair.data == {"left": 1200, "right": 1200}
 
 
-# --- what is refused ------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 
-def test_an_activity_that_raises_leaves_the_component_usable(joint: Joint) -> None:
+def test_raising_activity_leaves_the_component_usable(joint: Joint) -> None:
     joint.command.put("fly")
     with pytest.raises(
         MisuseError,
@@ -321,8 +321,8 @@ def two(region: Region, on: str = "", needs: str = "") -> None:
     region.state("a").to(region.state("b"), on=on, needs=[needs] if needs else [])
 
 
-def test_a_component_that_cannot_run_is_refused(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+def test_invalid_component_is_rejected(approve: Callable[..., None]) -> None:
+    def message_of(case: str) -> str:
         bare = Bare()
         with pytest.raises(MisuseError) as error:
             (
@@ -331,4 +331,4 @@ def test_a_component_that_cannot_run_is_refused(approve: Callable[..., None]) ->
             )
         return str(error.value)
 
-    approve("bad_components.txt", tell)
+    approve("bad_components.txt", message_of)

@@ -1,4 +1,4 @@
-"""An application in central: its variables, and the commands that change it."""
+"""An application in central: its published variables, and the commands that change it."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -29,20 +29,20 @@ class Town(NamedTuple):
     application: Application
 
     def carry_out(self, message: Command[Any, None], data: Any = None) -> None:
-        """Send a command, and let what comes of it be published. Raises TaskFailed."""
+        """Send a command, and let its effects be published. Raises TaskFailed."""
         sent = self.user.command(message, data)
         self.central.advance(0.1)
         sent.result(timeout=5)
 
     def allocated(self) -> dict[str, list[str]]:
-        """What central knows of the processors."""
+        """The published allocation to processors."""
         report = self.user.get_variable(NAMES.allocation)
         return {one.name: [each.name for each in one.activities] for one in report.processors}
 
 
 @pytest.fixture
-def few_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three transitions at most wait for central."""
+def short_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most three unpublished transitions are kept."""
     monkeypatch.setattr("tca_behaviours.activities.manager.manager._MAX_WAITING", 3)
 
 
@@ -62,7 +62,7 @@ def town() -> Iterator[Town]:
             yield Town(central, user, joint, baton, application)
 
 
-def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
+def test_manager_publishes_the_application_in_variables(town: Town) -> None:
     entry = town.user.get_variable(NAMES.application)
     assert (entry.name, entry.module, entry.policies) == (
         "robot",
@@ -79,16 +79,17 @@ def test_all_there_is_to_know_is_a_variable(town: Town) -> None:
     assert not town.user.get_variable(NAMES.allocation).is_running
 
 
-def test_every_transition_is_told(town: Town) -> None:
+def test_every_transition_is_published(town: Town) -> None:
     town.carry_out(NAMES.start)
     town.joint.command.put("enable")
     town.joint.command.put("disable")
     town.baton.run(0.1)
     town.central.advance(0.1)
-    told = town.user.get_variable(NAMES.states)
-    assert told.states["x.enabling"] == "disabled"
+    published = town.user.get_variable(NAMES.states)
+    assert published.states["x.enabling"] == "disabled"
     assert [
-        (f"{one.component}.{one.region}", one.source, one.target, one.event) for one in told.changes
+        (f"{one.component}.{one.region}", one.source, one.target, one.event)
+        for one in published.changes
     ] == [
         ("x.enabling", "disabled", "enabled", "enable"),
         ("x.enabling", "enabled", "disabled", "disable"),
@@ -98,18 +99,18 @@ def test_every_transition_is_told(town: Town) -> None:
     assert figures["x.enabling.machine"] == 10
 
 
-@pytest.mark.usefixtures("few_wait")
-def test_a_transition_is_told_that_is_made_while_others_are(
+@pytest.mark.usefixtures("short_queue")
+def test_transition_during_publication_is_published(
     town: Town, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    published: list[str] = []
     set_variable = Callback.set_variable
 
     def disable_meanwhile(self: Callback, variable: Any, value: Any, **how: Any) -> None:
         set_variable(self, variable, value, **how)
         if variable.name == NAMES.states.name:
-            told.extend(change.event for change in value.changes)
-            if len(told) == 3:
+            published.extend(change.event for change in value.changes)
+            if len(published) == 3:
                 town.joint.command.put("disable")
                 town.baton.run(0.1)
 
@@ -119,10 +120,10 @@ def test_a_transition_is_told_that_is_made_while_others_are(
         town.joint.command.put(event)
     town.baton.run(0.1)
     town.central.advance(0.2)
-    assert told == ["enable", "disable", "enable", "disable"]
+    assert published == ["enable", "disable", "enable", "disable"]
 
 
-def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
+def test_added_component_is_published(town: Town) -> None:
     town.carry_out(NAMES.start)
     late = Joint("late")
     town.application.add(late)
@@ -134,10 +135,10 @@ def test_a_component_that_is_added_is_known_and_told_of(town: Town) -> None:
         "late",
     ]
     assert "late.movement.machine" in town.allocated()["all"]
-    told = town.user.get_variable(NAMES.states)
-    assert told.states["late.enabling"] == "enabled"
+    published = town.user.get_variable(NAMES.states)
+    assert published.states["late.enabling"] == "enabled"
     assert ("late", "enabling", "enable") in [
-        (one.component, one.region, one.event) for one in told.changes
+        (one.component, one.region, one.event) for one in published.changes
     ]
 
 
@@ -161,7 +162,7 @@ def test_commands_change_the_allocation(town: Town) -> None:
     assert (first.name, first.priority, first.period) == ("fast", 3, 0.5)
 
 
-def test_a_control_is_checked_when_it_is_made() -> None:
+def test_invalid_control_is_rejected() -> None:
     assert Control("on", "lamp", {"": True}).data == {"": True}
     with pytest.raises(MisuseError) as refused:
         Control("on", Command("lamp", bool))  # type: ignore[arg-type]
@@ -180,7 +181,7 @@ def test_a_control_is_checked_when_it_is_made() -> None:
         Control("on", "lamp", fields=["speed"])  # type: ignore[list-item]
 
 
-def test_it_starts_stops_and_begins_anew(town: Town) -> None:
+def test_application_starts_stops_and_initialises_by_command(town: Town) -> None:
     town.carry_out(NAMES.start)
     assert town.user.get_variable(NAMES.allocation).is_running
     with pytest.raises(TaskFailed, match="call stop"):
@@ -205,7 +206,7 @@ def test_it_starts_stops_and_begins_anew(town: Town) -> None:
         (NAMES.set_policy, "automatic", "neither an estimate nor a measured time"),
     ],
 )
-def test_what_can_not_be_done_is_refused_with_the_reason(
+def test_invalid_application_command_fails_with_the_reason(
     town: Town, message: Command[Any, None], data: Any, why: str
 ) -> None:
     with pytest.raises(TaskFailed) as failed:

@@ -1,4 +1,4 @@
-"""A model is checked, drawn and turned into Python that runs; what is written by hand stays."""
+"""A model is checked, drawn and turned into working Python; handwritten code is kept."""
 
 import os
 import re
@@ -24,14 +24,14 @@ TEXT = MODEL.read_text()
 
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    """In a folder of its own."""
+    """A copy of the model in its own folder."""
     path = tmp_path / "robot" / "cleaning.toml"
     path.parent.mkdir()
     path.write_text(TEXT)
     return path
 
 
-def said(*arguments: object) -> Result:
+def run_generate(*arguments: object) -> Result:
     return CliRunner().invoke(generate, list(map(str, arguments)))
 
 
@@ -52,11 +52,13 @@ def python(folder: Path, *code: str) -> str:
 # --- bad models -----------------------------------------------------------------------------------
 
 
-def test_each_bad_model_has_its_line(tmp_path: Path, approve: Callable[..., None]) -> None:
-    """A case is what is replaced in the good model, and by what: " / " begins a line."""
+def test_invalid_model_is_rejected_with_its_line(
+    tmp_path: Path, approve: Callable[..., None]
+) -> None:
+    """Each case replaces a part of the valid model: OLD -> NEW. " / " stands for a line break."""
     path = tmp_path / "cleaning.toml"
 
-    def tell(case: str) -> str:
+    def message_of(case: str) -> str:
         old, _, new = case.replace(" / ", "\\n").rpartition(" -> ")
         assert old.replace("\\n", "\n") in TEXT, case
         path.write_text(TEXT.replace(old.replace("\\n", "\n") or TEXT, literal_eval(new), 1))
@@ -64,18 +66,18 @@ def test_each_bad_model_has_its_line(tmp_path: Path, approve: Callable[..., None
             read_model(path)
         return str(error.value).replace(f"{tmp_path}/", "")
 
-    approve("bad_models.txt", tell)
+    approve("bad_models.txt", message_of)
 
 
-def test_the_command_says_it_in_a_line(tmp_path: Path) -> None:
-    shown = said(tmp_path / "no.toml")
+def test_generate_reports_a_missing_model_in_one_line(tmp_path: Path) -> None:
+    shown = run_generate(tmp_path / "no.toml")
     assert (shown.exit_code, shown.output) == (
         2,
         f"Error: {tmp_path}/no.toml can't be read: No such file or directory\n",
     )
 
 
-def test_the_model_of_the_docs_is_good() -> None:
+def test_model_of_the_docs_is_valid() -> None:
     page = (HERE.parent.parent / "docs" / "activities.md").read_text()
     model = model_of("docs", tomllib.loads(page.split("```toml\n")[1].split("```")[0]))
     assert list(model.instances) == ["x", "y", "panel"]
@@ -108,8 +110,8 @@ application.main()
 """
 
 
-def test_what_is_generated_runs_at_once(model: Path) -> None:
-    assert said(model).output.splitlines() == [
+def test_generated_code_runs_at_once(model: Path) -> None:
+    assert run_generate(model).output.splitlines() == [
         f"{model.parent}/{name}: written"
         for name in ("generated.py", "application.py", "joint.py", "panel.py")
     ]
@@ -123,8 +125,8 @@ def test_what_is_generated_runs_at_once(model: Path) -> None:
     ]
 
 
-def test_what_is_written_by_hand_stays(model: Path) -> None:
-    said(model)
+def test_generate_keeps_handwritten_code(model: Path) -> None:
+    run_generate(model)
     by_hand = model.parent / "joint.py"
     by_hand.write_text(
         by_hand.read_text().replace(
@@ -133,7 +135,7 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
         )
     )
     before = {file: file.read_bytes() for file in model.parent.glob("*.py")}
-    assert [line.partition(": ")[2] for line in said(model).output.splitlines()] == [
+    assert [line.partition(": ")[2] for line in run_generate(model).output.splitlines()] == [
         "unchanged"
     ] * 2 + ["yours, not changed"] * 2
     assert {file: file.read_bytes() for file in model.parent.glob("*.py")} == before
@@ -143,7 +145,7 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
             '"is_near"', '"is_close"'
         )
     )
-    output = said(model).output
+    output = run_generate(model).output
     assert f"{by_hand}: yours, not changed; class Joint lacks brake_off, is_close. Add:" in output
     assert by_hand.read_bytes() == before[by_hand]
     (added,) = output.split("Add:\n")[1].split(f"{model.parent}/panel.py")[:1]
@@ -151,50 +153,50 @@ def test_what_is_written_by_hand_stays(model: Path) -> None:
     assert python(model.parent, "-c", TRY)
 
 
-def test_files_of_others_stay(model: Path) -> None:
+def test_generate_does_not_overwrite_foreign_files(model: Path) -> None:
     other = model.parent / "generated.py"
     other.write_text("mine = 1\n")
-    shown = said(model)
+    shown = run_generate(model)
     assert (shown.exit_code, shown.output.partition(": ")[2]) == (
         2,
         f"{other} exists already, and was not made by tca generate: rename it, or choose a folder with -o FOLDER\n",
     )
     assert sorted(file.name for file in model.parent.iterdir()) == ["cleaning.toml", "generated.py"]
     folder = model.parent / "code"
-    assert not said(model, "-o", folder).exit_code
+    assert not run_generate(model, "-o", folder).exit_code
     (folder / "joint.py").write_text("class Joint(:\n")
     assert (
-        said(model, "-o", folder).output
+        run_generate(model, "-o", folder).output
         == f"Error: {folder}/joint.py, line 1: can't be read: invalid syntax\n"
     )
     (folder / "joint.py").write_text("class Elbow: ...\n")
     assert (
         "joint.py: yours, not changed; it lacks class Joint: add it"
-        in said(model, "-o", folder).output
+        in run_generate(model, "-o", folder).output
     )
 
 
-def test_a_package_imports_its_own_name(model: Path) -> None:
+def test_generated_package_imports_its_own_name(model: Path) -> None:
     inner = model.parent / "inner"
     inner.mkdir()
     for package in (model.parent, inner):
         (package / "__init__.py").touch()
-    said(model, "-o", inner)
+    run_generate(model, "-o", inner)
     assert "from robot.inner.generated import JointBase, Target" in (inner / "joint.py").read_text()
     python(model.parent.parent, "-c", TRY.replace("from app", "from robot.inner.app"))
 
 
-def test_types_of_a_module_are_imported_from_there(model: Path) -> None:
+def test_generated_code_imports_types_of_a_module(model: Path) -> None:
     fields = '[types.Target]\nposition = "float"\nspeed = "float"'
     model.write_text(TEXT.replace(fields, '[types]\nTarget = "messages:Target"'))
     (model.parent / "messages.py").write_text("class Target: ...\n")
-    said(model)
+    run_generate(model)
     assert "\nfrom messages import Target\n" in (model.parent / "joint.py").read_text()
     python(model.parent, "-c", "import joint")
 
 
-def test_its_style_is_that_of_formatters(model: Path) -> None:
-    said(model)
+def test_generated_code_passes_formatter_and_linter(model: Path) -> None:
+    run_generate(model)
     ruff = Path(sys.executable).parent / "ruff"
     for length in (88, 120):
         options = ["--isolated", f"--config=line-length={length}"]
@@ -219,16 +221,16 @@ def test_its_style_is_that_of_formatters(model: Path) -> None:
 
 
 @pytest.mark.soak
-def test_its_types_are_right(model: Path) -> None:
-    said(model)
+def test_generated_code_passes_mypy(model: Path) -> None:
+    run_generate(model)
     python(model.parent, "-m", "mypy", "--strict", ".")
 
 
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
-    """Between two states a stop and a loss of power are two ways, not one that needs both."""
+def test_each_transition_has_its_own_arrow(model: Path) -> None:
+    """A stop and a loss of power between two states are two transitions, not one that needs both."""
     labels = re.findall(r"label=<([^>]*)>, dir=back", model_dot(read_model(model)))
     assert [label for label in labels if "able" in label or "stop" in label] == [
         "&#160;disable&#160;",
@@ -237,9 +239,9 @@ def test_each_transition_has_an_arrow_of_its_own(model: Path) -> None:
     ]
 
 
-def test_a_model_is_drawn(model: Path) -> None:
+def test_generate_draws_a_model(model: Path) -> None:
     picture = model.with_suffix(".svg")
-    assert not said(model, "-o", picture).exit_code
+    assert not run_generate(model, "-o", picture).exit_code
     shown = picture.read_text()
     words = [
         "Joint",
@@ -251,6 +253,6 @@ def test_a_model_is_drawn(model: Path) -> None:
         "length = 2.0",
     ]
     assert [word for word in words if word not in shown] == []
-    refused = said(model, "-o", model.with_suffix(".jpg"))
+    refused = run_generate(model, "-o", model.with_suffix(".jpg"))
     assert refused.exit_code == 2
     assert "give a picture (.svg, .png, .pdf, .dot), or a folder without a suffix" in refused.output

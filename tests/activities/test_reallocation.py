@@ -1,6 +1,4 @@
-"""An application that runs, with threads, and is allocated anew all the time: from Python and by
-commands.
-"""
+"""A running application with threads, reallocated all the time from Python and by commands."""
 
 import itertools
 import time
@@ -30,7 +28,7 @@ class Counted(Component[dict[str, int]]):
         self.ticks[name] += 1
 
 
-def test_no_tick_is_lost_or_doubled_by_any_allocation() -> None:
+def test_no_tick_is_lost_or_doubled_by_reallocation() -> None:
     counted = Counted()
     application = Application("counters", [counted], one_for_all)
     with LocalCentral() as central, connect("user", central) as user:
@@ -62,5 +60,8 @@ def test_no_tick_is_lost_or_doubled_by_any_allocation() -> None:
         assert len(sent) == 12
     figures = {one.name: one for one in application.figures().activities}
     for name, period in PERIODS.items():
-        ticks, left_out = counted.ticks[name], figures[f"c.{name}.on"].left_out  # on a busy machine
+        ticks, left_out = (
+            counted.ticks[name],
+            figures[f"c.{name}.on"].left_out,
+        )  # skipped on a busy machine
         assert (ended - began) / period - 1 - left_out <= ticks <= (after - before) / period + 1

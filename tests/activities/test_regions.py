@@ -1,4 +1,4 @@
-"""Random regions make the transitions that python-statemachine makes."""
+"""Random regions make the same transitions as python-statemachine."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -22,27 +22,27 @@ class Arrow(NamedTuple):
     guard: str
 
 
-class Drawn(NamedTuple):
-    """The parents of states, -1 at the top; a parent comes before its children."""
+class RandomChart(NamedTuple):
+    """A random statechart: parents of states (-1: none; each before its children), and arrows."""
 
     parents: list[int]
     arrows: list[Arrow]
 
 
 @st.composite
-def drawn(draw: st.DrawFn) -> Drawn:
+def random_charts(draw: st.DrawFn) -> RandomChart:
     count = draw(st.integers(2, 6))
     parents = [-1] + [draw(st.integers(-1, number - 1)) for number in range(1, count)]
     states = st.integers(0, count - 1)
     arrow = st.builds(Arrow, states, states, st.sampled_from(EVENTS), st.sampled_from(GUARDS))
-    return Drawn(parents, draw(st.lists(arrow, min_size=2, max_size=10)))
+    return RandomChart(parents, draw(st.lists(arrow, min_size=2, max_size=10)))
 
 
 def guard_of(name: str, flags: set[str]) -> Callable[[], bool] | None:
     return (lambda: name in flags) if name else None
 
 
-def written(chart: Drawn, flags: set[str], log: list[str]) -> Region:
+def write_region(chart: RandomChart, flags: set[str], log: list[str]) -> Region:
     region = Region("x", "y", 1.0, None)
     states: list[RegionState] = []
     for number, parent in enumerate(chart.parents):
@@ -65,20 +65,20 @@ def _logged(log: list[str], text: str) -> Callable[[], None]:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @settings(max_examples=40)
 @given(
-    drawn(),
+    random_charts(),
     st.lists(st.tuples(st.sampled_from(EVENTS), st.sets(st.sampled_from(GUARDS[1:]))), max_size=8),
 )
-def test_a_region_agrees_with_the_statechart_library(
-    chart: Drawn, events: list[tuple[str, set[str]]]
+def test_region_agrees_with_the_statechart_library(
+    chart: RandomChart, events: list[tuple[str, set[str]]]
 ) -> None:
     flags: set[str] = set()
     ours: list[str] = []
     theirs: list[str] = []
-    region = written(chart, flags, ours)
+    region = write_region(chart, flags, ours)
     region.reset()
     region.enter_first()
     oracle = LibraryInterpreter[RegionState, RegionTransition](
-        list(written(chart, flags, theirs).root.all())[1:]
+        list(write_region(chart, flags, theirs).root.all())[1:]
     )
     oracle.begin()
     for event, true in [("", set[str]()), *events]:

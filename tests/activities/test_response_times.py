@@ -1,4 +1,4 @@
-"""The analysis of response times agrees with what is simulated."""
+"""The analysis of response times agrees with a simulation."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ Processors = Sequence[Sequence[Demand]]
 
 @st.composite
 def processors(draw: st.DrawFn) -> Processors:
-    """Activities divided among processors, in any order of priorities."""
+    """Activities divided among processors of random priorities."""
     activities = draw(task_sets())
     places = draw(st.lists(st.integers(0, 3), min_size=len(activities), max_size=len(activities)))
     return [
@@ -39,16 +39,16 @@ def processors(draw: st.DrawFn) -> Processors:
 
 
 def preemptive_responses(processors: Processors) -> list[float]:
-    """The longest response time of each processor, where the highest one with work to do always has
-    the core.
-    """
+    """The longest response time of each processor under preemptive scheduling by priority."""
     releases = sorted(
         (float(turn * one.period), number, one.cost)
         for number, each in enumerate(processors)
         for one in each
         for turn in range(round(HYPERPERIOD / one.period))
     )
-    waiting: list[list[tuple[float, float]]] = [[] for _ in processors]  # released when, work left
+    waiting: list[list[tuple[float, float]]] = [
+        [] for _ in processors
+    ]  # release time, remaining work
     longest = [0.0 for _ in processors]
     now = 0.0
     while releases or any(waiting):
@@ -72,7 +72,7 @@ def preemptive_responses(processors: Processors) -> list[float]:
 
 
 @given(processors())
-def test_bounds_are_exact_where_processors_preempt_each_other(processors: Processors) -> None:
+def test_response_bounds_are_exact_for_preemptive_processors(processors: Processors) -> None:
     bounds = response_bounds(processors, preemptive=True)
     for each, bound, longest in zip(
         processors, bounds, preemptive_responses(processors), strict=True
@@ -84,10 +84,10 @@ def test_bounds_are_exact_where_processors_preempt_each_other(processors: Proces
 
 
 @given(processors(), st.lists(st.integers(0, 24_000), min_size=6, max_size=6))
-def test_bounds_are_safe_where_they_are_switched_between_activities(
+def test_response_bounds_are_safe_without_preemption(
     processors: Processors, offsets: list[int]
 ) -> None:
-    """And whenever each activity begins."""
+    """For any offsets of the activities."""
     baton = in_virtual_time(processors)
     for activity, offset in zip(baton.schedule.activities.values(), offsets, strict=False):
         activity.release = Period(float(offset), activity.period)
@@ -103,7 +103,7 @@ def test_bounds_are_safe_where_they_are_switched_between_activities(
 
 
 @given(task_sets())
-def test_the_automatic_policy_needs_the_fewest_processors(activities: list[Demand]) -> None:
+def test_automatic_policy_uses_the_fewest_processors(activities: list[Demand]) -> None:
     order = sorted(activities, key=lambda one: one.period)
     named = {one.name: one for one in activities}
     found = [[named[name] for name in names] for names in automatic(activities).values()]
@@ -118,7 +118,7 @@ def test_the_automatic_policy_needs_the_fewest_processors(activities: list[Deman
 
 
 @given(task_sets())
-def test_the_classical_bounds_are_safe(activities: list[Demand]) -> None:
+def test_classical_utilisation_bounds_are_safe(activities: list[Demand]) -> None:
     each = [[one] for one in sorted(activities, key=lambda one: one.period)]
     used = [utilisation(one) for one in each]
     if sum(used) <= liu_layland(len(used)):
@@ -127,7 +127,7 @@ def test_the_classical_bounds_are_safe(activities: list[Demand]) -> None:
         assert None not in response_bounds(each, preemptive=True)
 
 
-def test_policies() -> None:
+def test_policies_divide_activities_among_processors() -> None:
     activities = [
         Demand("slow", 0.1, 0.03),
         Demand("fast", 0.01, 0.002),
@@ -135,7 +135,7 @@ def test_policies() -> None:
     ]
     assert one_for_all(activities) == {"all": ["slow", "fast", "fair"]}
     assert one_each(activities) == {"slow": ["slow"], "fast": ["fast"], "fair": ["fair"]}
-    # a tick of 30 ms is too long for the others, wherever it is
+    # a tick of 30 ms is too long for every other activity
     assert automatic(activities) == {
         "processor 1": ["fast"],
         "processor 2": ["fair"],

@@ -1,4 +1,4 @@
-"""The schedule in virtual time: which activity is ticked when, whatever is changed meanwhile."""
+"""The schedule in virtual time: ticks stay correct under any changes."""
 
 from itertools import pairwise
 
@@ -14,8 +14,8 @@ UNIT = 1000.0
 PERIODS = [2 * UNIT, 3 * UNIT, 4 * UNIT, 10 * UNIT]
 
 
-class Made:
-    """Activities on processors in virtual time; a tick takes 10, if not said otherwise."""
+class RunningSchedule:
+    """Activities on processors in virtual time; a tick takes 10 by default."""
 
     def __init__(self, periods: list[float], costs: dict[str, float] = {}) -> None:  # noqa: B006 - never changed
         self.baton = VirtualBaton(lambda activity: costs.get(activity.name, 10.0))
@@ -45,47 +45,47 @@ class Made:
 def test_no_tick_is_lost_or_doubled_when_activities_move(
     periods: list[float], data: st.DataObject
 ) -> None:
-    made = Made(periods)
+    running = RunningSchedule(periods)
     for _ in range(12):
-        made.baton.run(data.draw(st.integers(1, 5000)))
+        running.baton.run(data.draw(st.integers(1, 5000)))
         to = data.draw(st.sampled_from(["p0", "p1", "p2"]))
-        made.move(
-            data.draw(st.sampled_from(made.names)), to, data.draw(st.sampled_from([None, 0, 1]))
+        running.move(
+            data.draw(st.sampled_from(running.names)), to, data.draw(st.sampled_from([None, 0, 1]))
         )
-        with made.baton.changing() as schedule:
+        with running.baton.changing() as schedule:
             data.draw(st.sampled_from(schedule.processors)).priority = data.draw(st.integers(0, 2))
-    now = made.baton.clock()
-    for name, period in zip(made.names, periods, strict=True):
-        turns = [at // period for at in made.ticks(name)]
+    now = running.baton.clock()
+    for name, period in zip(running.names, periods, strict=True):
+        turns = [at // period for at in running.ticks(name)]
         assert turns == list(range(len(turns)))  # one in each period
         assert len(turns) in (now // period, now // period + 1)
-    assert not any(one.release.missed for one in made.baton.schedule.activities.values())
+    assert not any(one.release.missed for one in running.baton.schedule.activities.values())
 
 
 @given(st.data())
-def test_a_new_period_counts_from_the_tick_before(data: st.DataObject) -> None:
-    made = Made([4 * UNIT, 3 * UNIT])
+def test_changed_period_counts_from_the_previous_tick(data: st.DataObject) -> None:
+    running = RunningSchedule([4 * UNIT, 3 * UNIT])
     wanted = 4 * UNIT
     in_force = [(0.0, wanted)]
     for _ in range(10):
-        made.baton.run(data.draw(st.integers(1, 6000)))
-        in_force.append((made.baton.clock(), wanted := data.draw(st.sampled_from(PERIODS))))
-        made.set_period("a0", wanted)
-        made.move("a0", data.draw(st.sampled_from(["p0", "p1"])))
-    made.baton.run(2 * wanted)
-    ticks = made.ticks("a0")
-    assert ticks[-1] > made.baton.clock() - wanted - 20
+        running.baton.run(data.draw(st.integers(1, 6000)))
+        in_force.append((running.baton.clock(), wanted := data.draw(st.sampled_from(PERIODS))))
+        running.set_period("a0", wanted)
+        running.move("a0", data.draw(st.sampled_from(["p0", "p1"])))
+    running.baton.run(2 * wanted)
+    ticks = running.ticks("a0")
+    assert ticks[-1] > running.baton.clock() - wanted - 20
     for before, after in pairwise(ticks):
         seconds = [each for at, each in in_force if before < at <= after]
         seconds.append(next(each for at, each in reversed(in_force) if at <= before))
         assert (
             min(seconds) - 20 <= after - before <= max(seconds) + 20
-        )  # other ticks may be in the way for as long
-    assert [at // (3 * UNIT) for at in made.ticks("a1")] == list(range(len(made.ticks("a1"))))
+        )  # other ticks may delay it by as much
+    assert [at // (3 * UNIT) for at in running.ticks("a1")] == list(range(len(running.ticks("a1"))))
 
 
 @given(st.lists(task_sets(), min_size=1, max_size=3))
-def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
+def test_processor_of_highest_priority_runs_first(sets: list[list[Demand]]) -> None:
     processors = [
         [Demand(f"{number}.{one.name}", *one[1:]) for one in demands]
         for number, demands in enumerate(sets)
@@ -110,8 +110,8 @@ def test_the_highest_processor_goes_first(sets: list[list[Demand]]) -> None:
 
 
 @given(st.permutations(["a", "b", "c", "d"]), st.integers(1, 1000))
-def test_a_processor_keeps_the_order_of_subscription(names: list[str], cost: int) -> None:
-    """Under overload, too: then all tick less often."""
+def test_processor_ticks_activities_in_subscription_order(names: list[str], cost: int) -> None:
+    """Also under overload: then all tick less often."""
     baton = in_virtual_time([[Demand(name, 1000.0, cost) for name in names]])
     baton.run(100_000)
     log = [name for one in baton.schedule.activities.values() for name, _ in one.activity.log]  # type: ignore[attr-defined]
@@ -119,29 +119,29 @@ def test_a_processor_keeps_the_order_of_subscription(names: list[str], cost: int
     assert log.count(names[0]) == -(-100_000 // max(1000, 4 * cost)) or 4 * cost > 1000
 
 
-def test_what_becomes_due_in_a_round_waits_for_the_next_one() -> None:
-    made = Made([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
-    made.baton.run(6 * UNIT)
-    assert [name for name, _ in made.log] == ["a0", "a1", "a2"]
-    made.baton.run(1 * UNIT)
-    assert made.log[3:] == [
+def test_activity_due_during_a_round_waits_for_the_next() -> None:
+    running = RunningSchedule([2 * UNIT, 10 * UNIT, 10 * UNIT], {"a1": 3 * UNIT, "a2": 3 * UNIT})
+    running.baton.run(6 * UNIT)
+    assert [name for name, _ in running.log] == ["a0", "a1", "a2"]
+    running.baton.run(1 * UNIT)
+    assert running.log[3:] == [
         ("a0", 6 * UNIT + 10),
         ("a0", 6 * UNIT + 20),
-    ]  # due at 2 and 6; that at 4 is left out
+    ]  # due at 2 and 6; the one at 4 is skipped
 
 
-def test_an_activity_that_is_taken_off_is_due_when_it_comes_back() -> None:
-    made = Made([2 * UNIT, 2 * UNIT])
-    with made.baton.changing() as schedule:
+def test_unassigned_activity_is_due_when_reassigned() -> None:
+    running = RunningSchedule([2 * UNIT, 2 * UNIT])
+    with running.baton.changing() as schedule:
         schedule.unassign(schedule.activity("a0"))
-    made.baton.run(5 * UNIT)
-    assert made.ticks("a0") == []
-    made.move("a0", "p1")
-    made.baton.run(5 * UNIT)
-    assert made.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
+    running.baton.run(5 * UNIT)
+    assert running.ticks("a0") == []
+    running.move("a0", "p1")
+    running.baton.run(5 * UNIT)
+    assert running.ticks("a0") == [5 * UNIT, 7 * UNIT, 9 * UNIT]
 
 
-def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> None:
+def test_activity_moved_during_its_tick_is_not_ticked_twice() -> None:
     schedule = Schedule()
     schedule.add(Ticked("a", 10.0))
     one = schedule.activity("a")
@@ -159,7 +159,7 @@ def test_an_activity_that_moves_during_its_own_tick_is_not_ticked_twice() -> Non
     assert (turn.processor.name, turn.at) == ("q", 5.0)
 
 
-def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only() -> None:
+def test_activity_moved_in_a_round_runs_on_its_new_processor() -> None:
     schedule = Schedule()
     old = schedule.new_processor("old", 0.0)
     for name in ("first", "second"):
@@ -181,7 +181,7 @@ def test_an_activity_that_moves_in_a_round_is_ticked_by_its_new_processor_only()
     assert turn.at == 10.0
 
 
-def test_response_times_overruns_and_jitter() -> None:
+def test_schedule_measures_response_times_overruns_and_jitter() -> None:
     baton = in_virtual_time([[Demand("fast", 4.0, 1.0)], [Demand("slow", 12.0, 6.0)]])
     baton.run(24.0)
     fast, slow = baton.schedule.processors

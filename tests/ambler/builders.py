@@ -24,14 +24,14 @@ def flat(x: Array, y: Array) -> Array:
 
 
 def a_map(ground: Ground = flat, size: float = 12.0) -> ElevationMap:
-    """All cells known; *ground* gives their heights."""
+    """A map without unknown cells; *ground* gives their heights."""
     side = round(size / RESOLUTION)
     x, y = -size / 2 + RESOLUTION * np.indices((side, side))
     return make_map(-size / 2, -size / 2, ground(x, y), np.ones((side, side), dtype=bool))
 
 
 def a_stance(pose: Pose = ORIGIN, height: float = 0.0) -> Stance:
-    """Standing in the standard configuration on level ground."""
+    """The standard configuration on level ground."""
     feet = standard_feet(pose, height)
     return Stance(Pose(pose.x, pose.y, pose.heading, body_height(feet)), feet)
 
@@ -73,7 +73,7 @@ def take_steps(
 
 
 def the_first_leg_move(robot: Robot) -> LegMove:
-    """Planned from what the robot sees where it stands."""
+    """A leg move planned from a scan at the robot's place."""
     stance = robot.stance()
     ground = build_elevation_map(robot.scan(), stance)
     step = next_step(stance, an_arc())

@@ -1,4 +1,4 @@
-"""Which simulator is taken, and how time is held back."""
+"""The choice of the simulator, and the pace of simulated time."""
 
 import threading
 
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import Scan, TerrainSpec
 
 
 class FakeClock:
-    """Stands in for the time module: sleeping only moves the clock."""
+    """Replaces the time module: sleeping only advances the clock."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -34,26 +34,26 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeClock:
     return clock
 
 
-def test_without_pybullet_the_kinematic_backend_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kinematic_backend_is_the_default_without_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robot_module, "pybullet_is_installed", lambda: False)
     assert make_robot().backend == "kinematic"
 
 
-def test_with_pybullet_physics_is_taken() -> None:
+def test_pybullet_backend_is_the_default_when_installed() -> None:
     pytest.importorskip("pybullet")
     robot = make_robot()
     assert robot.backend == "pybullet"
     robot.close()
 
 
-def test_a_snapshot_brings_its_own_ground_and_backend() -> None:
+def test_snapshot_determines_terrain_and_backend() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=9, slope=0.2))
     other = make_robot(terrain=TerrainSpec(seed=1), state=robot.state())
     assert other.backend == "kinematic"
     assert other.terrain.spec == TerrainSpec(seed=9, slope=0.2)
 
 
-def test_a_snapshot_of_one_backend_can_be_continued_on_the_other() -> None:
+def test_snapshot_can_be_continued_on_another_backend() -> None:
     pytest.importorskip("pybullet")
     physical = make_robot("pybullet")
     other = make_robot("kinematic", state=physical.state())
@@ -61,7 +61,7 @@ def test_a_snapshot_of_one_backend_can_be_continued_on_the_other() -> None:
     physical.close()
 
 
-def test_pace_holds_simulated_time_back_to_a_multiple_of_real_time(clock: FakeClock) -> None:
+def test_pace_limits_simulated_time_to_a_multiple_of_real_time(clock: FakeClock) -> None:
     robot = make_robot("kinematic", pace=10.0)
     began_simulated, began_real = robot.time, clock.now
     robot.move_body(plan_shift(robot.stance(), a_stance().pose))
@@ -73,7 +73,7 @@ def test_pace_zero_never_waits(clock: FakeClock) -> None:
     assert clock.now == 0.0
 
 
-def test_idle_time_is_not_caught_up(clock: FakeClock) -> None:
+def test_pacer_does_not_catch_up_idle_time(clock: FakeClock) -> None:
     pacer = Pacer(1.0)
     clock.now = 100.0
     pacer.restart()
@@ -81,7 +81,7 @@ def test_idle_time_is_not_caught_up(clock: FakeClock) -> None:
     assert clock.now == 102.0
 
 
-def test_a_listener_that_said_stop_is_not_asked_again() -> None:
+def test_move_listener_is_not_called_again_after_stop() -> None:
     answers = iter([False])
     watch = MoveWatch(lambda: next(answers))
     watch.ticked()
@@ -89,12 +89,12 @@ def test_a_listener_that_said_stop_is_not_asked_again() -> None:
     assert watch.stopped
 
 
-def test_a_standing_robot_is_scanned_at_once() -> None:
+def test_standing_robot_is_scanned_at_once() -> None:
     machine = Machine(make_robot("kinematic"))
     assert len(points_of(machine.scan())) > 1000
 
 
-def test_a_scan_is_taken_between_two_ticks_of_a_move_with_all_feet_on_the_ground() -> None:
+def test_scan_during_a_leg_move_sees_all_feet_on_the_ground() -> None:
     robot = make_robot("kinematic")
     machine = Machine(robot)
     before = robot.stance()

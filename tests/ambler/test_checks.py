@@ -1,4 +1,4 @@
-"""Verdicts on moves and footfalls."""
+"""Checks of moves and footfalls."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ LANDED = with_foot(STEP.before, LEG_MOVE.foothold)
 EVEN = Readings(0.0, 0.0, 0.0, (4000.0,) * 6)
 
 
-def test_a_step_is_stable() -> None:
+def test_planned_step_is_stable() -> None:
     for margins in (
         margins_of_leg_move(STEP.before, LEG_MOVE),
         margins_of_body_move(LANDED, plan_body_move(STEP, LEG_MOVE.foothold)),
@@ -34,13 +34,13 @@ def test_a_step_is_stable() -> None:
         assert margins.energy > LEAST_ENERGY
 
 
-def test_a_body_that_goes_too_far_is_not() -> None:
+def test_body_move_too_far_is_unstable() -> None:
     margins = margins_of_body_move(a_stance(), BodyMove(Pose(1.3, 0.0, 0.0, 2.7), 2.0))
     assert not is_stable(margins)
     assert margins.support < LEAST_SUPPORT
 
 
-def test_from_near_the_edge_only_a_move_away_from_it_is_stable() -> None:
+def test_only_a_move_away_from_the_support_edge_is_stable() -> None:
     near_the_edge = a_stance()
     near_the_edge = replace(near_the_edge, pose=replace(near_the_edge.pose, x=1.3))
     assert is_stable(margins_of_body_move(near_the_edge, BodyMove(Pose(0.0, 0.0, 0.0, 2.7), 2.0)))
@@ -52,7 +52,7 @@ def test_from_near_the_edge_only_a_move_away_from_it_is_stable() -> None:
     )
 
 
-def test_lifting_a_leg_on_which_the_robot_stands_is_not_stable() -> None:
+def test_lifting_a_supporting_leg_is_unstable() -> None:
     stance = with_foot(with_foot(a_stance(), Foot(0, -0.6, 2.3, 0.0)), Foot(1, -1.0, 2.3, 0.0))
     margins = margins_of_leg_move(replace(stance, pose=replace(stance.pose, x=0.5)), LEG_MOVE)
     assert not is_stable(margins)
@@ -61,7 +61,7 @@ def test_lifting_a_leg_on_which_the_robot_stands_is_not_stable() -> None:
 @pytest.mark.parametrize(
     "worse", [Margins(0.2, 0.3, 0.1), Margins(0.6, -0.3, 0.1), Margins(0.6, 0.3, 0.01)]
 )
-def test_each_margin_counts(worse: Margins) -> None:
+def test_low_margin_of_any_kind_is_unstable(worse: Margins) -> None:
     assert not is_stable(worse)
     assert is_stable(Margins(0.6, 0.3, 0.1))
 
@@ -75,7 +75,7 @@ def test_each_margin_counts(worse: Margins) -> None:
         ((0.0, 0.0, -0.4), 4000.0, "leg 2 stands 0.40 m below its foothold"),
     ],
 )
-def test_what_is_wrong_with_a_footfall_is_said(
+def test_footfall_fault_is_described(
     shift: tuple[float, float, float], load: float, fault: str
 ) -> None:
     planned = LEG_MOVE.foothold

@@ -1,4 +1,4 @@
-"""Rocks that the scanner does not see: legs feel them, stop, and stand again."""
+"""Rocks that the scanner does not see: legs detect them by contact, stop, and stand again."""
 
 import math
 from dataclasses import replace
@@ -46,7 +46,7 @@ def contact_of(robot: Robot, move: LegMove | BodyMove) -> Contact:
     return contact
 
 
-def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_higher(
+def test_leg_that_meets_a_rock_passes_when_lifted_higher(
     backend: Backend,
 ) -> None:
     robot = a_robot(backend, IN_THE_WAY)
@@ -73,24 +73,24 @@ def test_a_leg_that_meets_a_rock_is_put_down_and_passes_over_it_when_lifted_high
     robot.close()
 
 
-def test_a_rock_on_the_foothold_is_felt_before_the_foot_is_set_down(backend: Backend) -> None:
+def test_rock_on_the_foothold_is_felt_while_lowering(backend: Backend) -> None:
     robot = a_robot(backend, ON_THE_FOOTHOLD)
     contact = contact_of(robot, the_first_leg_move(robot))
     foot = robot.stance().feet[2]
     assert contact.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)
-    assert foot.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)  # it stands on it
+    assert foot.z == pytest.approx(robot.terrain.top(ON_THE_FOOTHOLD), abs=0.1)
     assert sum(robot.readings().loads) == pytest.approx(WEIGHT, rel=0.1)
     robot.close()
 
 
-def test_the_scanner_does_not_see_rocks(backend: Backend) -> None:
+def test_scanner_does_not_see_rocks(backend: Backend) -> None:
     with_rocks, without = a_robot(backend, IN_THE_WAY, ON_THE_FOOTHOLD), a_robot(backend)
     assert np.allclose(
         with_rocks.scan(), without.scan(), atol=1e-3
-    )  # physics does not stand quite still
+    )  # the physics engine is never quite still
 
 
-def test_rocks_are_in_the_picture(tmp_path: Path) -> None:
+def test_picture_shows_rocks(tmp_path: Path) -> None:
     with_rocks, without = a_robot("kinematic", IN_THE_WAY), a_robot("kinematic")
     drawn = with_rocks.picture(tmp_path / "with").read_text().count('class="rock"')
     assert (drawn, without.picture(tmp_path / "without").read_text().count('class="rock"')) == (
@@ -99,7 +99,7 @@ def test_rocks_are_in_the_picture(tmp_path: Path) -> None:
     )
 
 
-def test_scattered_rocks_are_the_same_for_the_same_seed_and_lie_along_the_path() -> None:
+def test_scattered_rocks_are_repeatable_and_lie_along_the_path() -> None:
     rocks = scattered_rocks(4, 5, 10.0, (0.6, 0.8))
     assert (
         rocks == scattered_rocks(4, 5, 10.0, (0.6, 0.8)) != scattered_rocks(5, 5, 10.0, (0.6, 0.8))
@@ -108,7 +108,7 @@ def test_scattered_rocks_are_the_same_for_the_same_seed_and_lie_along_the_path()
     assert all(0.6 <= rock.height <= 0.8 and 1.2 <= abs(rock.y) <= 1.7 for rock in rocks)
 
 
-def test_a_body_that_meets_a_rock_goes_back_and_stands(backend: Backend) -> None:
+def test_body_that_meets_a_rock_backs_off_and_stands(backend: Backend) -> None:
     robot = a_robot(backend, Rock(0.9, 0.0, 0.2, 4.0))
     start = robot.stance().pose
     contact = contact_of(robot, BodyMove(replace(start, x=start.x + 0.45), 2.0))
@@ -119,7 +119,7 @@ def test_a_body_that_meets_a_rock_goes_back_and_stands(backend: Backend) -> None
     assert min(robot.readings().loads) > 1000
 
 
-def test_a_leg_feels_with_its_beams_too(backend: Backend) -> None:
+def test_leg_beam_contact_is_detected(backend: Backend) -> None:
     robot = a_robot(backend, Rock(0.9, 0.6, 0.1, 6.0))
     foot = robot.stance().feet[2]
     move = LegMove(

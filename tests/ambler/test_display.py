@@ -1,6 +1,4 @@
-"""The picture of the robot that others see: how often it is drawn, and that the walk does not
-depend on it.
-"""
+"""The published picture of the robot: how often it is drawn; the walk does not depend on it."""
 
 from typing import Any
 
@@ -17,7 +15,7 @@ HILLS = TerrainSpec(seed=2, slope=0.3)
 
 
 class FakeSender:
-    """Takes values of variables, or fails."""
+    """Receives values of variables, or fails."""
 
     def __init__(self, error: TcaError | None = None) -> None:
         self.values: list[Any] = []
@@ -52,7 +50,7 @@ def test_footsteps_are_drawn_at_most_once_a_period() -> None:
 @pytest.mark.parametrize(
     ("ours", "of_robot", "drawn"), [(1.0, 0.5, 1), (0.5, 1.0, 1), (1.0, 1.0, 2)]
 )
-def test_moves_are_drawn_when_time_has_passed_for_the_robot_and_for_us(
+def test_moves_are_drawn_after_both_real_and_robot_time_passed(
     ours: float, of_robot: float, drawn: int
 ) -> None:
     clock, sender = FakeClock(), FakeSender()
@@ -65,7 +63,7 @@ def test_moves_are_drawn_when_time_has_passed_for_the_robot_and_for_us(
     assert len(sender.values) == drawn
 
 
-def test_a_move_goes_on_without_central() -> None:
+def test_move_continues_when_central_is_lost() -> None:
     robot = make_robot("graphical", terrain=HILLS)
     sender = FakeSender(CentralLost("away"))
     display: Any = Display(robot, while_moving=True)
@@ -75,9 +73,7 @@ def test_a_move_goes_on_without_central() -> None:
 
 
 @pytest.mark.soak
-def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different_on_its_way() -> (
-    None
-):
+def test_graphical_backend_moves_like_the_kinematic_one() -> None:
     quick, graphical = (
         make_robot("kinematic", terrain=HILLS),
         make_robot("graphical", terrain=HILLS),
@@ -95,7 +91,7 @@ def test_the_graphical_backend_goes_where_the_quick_one_goes_and_looks_different
     assert len(set(pictures)) > 10
 
 
-def test_the_graphical_backend_is_swapped_in_and_out() -> None:
+def test_graphical_backend_restores_from_and_to_snapshots() -> None:
     quick = make_robot("kinematic", terrain=HILLS)
     graphical = make_robot("graphical", state=quick.state())
     back = make_robot(state=graphical.state())

@@ -1,4 +1,4 @@
-"""When faults begin: they wait until they can, also over the loss of the controller."""
+"""Injected faults wait until they can occur, also over the loss of the controller."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from robots.ambler_sim.vocabulary import BodyMove, Fault
 from tca_module import FailureRaised
 
 
-def test_a_fault_that_has_not_begun_is_not_lost_with_the_controller() -> None:
+def test_pending_fault_survives_controller_loss() -> None:
     robot = make_robot("kinematic")
     rock = Fault("unseen rock", leg=2)
     robot.inject(rock)
@@ -27,7 +27,7 @@ def test_a_fault_that_has_not_begun_is_not_lost_with_the_controller() -> None:
     assert another.state().armed == ()
 
 
-def test_a_rock_lies_in_the_leg_s_way_wherever_the_robot_believes_to_be() -> None:
+def test_unseen_rock_lies_in_the_leg_path_despite_pose_error() -> None:
     state = make_robot("kinematic").state()
     robot = make_robot("kinematic", state=replace(state, pose=replace(state.pose, x=3.0)))
     robot.inject(Fault("unseen rock", leg=2))
@@ -35,8 +35,8 @@ def test_a_rock_lies_in_the_leg_s_way_wherever_the_robot_believes_to_be() -> Non
         robot.move_leg(the_first_leg_move(robot))
 
 
-def test_ground_does_not_give_way_under_two_feet_at_once_that_are_needed() -> None:
-    """Foot 1 stands close to foot 0: both would fall."""
+def test_soft_spot_does_not_take_two_supporting_feet() -> None:
+    """Foot 1 stands close to foot 0, so both could fall."""
     state = make_robot("kinematic").state()
     joints = np.array(state.posture.joints)
     feet = feet_of(joints)

@@ -1,4 +1,4 @@
-"""A film of a walk: when photographs are taken, and that they are put together in order."""
+"""A film of a walk: the times of its frames, and their order."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ PIL_IMAGE = pytest.importorskip("PIL.Image")
 
 @pytest.fixture
 def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
-    """Its photographs are all alike."""
+    """A robot whose pictures are all alike."""
     robot = make_robot("kinematic")
 
     def picture(path: Path, size: tuple[int, int]) -> Path:
@@ -26,9 +26,7 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Robot:
     return robot
 
 
-def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(
-    robot: Robot, tmp_path: Path
-) -> None:
+def test_film_frames_follow_robot_time_from_first_footstep(robot: Robot, tmp_path: Path) -> None:
     camera = FilmCamera(robot, tmp_path / "frames", first=2)
     robot.time = 5.0
     camera.tick()
@@ -47,7 +45,7 @@ def test_photographs_are_taken_by_the_robots_time_from_a_footstep_on(
 
 
 @pytest.mark.parametrize("ending", ["webp", "gif", "png"])
-def test_photographs_are_put_together_in_order(tmp_path: Path, ending: str) -> None:
+def test_film_frames_are_joined_in_order(tmp_path: Path, ending: str) -> None:
     for number, gray in ((3, 250), (1, 10), (2, 130)):
         write_png(tmp_path / f"{number:010d}.png", np.full((6, 8, 3), gray, dtype=np.uint8))
     file = tmp_path / f"film.{ending}"
@@ -62,6 +60,6 @@ def test_photographs_are_put_together_in_order(tmp_path: Path, ending: str) -> N
         assert film.info["duration"] == 1000 / FRAMES_PER_SECOND
 
 
-def test_no_film_without_photographs(tmp_path: Path) -> None:
+def test_no_film_is_written_without_frames(tmp_path: Path) -> None:
     assert join_frames(tmp_path / "none", tmp_path / "film.webp") == 0
     assert not (tmp_path / "film.webp").exists()

@@ -1,4 +1,4 @@
-"""Choosing a foothold from a map."""
+"""The choice of a foothold from a map."""
 
 import math
 from dataclasses import replace
@@ -21,14 +21,14 @@ from robots.ambler_sim.planning.footfall import (
 from robots.ambler_sim.vocabulary import TerrainSpec
 
 
-def test_on_level_ground_the_ideal_foothold_is_taken() -> None:
+def test_ideal_foothold_is_chosen_on_level_ground() -> None:
     step = a_step()
     foot = choose_foothold(a_map(), step)
     assert foot.leg == step.leg
     assert (foot.x, foot.y, foot.z) == pytest.approx((step.ideal.x, step.ideal.y, 0.0), abs=0.01)
 
 
-def test_a_rock_on_the_ideal_foothold_is_avoided() -> None:
+def test_rock_on_the_ideal_foothold_is_avoided() -> None:
     step = a_step()
 
     def rock(x: Array, y: Array) -> Array:
@@ -39,7 +39,7 @@ def test_a_rock_on_the_ideal_foothold_is_avoided() -> None:
     assert foot.z == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_ledge_beside_a_steep_slope_is_preferred() -> None:
+def test_ledge_beside_a_steep_slope_is_preferred() -> None:
     step = a_step()
 
     def bank(x: Array, y: Array) -> Array:
@@ -49,7 +49,7 @@ def test_a_ledge_beside_a_steep_slope_is_preferred() -> None:
     assert choose_foothold(a_map(bank), step).y > step.ideal.y + 0.1
 
 
-def test_broken_ground_all_around_gives_no_footfall_and_says_why() -> None:
+def test_broken_ground_raises_no_footfall_with_counts() -> None:
     spikes = np.random.default_rng(1)
     with pytest.raises(
         NoFootfall, match=r"no foothold for leg 2 .* of 7\d cells 7\d unsound, \d+ out of reach"
@@ -57,19 +57,19 @@ def test_broken_ground_all_around_gives_no_footfall_and_says_why() -> None:
         choose_foothold(a_map(lambda x, y: spikes.uniform(0, 2.0, x.shape) + 0 * y), a_step())
 
 
-def test_a_pit_deeper_than_the_leg_gives_no_footfall() -> None:
+def test_pit_deeper_than_the_leg_raises_no_footfall() -> None:
     with pytest.raises(NoFootfall, match="out of reach"):
         choose_foothold(a_map(lambda x, y: flat(x, y) - 3.0), a_step())
 
 
-def test_unknown_ground_gives_no_footfall() -> None:
+def test_unknown_ground_raises_no_footfall() -> None:
     with pytest.raises(NoFootfall, match="of 0 cells"):
         choose_foothold(a_map(lambda x, y: np.where(x > 0.5, np.nan, 0.0) + 0 * y), a_step())
     with pytest.raises(NoFootfall, match="of 0 cells"):
         choose_foothold(a_map(size=1.0), a_step())
 
 
-def test_a_plane_is_recognised_as_one() -> None:
+def test_plane_has_constant_slope_and_no_roughness() -> None:
     cells = candidates(a_map(lambda x, y: 0.3 * x + 0.4 * y), a_step().ideal)
     assert cells.slope == pytest.approx(np.full(len(cells.slope), 0.5), abs=1e-4)
     assert cells.roughness == pytest.approx(np.zeros(len(cells.slope)), abs=1e-4)
@@ -78,7 +78,7 @@ def test_a_plane_is_recognised_as_one() -> None:
 
 @settings(max_examples=30)
 @given(st.integers(0, 999), st.floats(0.05, 0.3), st.floats(-0.1, 0.1))
-def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(
+def test_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(
     seed: int, slope: float, curvature: float
 ) -> None:
     terrain = Terrain(TerrainSpec(seed, slope))
@@ -93,7 +93,7 @@ def test_a_chosen_foothold_stays_in_reach_until_the_leg_is_lifted(
     assert min(math.dist((foot.x, foot.y), (other.x, other.y)) for other in others) > 0.3
 
 
-def test_a_foot_is_not_put_where_another_one_stands() -> None:
+def test_foothold_keeps_distance_from_another_foot() -> None:
     step = a_step()
     x, y = step.ideal.x, step.ideal.y - 0.1
     standing = replace(

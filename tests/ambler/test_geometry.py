@@ -31,7 +31,7 @@ drops = st.floats(AMBLER.min_drop, AMBLER.max_drop)
 
 @given(poses, st.lists(st.tuples(angles, reaches, drops), min_size=6, max_size=6))
 @settings(max_examples=30)
-def test_all_legs_at_once_agree_with_one_at_a_time(
+def test_kinematics_of_all_legs_agrees_with_one_at_a_time(
     pose: Pose, rows: list[tuple[float, float, float]]
 ) -> None:
     joints = np.array(rows)
@@ -45,30 +45,30 @@ def test_all_legs_at_once_agree_with_one_at_a_time(
 
 
 @given(angles, angles)
-def test_unwrapping_changes_whole_turns_only_and_stays_near(angle: float, near: float) -> None:
+def test_unwrap_changes_whole_turns_only_and_stays_near(angle: float, near: float) -> None:
     result = unwrap(angle, near)
     assert abs(result - near) <= math.pi + 1e-9
     assert math.remainder(result - angle, math.tau) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_foot_straight_beside_its_shaft_has_a_quarter_turn() -> None:
+def test_foot_beside_its_shaft_has_a_quarter_turn() -> None:
     assert leg_joints(ORIGIN, Foot(0, 0.0, 2.5, 0.0)) == pytest.approx((math.pi / 2, 1.5, 2.7))
     assert leg_joints(ORIGIN, Foot(3, 0.0, -2.5, 0.0)) == pytest.approx((-math.pi / 2, 1.5, 3.5))
 
 
-def test_the_standard_stance_is_within_limits_and_the_ambler_seven_metres_wide() -> None:
+def test_standard_stance_is_within_limits() -> None:
     assert within_limits(stance_joints(a_stance()), reserve=0.1).all()
     assert 2 * (AMBLER.shaft_offset + AMBLER.max_reach) == 7.0
     assert AMBLER.mass == 2500.0
 
 
-def test_limits_are_about_reach_and_drop() -> None:
+def test_joint_limits_restrict_reach_and_drop() -> None:
     rows = np.array([[0.0, 0.9, 2.0], [9.0, 1.5, 2.0], [0.0, 2.6, 2.0], [0.0, 2.0, 5.1]])
     assert within_limits(rows).tolist() == [False, True, False, False]
     assert within_limits(rows, reserve=-0.2).all()
 
 
-def test_a_leg_stopped_under_the_body_counts_as_rear_most() -> None:
+def test_leg_stopped_under_the_body_counts_as_rear_most() -> None:
     inside = Foot(0, 0.3, -0.1, 0.0)
     behind = Foot(2, -1.5, 2.3, 0.0)
     assert circulating_angle(ORIGIN, inside) > circulating_angle(ORIGIN, behind)

@@ -1,4 +1,4 @@
-"""The quick plant: equilibrium, no slip, ray marching, and the same walk every time."""
+"""The kinematic plant: equilibrium, no slip, ray marching, and repeatable walks."""
 
 import math
 
@@ -27,7 +27,7 @@ def lengthened(plant: KinematicPlant, *changes: float) -> Array:
     return joints
 
 
-def test_the_feet_bear_the_weight_and_hold_its_moments() -> None:
+def test_foot_loads_balance_weight_and_moments() -> None:
     plant = a_plant()
     plant.drive(lengthened(plant, 0.02, 0, 0.01, -0.01, 0, 0), np.zeros((6, 3)))
     loads, joints = plant.loads(), plant.joints()
@@ -39,14 +39,14 @@ def test_the_feet_bear_the_weight_and_hold_its_moments() -> None:
     assert loads @ feet / WEIGHT == pytest.approx(centre_of_gravity(joints)[:2], abs=1e-6)
 
 
-def test_a_lifted_leg_bears_nothing_and_the_others_stand() -> None:
+def test_lifted_leg_bears_no_load() -> None:
     plant = a_plant()
     plant.drive(lengthened(plant, 0, 0, -0.5, 0, 0, 0), np.zeros((6, 3)))
     assert plant.loads()[2] == 0
     assert plant.loads().sum() == pytest.approx(WEIGHT)
 
 
-def test_turning_all_standing_legs_back_carries_the_body_forward() -> None:
+def test_turning_standing_legs_back_moves_the_body_forward() -> None:
     plant = a_plant()
     joints = plant.joints()
     feet_x, feet_y = joints[:, 1] * np.cos(joints[:, 0]) - 0.1, joints[:, 1] * np.sin(joints[:, 0])
@@ -56,21 +56,21 @@ def test_turning_all_standing_legs_back_carries_the_body_forward() -> None:
     assert (pose.x, pose.y, pose.heading) == pytest.approx((0.1, 0.0, 0.0), abs=1e-9)
 
 
-def test_rays_end_on_the_ground() -> None:
+def test_kinematic_rays_end_on_the_ground() -> None:
     directions = np.array([[0.6, 0.0, -0.8], [0.0, 0.6, -0.8], [0.0, 0.0, -1.0]])
     origin = np.array([1.0, 0.5, 5.0])
     hits = origin + a_plant().cast(origin, directions, 12.0)[:, None] * directions
     assert hits[:, 2] == pytest.approx(HILLS.heights_at(hits[:, 0], hits[:, 1]), abs=0.005)
 
 
-def test_rays_into_the_sky_or_too_far_away_meet_nothing() -> None:
+def test_rays_into_the_sky_or_out_of_range_hit_nothing() -> None:
     origin = np.array([0.0, 0.0, 5.0])
     directions = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [math.sqrt(0.99), 0.0, -0.1]])
     assert np.isnan(a_plant().cast(origin, directions, 12.0)).all()
 
 
 @pytest.mark.soak
-def test_two_walks_over_the_same_ground_are_identical() -> None:
+def test_walks_over_the_same_ground_are_identical() -> None:
     def walked() -> object:
         robot = make_robot("kinematic", terrain=TerrainSpec(seed=5, slope=0.2))
         take_steps(robot, an_arc(0.05), 2)
@@ -79,7 +79,7 @@ def test_two_walks_over_the_same_ground_are_identical() -> None:
     assert walked() == walked()
 
 
-def test_feet_that_strain_against_each_other_do_not_walk_away() -> None:
+def test_straining_feet_do_not_move_the_body() -> None:
     plant = a_plant()
     start, joints = plant.attitude().pose, plant.joints()
     for leg, turn in ((0, 0.1), (1, -0.2), (0, -0.1), (4, 0.2), (1, 0.2), (4, -0.2)):

@@ -1,4 +1,4 @@
-"""Leg trajectories: over the ground, round the right way, and as joint segments."""
+"""Leg trajectories: height over the ground, sense of rotation, and joint segments."""
 
 import itertools
 import math
@@ -25,7 +25,7 @@ angles = st.floats(-10.0, 10.0)
 
 
 @given(angles, angles, st.sampled_from((-1, 0, 1)))
-def test_rotation_ends_in_the_right_direction_and_keeps_its_sense(
+def test_rotation_reaches_its_end_angle_in_the_given_sense(
     start: float, end: float, sense: int
 ) -> None:
     turn = rotation(start, end, sense)
@@ -34,24 +34,24 @@ def test_rotation_ends_in_the_right_direction_and_keeps_its_sense(
     assert abs(turn) <= (math.tau if sense else math.pi)
 
 
-def test_on_level_ground_the_foot_is_lifted_by_the_clearance() -> None:
+def test_foot_is_lifted_by_the_clearance_on_level_ground() -> None:
     step = a_step()
     move = plan_leg_move(a_map(), step, step.ideal)
     assert move == LegMove(2, step.ideal, lift=CLEARANCE, radius=1.15, sense=1)
 
 
-def test_the_right_stack_turns_the_other_way() -> None:
+def test_right_stack_turns_the_other_way() -> None:
     step = a_step()
     mirrored = Step(5, Foot(5, 1.5, -2.3, 0.0), step.goal, step.before, step.support, 1.0)
     assert plan_leg_move(a_map(), mirrored, mirrored.ideal).sense == -1
 
 
 def a_wall(x: Array, y: Array) -> Array:
-    """One metre high where the leg passes under the body, and nowhere else."""
+    """A wall 1 m high, only where the leg passes under the body."""
     return np.where((np.abs(x) < 0.15) & (y > -0.3) & (y < 0.1), 1.0, 0.0)
 
 
-def test_an_obstacle_on_the_way_lifts_the_foot_higher_and_one_beside_it_does_not() -> None:
+def test_only_an_obstacle_in_the_path_raises_the_lift() -> None:
     step = a_step()
     assert plan_leg_move(a_map(a_wall), step, step.ideal).lift == pytest.approx(1.0 + CLEARANCE)
     assert plan_leg_move(
@@ -59,18 +59,18 @@ def test_an_obstacle_on_the_way_lifts_the_foot_higher_and_one_beside_it_does_not
     ).lift == pytest.approx(CLEARANCE)
 
 
-def test_a_wall_higher_than_the_leg_can_be_lifted_blocks_the_way() -> None:
+def test_wall_higher_than_the_lift_limit_blocks_the_path() -> None:
     step = a_step()
     with pytest.raises(PathBlocked, match=r"leg 2 would have to be lifted to 3\.45 m"):
         plan_leg_move(a_map(lambda x, y: 3 * a_wall(x, y)), step, step.ideal)
 
 
-def test_a_foothold_too_far_away_is_refused() -> None:
+def test_foothold_out_of_reach_is_refused() -> None:
     with pytest.raises(OutOfReach, match="leg 2 cannot reach"):
         plan_swing(a_map(), a_stance(), Foot(2, 4.0, 2.3, 0.0))
 
 
-def test_the_path_of_a_recovery_passes_between_the_shafts() -> None:
+def test_leg_recovery_path_passes_between_the_shafts() -> None:
     move = plan_leg_move(a_map(), a_step(), a_step().ideal)
     start = leg_joints(ORIGIN, a_stance().feet[2])
     end = leg_joints(ORIGIN, move.foothold)
@@ -83,7 +83,7 @@ def test_the_path_of_a_recovery_passes_between_the_shafts() -> None:
     assert np.hypot(*np.diff(path, axis=0).T).max() < 0.06
 
 
-def test_segments_join_lift_first_and_end_above_the_foothold() -> None:
+def test_leg_segments_join_and_end_above_the_foothold() -> None:
     stance, move = a_stance(), plan_leg_move(a_map(flat), a_step(), a_step().ideal)
     segments = leg_segments(move, stance.pose, np.array(leg_joints(stance.pose, stance.feet[2])))
     for first, second in itertools.pairwise(segments):
@@ -94,7 +94,7 @@ def test_segments_join_lift_first_and_end_above_the_foothold() -> None:
     assert lowered == pytest.approx((1.5, 2.3, GUARD))
 
 
-def test_no_joint_is_ever_faster_than_it_can_be() -> None:
+def test_joint_speeds_stay_within_limits() -> None:
     stance, move = a_stance(), plan_leg_move(a_map(flat), a_step(), a_step().ideal)
     for segment in leg_segments(
         move, stance.pose, np.array(leg_joints(stance.pose, stance.feet[2]))

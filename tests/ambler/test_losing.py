@@ -1,4 +1,4 @@
-"""A program that is lost comes back."""
+"""A lost program is restarted."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from tca_tools.supervise.programs import Programs
 
 
 @pytest.mark.soak
-def test_a_planner_that_was_halted_is_back_though_central_does_not_answer(tmp_path: Path) -> None:
+def test_halted_planner_restarts_when_central_does_not_answer(tmp_path: Path) -> None:
     with Programs(tmp_path) as programs:
         halted = programs.start("footfall planner", "sleep", "60")
         programs.halt("footfall planner")

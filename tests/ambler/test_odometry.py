@@ -1,4 +1,4 @@
-"""Dead reckoning: the robot knows roughly where it is from its own legs."""
+"""Dead reckoning: the robot estimates its pose from its own legs."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,7 @@ from robots.ambler_sim.options import Backend
 from robots.ambler_sim.vocabulary import BodyMove, Fault, TerrainSpec
 
 
-def test_the_reckoned_way_is_the_true_one_but_for_a_hundredth() -> None:
+def test_odometry_error_is_about_one_percent() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
     take_steps(robot, an_arc(0.05), 4)
     believed, true = robot.stance().pose, robot.true_stance().pose
@@ -20,7 +20,7 @@ def test_the_reckoned_way_is_the_true_one_but_for_a_hundredth() -> None:
     assert believed != true
 
 
-def test_what_is_believed_goes_on_in_another_process() -> None:
+def test_believed_pose_survives_in_a_snapshot() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
     take_steps(robot, an_arc(), 1)
     other = make_robot(state=robot.state())
@@ -30,7 +30,7 @@ def test_what_is_believed_goes_on_in_another_process() -> None:
     )
 
 
-def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None:
+def test_footstep_records_believed_and_true_pose() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=4, slope=0.3))
     (report,) = take_steps(robot, an_arc(), 1)
     step = robot.footstep()
@@ -50,7 +50,7 @@ def test_a_footstep_is_recorded_with_what_is_believed_and_what_is_true() -> None
         ),
     ],
 )
-def test_a_leg_that_is_put_down_into_a_hole_does_not_lift_the_robot(backend: Backend) -> None:
+def test_leg_lowered_into_a_hole_does_not_lift_the_robot(backend: Backend) -> None:
     robot = make_robot(backend, terrain=TerrainSpec(seed=3, slope=0.3))
     pose = robot.stance().pose
     robot.inject(Fault("soft spot", leg=1))

@@ -1,4 +1,4 @@
-"""From scan points to maps."""
+"""Maps made of scan points."""
 
 from dataclasses import replace
 
@@ -32,13 +32,13 @@ def test_points_of_one_cell_are_averaged() -> None:
     assert height_at(ground, 3.0, 0.0) == pytest.approx(0.3)
 
 
-def test_feet_tell_where_the_ground_is() -> None:
+def test_standing_feet_mark_the_ground_in_the_map() -> None:
     ground = build_elevation_map(NO_POINTS, a_stance(height=0.7))
     assert height_at(ground, -1.5, 2.3) == pytest.approx(0.7)
     assert known_cells(ground).sum() == 6
 
 
-def test_gaps_are_filled_between_what_is_known_and_far_ground_stays_unknown() -> None:
+def test_map_fills_gaps_and_leaves_far_ground_unknown() -> None:
     points = np.vstack([patch(2.0, -0.5, 0.1), patch(4.0, -0.5, 0.3)])
     ground = build_elevation_map(points, a_stance())
     assert 0.1 < height_at(ground, 3.5, 0.0) < 0.3
@@ -46,7 +46,7 @@ def test_gaps_are_filled_between_what_is_known_and_far_ground_stays_unknown() ->
     assert not known_cells(ground)[round((3.5 - ground.x) / 0.1), round(-ground.y / 0.1)]
 
 
-def test_ground_that_is_no_longer_seen_is_remembered_until_it_is_seen_again() -> None:
+def test_unseen_ground_is_remembered_until_seen_again() -> None:
     first = build_elevation_map(patch(2.0, -0.5, 0.4), a_stance())
     moved = a_stance(Pose(0.53, 0.04, 0.02, 2.7))
     second = build_elevation_map(NO_POINTS, moved, first)
@@ -55,7 +55,7 @@ def test_ground_that_is_no_longer_seen_is_remembered_until_it_is_seen_again() ->
     assert height_at(third, 2.5, 0.0) == pytest.approx(0.1)
 
 
-def test_filled_ground_is_not_remembered_as_measured() -> None:
+def test_filled_cells_are_not_remembered_as_measured() -> None:
     first = build_elevation_map(patch(2.0, -0.5, 0.4), a_stance())
     second = build_elevation_map(NO_POINTS, a_stance(), first)
     assert (known_cells(second) == known_cells(first)).all()
@@ -63,7 +63,7 @@ def test_filled_ground_is_not_remembered_as_measured() -> None:
 
 @settings(max_examples=20)
 @given(st.lists(st.tuples(st.floats(-3, 6), st.floats(-4, 4), st.floats(-1, 1)), max_size=40))
-def test_a_map_never_leaves_the_range_of_what_was_measured(
+def test_map_heights_stay_within_the_measured_range(
     rows: list[tuple[float, float, float]],
 ) -> None:
     points = np.array(rows).reshape(-1, 3)
@@ -73,7 +73,7 @@ def test_a_map_never_leaves_the_range_of_what_was_measured(
     assert np.nanmax(heights) <= highest + 1e-6
 
 
-def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
+def test_map_of_scanned_hills_is_accurate() -> None:
     robot = make_robot("kinematic", terrain=TerrainSpec(seed=2, slope=0.3))
     ground = build_elevation_map(robot.scan(), robot.stance())
     heights, known = heights_of(ground), known_cells(ground)
@@ -88,7 +88,7 @@ def test_a_scan_of_hills_becomes_a_map_of_these_hills() -> None:
 
 
 @pytest.mark.soak
-def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
+def test_scan_while_the_body_moves_is_blurred() -> None:
     robot = make_robot(
         "kinematic", terrain=TerrainSpec(seed=2, slope=0.3), start=Pose(30.0, 0.0, 0.0, 0.0)
     )
@@ -102,7 +102,7 @@ def test_an_image_that_is_taken_while_the_body_moves_is_blurred() -> None:
         return True
 
     def off(points: Array) -> float:
-        points = points[-2000:]  # the last rows of the sweep
+        points = points[-2000:]  # the last rows of the scan
         return float(
             np.abs(points[:, 2] - robot.terrain.heights_at(points[:, 0], points[:, 1])).mean()
         )

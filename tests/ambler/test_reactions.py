@@ -1,6 +1,4 @@
-"""Checks and recoveries around the real modules, in one process: what sensors may say, and who
-knows of whom.
-"""
+"""Checks and recoveries around the real modules, in one process."""
 
 import math
 import subprocess
@@ -68,7 +66,7 @@ def robot() -> Robot:
 
 @pytest.fixture
 def central(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[LocalCentral]:
-    """All modules of a walk."""
+    """Run all modules of a walk."""
     walkers = (
         gait_planner.planner,
         *PLANNERS.values(),
@@ -96,7 +94,7 @@ def sent(central: LocalCentral, name: str) -> list[Received]:
     return [fact for fact in central.facts if isinstance(fact, Received) and fact.message == name]
 
 
-def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries() -> None:
+def test_walking_modules_do_not_import_checks_or_recoveries() -> None:
     code = f"import sys; from importlib import import_module; [*map(import_module, {WALKERS})]; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
@@ -112,7 +110,7 @@ def test_the_modules_that_walk_have_never_heard_of_checks_and_recoveries() -> No
     assert not {f"robots.ambler_sim.{name}" for name in added} & set(done.stdout.split())
 
 
-def test_a_move_that_would_tip_the_robot_over_is_not_made(
+def test_unstable_body_move_fails_before_it_starts(
     robot: Robot, user: Client, central: LocalCentral
 ) -> None:
     before = robot.stance()
@@ -125,7 +123,9 @@ def test_a_move_that_would_tip_the_robot_over_is_not_made(
     assert len(sent(central, STABILITY_CHECK.name)) == 1
 
 
-def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCentral) -> None:
+def test_stability_check_returns_its_margins(
+    user: Client, robot: Robot, central: LocalCentral
+) -> None:
     pose = robot.stance().pose
     user.command(MOVE_BODY, BodyMove(replace(pose, x=pose.x + 0.1), 1.0)).result(timeout=10)
     (check,) = sent(central, STABILITY_CHECK.name)
@@ -135,11 +135,11 @@ def test_a_check_tells_its_margins(user: Client, robot: Robot, central: LocalCen
 
 
 @pytest.mark.soak
-def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
+def test_foot_without_measured_load_is_placed_elsewhere(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A force sensor that says nothing once, after the move: who asks cannot know that the foot
-    stands well.
+    """A force sensor reads zero once after a move, and the check can't know that the foot stands
+    well.
     """
     truth, believed = robot.readings, iter([True, False])
 
@@ -162,7 +162,7 @@ def test_a_foot_that_seems_to_bear_nothing_is_placed_elsewhere(
     assert robot.stance().pose.x == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_leg_under_which_the_ground_gives_way_is_put_down_before_anything_moves(
+def test_leg_over_collapsed_ground_is_lowered_before_a_move(
     robot: Robot, user: Client, central: LocalCentral
 ) -> None:
     robot.inject(Fault("soft spot", leg=4))
@@ -174,10 +174,10 @@ def test_a_leg_under_which_the_ground_gives_way_is_put_down_before_anything_move
     assert min(robot.readings().loads) > 1000.0
 
 
-def test_an_image_is_newer_than_those_before_though_footsteps_are_counted_anew(
+def test_image_numbers_increase_after_footstep_count_reset(
     user: Client,
 ) -> None:
-    """As after the loss of the gait planner, which counts them."""
+    """As after the loss of the gait planner, which counts footsteps."""
     user.command(ACQUIRE_IMAGE, 5).result(timeout=10)
     (first,) = user.query(IMAGES, 0)
     user.command(ACQUIRE_IMAGE, 0).result(timeout=10)
@@ -185,10 +185,10 @@ def test_an_image_is_newer_than_those_before_though_footsteps_are_counted_anew(
     assert second.number > first.number
 
 
-def test_a_move_that_tilts_the_robot_begins_again_when_it_is_level(
+def test_tilting_move_restarts_after_levelling(
     robot: Robot, user: Client, central: LocalCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All legs of one side are a little short, which nobody notices before the move."""
+    """All legs of one side are a little short, unnoticed before the move."""
     monkeypatch.setattr(tip_over, "MOST_TILT", 1.0)
     shorter = np.zeros((6, 3))
     shorter[:3, 2] = -0.16

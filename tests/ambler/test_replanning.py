@@ -1,4 +1,4 @@
-"""Other ways for a leg that met something."""
+"""Alternative moves for a leg that met an obstacle."""
 
 import math
 from dataclasses import replace
@@ -49,37 +49,37 @@ def way_of(move: LegMove, stance: Stance) -> np.ndarray:
     return swing_path(stance.pose, move.leg, start[:2], (start[0] + turn, end[1]), move.radius)
 
 
-def test_a_raised_move_goes_over_what_was_met_and_otherwise_the_same_way() -> None:
+def test_raised_move_changes_only_the_lift() -> None:
     contact = Contact(2, 1.0, 1.5, LEG_MOVE.lift, 3000.0)
     higher = raised_move(LEG_MOVE, STEP.before, contact)
     assert higher == replace(LEG_MOVE, lift=LEG_MOVE.lift + RAISE)
 
 
-def test_a_leg_cannot_be_raised_for_ever() -> None:
+def test_leg_is_not_raised_beyond_its_limit() -> None:
     with pytest.raises(PathBlocked, match=r"leg 2 .* lifted to 3\.40 m, .* 3\.20 m"):
         raised_move(LEG_MOVE, STEP.before, Contact(2, 1.0, 1.5, 3.0, 3000.0))
 
 
-def test_what_a_leg_met_lies_beyond_where_it_met_it() -> None:
-    met = obstacle_at(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
+def test_felt_wall_lies_beyond_the_contact() -> None:
+    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
     assert met.is_wall
     assert (met.x, met.y) == pytest.approx((1.0, 1.05 + OBSTACLE_RADIUS))
 
 
-def test_what_a_foot_was_set_upon_is_not_to_be_stood_upon() -> None:
-    assert obstacle_at(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
+def test_felt_rock_under_the_foot_is_no_foothold() -> None:
+    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
         1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
     )
 
 
-def test_walls_and_bad_footholds_are_in_the_map_and_nothing_else_is_changed() -> None:
+def test_obstacles_change_only_their_own_map_cells() -> None:
     ground = with_obstacles(a_map(), [wall(1.0, 1.0), bad_place(-1.0, 1.0)])
     assert height_at(ground, 1.0, 1.0) == math.inf
     assert math.isnan(height_at(ground, -1.0, 1.0))
     assert height_at(ground, 1.0 + OBSTACLE_RADIUS + 0.1, 1.0) == 0.0
 
 
-def test_the_leg_swings_around_a_wall() -> None:
+def test_leg_swings_around_a_wall() -> None:
     ground = with_obstacles(a_map(), [AHEAD_OF_THE_SHAFT])
     move = another_way(ground, STEP)
     assert move.radius > RECOVERY_RADIUS
@@ -88,19 +88,19 @@ def test_the_leg_swings_around_a_wall() -> None:
     assert away.min() > OBSTACLE_RADIUS
 
 
-def test_another_foothold_is_found_where_the_first_is_not_to_be_stood_upon() -> None:
+def test_blocked_foothold_is_replaced_by_another() -> None:
     bad = choose_foothold(a_map(), STEP)
     move = another_way(with_obstacles(a_map(), [bad_place(bad.x + 0.2, bad.y)]), STEP)
     assert math.dist((move.foothold.x, move.foothold.y), (bad.x + 0.2, bad.y)) > OBSTACLE_RADIUS
 
 
-def test_a_leg_that_has_passed_the_nose_goes_on_the_short_way() -> None:
+def test_leg_past_the_nose_takes_the_short_way() -> None:
     before = with_foot(STEP.before, Foot(2, 1.1, 1.3, 0.0))
     assert another_way(a_map(), replace(STEP, before=before)).sense == 0
     assert another_way(a_map(), STEP).sense == 1
 
 
-def test_where_there_is_no_way_that_is_said() -> None:
+def test_missing_way_raises_path_blocked_or_no_footfall() -> None:
     ring = [wall(x, 1.0) for x in (1.0, 1.6, 2.2)]
     with pytest.raises(PathBlocked, match="leg 2 finds no way to"):
         another_way(with_obstacles(a_map(), ring), STEP)
@@ -110,7 +110,7 @@ def test_where_there_is_no_way_that_is_said() -> None:
 
 
 def test_legs_keep_their_order_in_the_standard_configuration() -> None:
-    stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of 0 and 1
+    stance = with_foot(a_stance(), Foot(2, 1.5, 2.3, 0.0))  # in front of legs 0 and 1
     places = standard_places(stance, first=0)
     assert [(place.leg, place.x) for place in places] == [
         (0, -0.5),
@@ -122,20 +122,20 @@ def test_legs_keep_their_order_in_the_standard_configuration() -> None:
     ]
 
 
-def test_the_standard_configuration_may_be_mirrored() -> None:
+def test_standard_configuration_may_be_mirrored() -> None:
     left, right = standard_places(a_stance(), first=1), standard_places(a_stance(), first=4)
     assert left == standard_feet(a_stance().pose, 0.0)
     assert [place.x for place in right] == [1.0, 0.0, -1.0, 0.5, -0.5, -1.5]
 
 
-def test_a_leg_half_way_goes_back_to_the_rear_of_its_stack() -> None:
+def test_leg_half_way_returns_to_the_rear_of_its_stack() -> None:
     stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
     back = next(move for move in shuffle(a_map(), stance, blocked=2) if move.leg == 2)
     assert back.sense == -1
     assert (back.foothold.x, back.foothold.y) == pytest.approx((-1.0, 2.3))
 
 
-def test_a_shuffle_is_stable_move_by_move_and_the_blocked_leg_goes_last() -> None:
+def test_shuffle_is_stable_and_moves_the_blocked_leg_last() -> None:
     stance = with_foot(a_stance(), Foot(2, -1.2, 1.4, 0.0))
     moves = shuffle(a_map(), stance, blocked=2)
     assert sorted(move.leg for move in moves) == list(range(6))
@@ -147,7 +147,7 @@ def test_a_shuffle_is_stable_move_by_move_and_the_blocked_leg_goes_last() -> Non
     assert shuffle(a_map(), stance, blocked=2) == []
 
 
-def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
+def test_foot_without_a_way_stays_during_shuffle() -> None:
     stance = with_foot(a_stance(), Foot(2, 0.9, 0.4, 0.0))
     walls = [wall(-0.6, y / 2) for y in range(-6, 8)]
     assert 2 not in {
@@ -155,8 +155,8 @@ def test_a_foot_that_cannot_be_brought_to_its_place_stays() -> None:
     }
 
 
-def test_a_body_that_stands_badly_is_brought_to_where_any_leg_can_be_lifted() -> None:
-    assert centring_move(a_stance()) is None
+def test_centring_moves_the_body_where_any_leg_can_be_lifted() -> None:
+    assert centring(a_stance()) is None
     badly = a_stance()
     badly = replace(badly, pose=replace(badly.pose, x=0.6))
     move = centring_move(badly)

@@ -1,4 +1,4 @@
-"""The robot on both backends: walking, stopping, going on from a snapshot, pictures."""
+"""The robot on both backends: walking, stopping, restoring from a snapshot, pictures."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -24,7 +24,7 @@ from robots.ambler_sim.vocabulary import BodyMove, Stance, TerrainSpec
 NO_PHYSICS = pytest.mark.skipif(not pybullet_is_installed(), reason="PyBullet is not installed")
 BACKENDS = ["kinematic", pytest.param("pybullet", marks=NO_PHYSICS)]
 on_both = pytest.mark.parametrize("robot", BACKENDS, indirect=True)
-"""Of the other tests those with physics are of the soak."""
+"""Physics on every run; other tests use physics only in the soak."""
 
 HILLS = TerrainSpec(seed=2, slope=0.15)
 
@@ -40,13 +40,13 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
 
 
 def greatest_shift(before: Stance, after: Stance, *, without: int = -1) -> float:
-    """How far (m) any foot is from where it was."""
+    """The greatest distance (m) of any foot from its earlier place."""
     pairs = zip(before.feet, after.feet, strict=True)
     return max(math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) for a, b in pairs if a.leg != without)
 
 
 @on_both
-def test_it_stands_level_on_six_feet(robot: Robot) -> None:
+def test_robot_stands_level_on_six_feet(robot: Robot) -> None:
     readings = robot.readings()
     assert sum(readings.loads) == pytest.approx(WEIGHT, rel=0.1)
     assert min(readings.loads) > 1000
@@ -55,7 +55,7 @@ def test_it_stands_level_on_six_feet(robot: Robot) -> None:
 
 @pytest.mark.soak
 @on_both
-def test_another_robot_takes_the_last_of_three_steps(robot: Robot) -> None:
+def test_restored_robot_continues_the_walk(robot: Robot) -> None:
     reports = take_steps(robot, an_arc(), 2)
     other = make_robot(state=robot.state())
     assert other.backend == robot.backend
@@ -73,7 +73,7 @@ def test_another_robot_takes_the_last_of_three_steps(robot: Robot) -> None:
 
 
 @on_both
-def test_feet_land_where_they_were_sent_and_the_others_stay(robot: Robot) -> None:
+def test_foot_lands_where_sent_and_the_others_stay(robot: Robot) -> None:
     before, move = robot.stance(), the_first_leg_move(robot)
     footfall = robot.move_leg(move, lambda: True)
     assert footfall.reached
@@ -87,7 +87,7 @@ def test_feet_land_where_they_were_sent_and_the_others_stay(robot: Robot) -> Non
     assert robot.stance().last_leg == move.leg
 
 
-def test_a_turning_body_keeps_its_feet_in_place(robot: Robot) -> None:
+def test_turning_body_keeps_its_feet_in_place(robot: Robot) -> None:
     before = robot.stance()
     goal = replace(before.pose, x=before.pose.x + 0.2, heading=0.1)
     reached = robot.move_body(plan_shift(before, goal))
@@ -96,7 +96,7 @@ def test_a_turning_body_keeps_its_feet_in_place(robot: Robot) -> None:
 
 
 @on_both
-def test_a_stopped_leg_is_put_down_where_it_is_and_steps_again(robot: Robot) -> None:
+def test_stopped_leg_is_lowered_and_steps_again(robot: Robot) -> None:
     move = the_first_leg_move(robot)
     footfall = robot.move_leg(move, lambda: robot.stance().feet[move.leg].x < 0.0)
     stance = robot.stance()
@@ -110,7 +110,7 @@ def test_a_stopped_leg_is_put_down_where_it_is_and_steps_again(robot: Robot) -> 
     assert landed.foot.x == pytest.approx(move.foothold.x, abs=0.05)
 
 
-def test_a_stopped_body_comes_to_rest_on_its_way(robot: Robot) -> None:
+def test_stopped_body_comes_to_rest_on_its_way(robot: Robot) -> None:
     before = robot.stance()
     move = plan_shift(before, replace(before.pose, x=before.pose.x + 0.4))
     half_way = robot.time + move.duration / 2
@@ -119,14 +119,14 @@ def test_a_stopped_body_comes_to_rest_on_its_way(robot: Robot) -> None:
     assert greatest_shift(before, robot.stance()) < 0.05
 
 
-def test_a_body_move_out_of_reach_is_refused_before_anything_moves(robot: Robot) -> None:
+def test_body_move_out_of_reach_is_refused_before_moving(robot: Robot) -> None:
     before, time = robot.stance(), robot.time
     with pytest.raises(OutOfReach):
         robot.move_body(BodyMove(replace(before.pose, x=3.0), 2.0))
     assert (robot.stance(), robot.time) == (before, time)
 
 
-def test_a_leg_is_lowered_until_it_stands_however_wrong_the_map_is() -> None:
+def test_leg_is_lowered_until_it_stands_despite_a_wrong_map() -> None:
     robot = make_robot("kinematic", terrain=HILLS)
     move = the_first_leg_move(robot)
     above = replace(
@@ -137,7 +137,7 @@ def test_a_leg_is_lowered_until_it_stands_however_wrong_the_map_is() -> None:
     assert footfall.foot.z == pytest.approx(move.foothold.z, abs=0.1)
 
 
-def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:
+def test_kinematic_robot_is_drawn_as_svg(tmp_path: Path) -> None:
     robot = make_robot("kinematic", terrain=HILLS)
     written = robot.picture(tmp_path / "ambler.png")
     assert written == tmp_path / "ambler.svg"
@@ -150,7 +150,7 @@ def test_a_drawing_is_made_where_there_is_no_physics(tmp_path: Path) -> None:
     assert len(feet) == 6 + 2
 
 
-def test_a_photograph_shows_ground_sky_and_robot(tmp_path: Path) -> None:
+def test_photograph_shows_ground_sky_and_robot(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
     robot = make_robot("pybullet", terrain=HILLS)
     written = robot.picture(tmp_path / "ambler.png", (320, 200))

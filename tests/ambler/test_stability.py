@@ -22,12 +22,12 @@ shifts = st.floats(-0.4, 0.4)
 
 
 def shifted(forward: float, left: float) -> Stance:
-    """The body moved over standing feet."""
+    """A stance whose body is moved over standing feet."""
     stance = a_stance()
     return Stance(Pose(forward, left, 0.0, stance.pose.height), stance.feet)
 
 
-def test_the_centre_of_gravity_of_a_symmetric_robot_is_between_the_shafts() -> None:
+def test_symmetric_robot_has_its_centre_of_gravity_in_the_middle() -> None:
     joints = stance_joints(a_stance())
     mirrored = joints.copy()
     mirrored[3:, 0], mirrored[3:, 1] = -joints[2::-1, 0], joints[2::-1, 1]
@@ -36,8 +36,8 @@ def test_the_centre_of_gravity_of_a_symmetric_robot_is_between_the_shafts() -> N
 
 @given(shifts, shifts)
 @settings(max_examples=30)
-def test_the_margin_is_that_of_a_brute_force_search(forward: float, left: float) -> None:
-    """The nearest line through any two feet that has all other feet on one side."""
+def test_support_margin_agrees_with_brute_force(forward: float, left: float) -> None:
+    """Brute force: the nearest line through two feet with all other feet on one side."""
     stance = shifted(forward, left)
     points = np.array([[foot.x, foot.y] for foot in stance.feet])
     centre = world_centre_of_gravity(stance)[:2]
@@ -50,19 +50,19 @@ def test_the_margin_is_that_of_a_brute_force_search(forward: float, left: float)
     assert support_margin(stance) == pytest.approx(min(found))
 
 
-def test_lifting_a_leg_takes_margin_away() -> None:
+def test_lifting_a_leg_reduces_the_support_margin() -> None:
     stance = a_stance()
     assert support_margin(stance) > support_margin(stance, 2) > 0.3
     assert conservative_margin(stance) <= support_margin(stance, 2)
 
 
-def test_the_energy_margin_on_level_ground_is_that_of_lifting_over_the_nearest_edge() -> None:
+def test_energy_margin_is_the_lift_over_the_nearest_edge() -> None:
     stance = a_stance()
     height, margin = world_centre_of_gravity(stance)[2], support_margin(stance, 2)
     assert energy_margin(stance, 2) == pytest.approx(np.hypot(height, margin) - height)
 
 
-def test_the_polygon_runs_counter_clockwise_and_leaves_out_inner_feet() -> None:
+def test_support_polygon_is_counter_clockwise_and_convex() -> None:
     stance = a_stance()
     inner = Stance(stance.pose, (Foot(0, 0.0, 0.0, 0.0), *stance.feet[1:]))
     corners = support_polygon(inner)
@@ -73,7 +73,7 @@ def test_the_polygon_runs_counter_clockwise_and_leaves_out_inner_feet() -> None:
 
 
 @given(st.lists(st.floats(0.0, 9000.0), min_size=6, max_size=6))
-def test_even_loads_keep_sum_and_moments_and_are_never_larger(loads: list[float]) -> None:
+def test_least_norm_loads_keep_sum_and_moments(loads: list[float]) -> None:
     feet = to_world(Pose(0, 0, 0, 0), feet_of(stance_joints(a_stance())))
     given_loads = np.array(loads)
     even = least_norm_loads(feet, given_loads)
@@ -82,6 +82,6 @@ def test_even_loads_keep_sum_and_moments_and_are_never_larger(loads: list[float]
     assert np.linalg.norm(even) <= np.linalg.norm(given_loads) + 1e-6
 
 
-def test_the_margin_is_negative_when_the_body_leans_out() -> None:
+def test_support_margin_is_negative_when_the_body_leans_out() -> None:
     assert support_margin(shifted(2.5, 0.0)) < 0
     assert energy_margin(shifted(2.5, 0.0)) < 0

@@ -1,4 +1,4 @@
-"""Every noun can be sent: encoded by msgspec and decoded to an equal value."""
+"""Every class of the vocabulary survives encoding and decoding by msgspec."""
 
 from dataclasses import is_dataclass
 
@@ -54,12 +54,12 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: type(example).__name__)
-def test_a_noun_survives_being_sent(example: object) -> None:
+def test_vocabulary_value_survives_encoding(example: object) -> None:
     for codec in (msgspec.msgpack, msgspec.json):
         assert codec.decode(codec.encode(example), type=type(example)) == example
 
 
-def test_there_is_an_example_of_every_noun() -> None:
+def test_vocabulary_has_an_example_of_every_class() -> None:
     nouns = {
         noun for noun in vars(vocabulary).values() if isinstance(noun, type) and is_dataclass(noun)
     }

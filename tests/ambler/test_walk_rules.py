@@ -1,4 +1,4 @@
-"""The rules of walks, each on a made run that keeps it and on one that does not."""
+"""The rules of walks, each on a made run that keeps it and on one that breaks it."""
 
 import re
 from pathlib import Path
@@ -27,7 +27,7 @@ PLANNED = Moment.END_PLANNING
 
 
 def begun() -> Story:
-    """The programs are there."""
+    """A story in which the modules have joined."""
     story = (
         Story()
         .module("gait planner", "traverse arc", "take steps")
@@ -45,7 +45,7 @@ def check(story: Story, name: str, move: int, took: float = 0.1) -> None:
     story.acted(number, "layer", took)
 
 
-def test_a_journal_can_be_checked_where_the_robot_is_not() -> None:
+def test_walk_rules_do_not_import_the_robot() -> None:
     assert not re.search(r"^\s*(from|import) robots", FILE.read_text(), re.MULTILINE)
 
 
@@ -53,7 +53,9 @@ def test_a_journal_can_be_checked_where_the_robot_is_not() -> None:
 
 
 def tried_twice(checks: tuple[int, int]) -> History:
-    """A leg move that fails and is retried, with so many stability checks before each time."""
+    """A leg move that fails and is retried, with the given numbers of stability checks before each
+    attempt.
+    """
     story = begun()
     move = story.command("move leg", "gait planner")
     for tried, number in enumerate(checks):
@@ -73,13 +75,13 @@ def tried_twice(checks: tuple[int, int]) -> History:
 @pytest.mark.parametrize(
     ("checks", "kept"), [((1, 1), 2), ((1, 0), 1), ((2, 0), 1), ((0, 1), 1), ((0, 0), 0)]
 )
-def test_each_try_of_a_move_needs_a_check_of_its_own(checks: tuple[int, int], kept: int) -> None:
+def test_each_attempt_of_a_move_needs_its_own_check(checks: tuple[int, int], kept: int) -> None:
     counted = STABILITY.count(tried_twice(checks))
     assert (counted.good, counted.number) == (kept, 2)
     assert STABILITY.allows(counted) is (kept == 2)
 
 
-def test_a_check_that_ends_after_the_move_began_does_not_precede_it() -> None:
+def test_stability_check_ending_after_the_move_began_is_late() -> None:
     story = begun()
     move = story.command("move body", "gait planner")
     late = story.command(
@@ -102,13 +104,13 @@ def moved(*, checked: bool, achieved_first: bool = False) -> History:
     return story.reached(move, Moment.END_ACHIEVING).fold()
 
 
-def test_a_footfall_check_follows_each_leg_move() -> None:
+def test_footfall_check_follows_each_leg_move() -> None:
     assert str(FOOTFALL.count(moved(checked=True))) == "1 of 1"
     assert str(FOOTFALL.count(moved(checked=False))) == "0 of 1"
     assert str(FOOTFALL.count(moved(checked=True, achieved_first=True))) == "0 of 1"
 
 
-def test_a_leg_move_that_was_killed_is_not_to_be_checked() -> None:
+def test_killed_leg_move_needs_no_footfall_check() -> None:
     story = begun()
     move = story.command("move leg", "gait planner")
     story.delivered(move, "controller").at(2.0).returned(move).say(
@@ -121,8 +123,8 @@ def test_a_leg_move_that_was_killed_is_not_to_be_checked() -> None:
 
 
 def walked(*ahead: bool) -> History:
-    """An arc of one step more than that: each other one is planned while the one before is walked,
-    or after it.
+    """An arc with one more step than flags. For each flag, the next step is planned during the
+    current one, or after it.
     """
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
@@ -147,14 +149,14 @@ def walked(*ahead: bool) -> History:
     return story.fold()
 
 
-def test_a_step_is_planned_while_the_one_before_is_walked() -> None:
+def test_planned_ahead_counts_steps_planned_during_a_walk() -> None:
     assert str(PLANNED_AHEAD.count(walked(True, True))) == "2 of 2"
     sequential = PLANNED_AHEAD.count(walked(False, False))
     assert str(sequential) == "0 of 2"
-    assert PLANNED_AHEAD.count(walked()).number == 0  # the first step of an arc has none before it
+    assert PLANNED_AHEAD.count(walked()).number == 0  # the first step of an arc has no predecessor
 
 
-def test_nine_steps_of_ten_are_enough() -> None:
+def test_planned_ahead_allows_nine_steps_of_ten() -> None:
     nine, eight = (
         PLANNED_AHEAD.count(walked(*[True] * number, *[False] * (20 - number)))
         for number in (18, 17)
@@ -163,8 +165,8 @@ def test_nine_steps_of_ten_are_enough() -> None:
     assert (str(eight), PLANNED_AHEAD.allows(eight)) == ("17 of 20", False)
 
 
-def test_a_step_that_is_planned_anew_is_not_planned_ahead() -> None:
-    """What it was planned for first has been walked long before."""
+def test_replanned_step_is_not_planned_ahead() -> None:
+    """The step for which it was first planned was walked long before."""
     story = begun()
     arc = story.goal("traverse arc", "user", to="gait planner", begins=True)
     step = story.goal("take steps", "gait planner", arc)
@@ -192,8 +194,8 @@ def test_a_step_that_is_planned_anew_is_not_planned_ahead() -> None:
 
 
 def imaged(how: str) -> Story:
-    """A leg move, and an image beside it: with a lock that waits for the move, that does not, or
-    without any.
+    """A leg move beside an image. The image's lock waits for the move, is granted too early, or is
+    missing.
     """
     story = begun()
     move = story.command("move leg", "gait planner", to="controller")
@@ -222,16 +224,16 @@ def violated(story: Story, folder: Path) -> set[str]:
     return {violation.rule for violation in checked.violations}
 
 
-def test_no_move_is_handled_while_the_scanner_holds_the_controller(tmp_path: Path) -> None:
-    """The rules that each run must keep say so, too: of any lock."""
+def test_move_during_the_scanner_lock_breaks_the_rule(tmp_path: Path) -> None:
+    """The general rules of locks report it, too."""
     own = str(NO_MOVE_WHILE_LOCKED)
     assert not {own, LOCKED.text, GRANTED.text} & violated(imaged("kept"), tmp_path / "kept")
     assert {own, LOCKED.text} <= violated(imaged("entered"), tmp_path / "entered")
     assert {own, GRANTED.text} <= violated(imaged("granted too early"), tmp_path / "early")
 
 
-def test_an_image_that_is_taken_without_a_lock() -> None:
-    """Rules of locks say nothing of a lock that is not there."""
+def test_image_without_a_lock_breaks_only_the_image_rule() -> None:
+    """Rules of locks do not apply without a lock."""
     assert str(IMAGE_LOCKED.count(imaged("kept").fold())) == "1 of 1"
     assert str(IMAGE_LOCKED.count(imaged("no lock").fold())) == "0 of 1"
     assert NO_MOVE_WHILE_LOCKED.count(imaged("no lock").fold()).number == 0

@@ -1,4 +1,4 @@
-"""Walks in a window or on film: why there is none is said before anything is started."""
+"""Walks in a window or on film: impossible options are refused before anything starts."""
 
 import sys
 from pathlib import Path
@@ -27,7 +27,7 @@ NO_PHYSICS = "the kinematic backend has no physics to look at: leave --backend o
         ),
     ],
 )
-def test_a_walk_that_cannot_be_seen_is_refused_at_once(
+def test_walk_without_a_usable_display_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     options: list[str],

@@ -1,4 +1,4 @@
-"""The cleaning robot without central: four regions a joint, limits, moves in two dimensions,
+"""The cleaning robot without central: four regions per joint, limits, moves in two dimensions,
 cleaning.
 """
 
@@ -50,7 +50,7 @@ def test_cleaning_show_counts_missed_ticks() -> None:
 def test_motor_follows_at_its_rate_and_its_brake_stops_it() -> None:
     axis = Axis(1.0, fastest=0.5, acceleration=1.0, position=0.5, wanted=2.0)
     axis.advance(1.0)
-    assert (axis.position, axis.speed) == (0.5, 0.0)  # it is off
+    assert (axis.position, axis.speed) == (0.5, 0.0)  # switched off
     axis.is_on = True
     axis.advance(POWER_UP)
     axis.advance(0.1)
@@ -80,7 +80,7 @@ def test_joint_moves_only_when_enabled_and_referenced() -> None:
     x.command.put("reference")
     robot.baton.run(0.5)
     assert (x.movement.current, x.referencing.current) == ("standing", "unreferenced")
-    robot.tell_joints("enable")
+    robot.command_joints("enable")
     robot.run_until(lambda: x.enabling.is_in("enabled"))
     x.target.put(JointTarget(1.0, 0.5))
     robot.baton.run(0.5)
@@ -138,11 +138,11 @@ def test_disabled_joint_stops_at_once_and_retains_its_reference() -> None:
 
 def test_stopped_search_leaves_no_reference() -> None:
     robot = VirtualRobot()
-    robot.tell_joints("enable")
+    robot.command_joints("enable")
     robot.run_until(lambda: robot.parts.x.enabling.is_in("enabled"))
-    robot.tell_joints("reference")
+    robot.command_joints("reference")
     robot.run_until(lambda: robot.parts.x.referencing.is_in("searching"))
-    robot.tell_joints("stop")
+    robot.command_joints("stop")
     robot.baton.run(0.5)
     assert robot.parts.x.referencing.current == "unreferenced"
     before = robot.positions()

@@ -1,4 +1,4 @@
-"""The whole show, with a central of its own."""
+"""The complete demonstration, with its own central."""
 
 import re
 from pathlib import Path

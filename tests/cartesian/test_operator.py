@@ -1,4 +1,4 @@
-"""What users ask for: each command ends when it is done, or says why it is not."""
+"""Commands of users: each ends when it is done, or reports why it failed."""
 
 from collections.abc import Iterator
 
@@ -27,19 +27,19 @@ from tca_module.testing import LocalCentral
 
 
 class Town:
-    """A robot in virtual time, and a central whose clock goes with it."""
+    """A robot in virtual time, and a central on the same clock."""
 
     def __init__(self, central: LocalCentral, user: Client) -> None:
         self.robot, self.central, self.user = VirtualRobot(), central, user
 
     def pass_time(self, seconds: float) -> None:
-        """In short steps, robot and central in turn."""
+        """Advance robot and central in turn, in short steps."""
         for _ in range(round(seconds / 0.1)):
             self.robot.baton.run(0.1)
             self.central.advance(0.1)
 
     def carried_out(self, sent: SentTask[None], within: float = 30.0) -> None:
-        """Let time pass until a command has ended. Raises TaskFailed."""
+        """Advance until a command has ended. Raises TaskFailed."""
         end = self.central.now() + within
         while sent.info() is not None and self.central.now() < end:
             self.pass_time(0.1)

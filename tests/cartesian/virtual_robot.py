@@ -9,7 +9,7 @@ from tca_behaviours.activities import Application, VirtualBaton
 
 
 class VirtualRobot:
-    """Its components, ticked by an application without threads."""
+    """The robot's components, ticked by an application without threads."""
 
     def __init__(self) -> None:
         self.baton = VirtualBaton(lambda _activity: 0.0)
@@ -21,7 +21,7 @@ class VirtualRobot:
         self.application.start()
 
     def run_until(self, holds: Callable[[], bool], within: float = 40.0) -> float:
-        """Let time pass until something holds; the time. Fails if it takes too long."""
+        """Advance until a condition holds; return the time. Fails after a limit."""
         end = self.baton.clock() + within
         while not holds():
             assert self.baton.clock() < end, self.states()
@@ -37,21 +37,21 @@ class VirtualRobot:
         }
 
     def positions(self) -> list[float]:
-        """Where the axes truly are."""
+        """The true positions of the axes."""
         return [axis.position for axis in self.parts.device.mechanism.axes.values()]
 
     def scene(self) -> Scene:
-        """What is to be seen."""
+        """The visible scene."""
         assert self.parts.device.scene.value is not None
         return self.parts.device.scene.value
 
-    def tell_joints(self, command: str) -> None:
+    def command_joints(self, command: str) -> None:
         for joint in self.joints:
             joint.command.put(command)
 
     def make_ready(self) -> None:
         """Enable and reference all joints."""
-        self.tell_joints("enable")
+        self.command_joints("enable")
         self.run_until(lambda: all(joint.enabling.is_in("enabled") for joint in self.joints))
-        self.tell_joints("reference")
+        self.command_joints("reference")
         self.run_until(lambda: all(joint.referencing.is_in("referenced") for joint in self.joints))

@@ -1,4 +1,4 @@
-"""Reads from a journal whether any activity violated a condition of the one that was current."""
+"""Checks in a journal that no activity violated a condition of the current one."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from tca_wire.journal.facts import Entry, Killed, Received, Returned, StateChang
 
 @dataclass
 class SeenTask:
-    """A task that ran. Times are numbers of entries."""
+    """A task that ran; times are entry numbers."""
 
     agents: set[Agent]
     began: int
@@ -24,7 +24,7 @@ class SeenActivity:
     activity: Activity
     tasks: dict[int, SeenTask] = field(default_factory=dict)
     entered: int | None = None
-    """When its state was entered; None: never."""
+    """Entry in which its state was entered; None: never."""
 
     @property
     def began(self) -> int:
@@ -49,21 +49,21 @@ def activities_seen(machine: Coordination, entries: list[Entry]) -> list[SeenAct
             elif isinstance(fact, Killed):
                 ended[fact.task] = number  # if no handler has it
             elif isinstance(fact, StateChanged) and (report := read_report(fact.body)):
-                _note(machine, report.news, seen, began, number)
+                _record_roles(machine, report.news, seen, began, number)
     for one in seen:
         for task, times in one.tasks.items():
             times.ended = ended.get(task, len(entries))
     return seen
 
 
-def _note(
+def _record_roles(
     machine: Coordination,
     news: list[RoleChange],
     seen: list[SeenActivity],
     began: dict[int, int],
     number: int,
 ) -> None:
-    """Roles have changed, as a report says at that entry."""
+    """Record the role changes of a report at an entry."""
     known = {task: one for one in seen for task in one.tasks}
     new: dict[tuple[int, TaskRole], SeenActivity] = {}
     for change in news:
@@ -82,8 +82,8 @@ def _note(
 
 
 def check_conditions(machine: Coordination, entries: list[Entry]) -> None:
-    """While an activity is current, nothing else has its agents, or makes what it needs or
-    makes.
+    """Check that, while an activity is current, no other one uses its agents, or makes the facts
+    that it needs or makes.
     """
     seen = activities_seen(machine, entries)
     for current in seen:
@@ -93,10 +93,10 @@ def check_conditions(machine: Coordination, entries: list[Entry]) -> None:
                 and other is not current
                 and current.entered < current.ended
             ):
-                _check_apart(current, current.entered, other)
+                _check_no_conflict(current, current.entered, other)
 
 
-def _check_apart(current: SeenActivity, entered: int, other: SeenActivity) -> None:
+def _check_no_conflict(current: SeenActivity, entered: int, other: SeenActivity) -> None:
     if other.began < current.ended and entered < other.ended:
         conditions = current.activity.needs.keys() | current.activity.makes.keys()
         assert not other.activity.makes.keys() & conditions, (current, other)

@@ -1,5 +1,6 @@
-"""A robot with a base, an arm and a gripper, the machine with which it delivers objects (figure 6
-of the paper), and runs of it on a clock that the test steps.
+"""A robot with a base, an arm and a gripper, and its delivery machine (figure 6 of the paper).
+
+Runs use a clock that the test steps.
 """
 
 from collections.abc import Iterator
@@ -79,8 +80,8 @@ def delivery(name: str = "deliver") -> Coordination:
 
 
 def make_robot(central: LocalCentral) -> Module:
-    """Its parts move for so many seconds, and report each half second. A place called "stuck" is
-    never reached.
+    """Its parts move for a fixed time, and report each half second. The place "stuck" is never
+    reached.
     """
     robot = Module("robot", central)
 
@@ -130,7 +131,7 @@ class Play:
         return run
 
     def start(self, *events: str, seconds: float = 0) -> SentTask[CoordinationEnd]:
-        """Begin while box B is free; these events come at once, then so many seconds pass."""
+        """Start a run while box B is free; post the events at once, then advance by *seconds*."""
         self.box_b(1.0)
         run = self.begin()
         for event in events:
@@ -138,10 +139,10 @@ class Play:
         self.central.advance(seconds)
         return run
 
-    def start_mistaken(
+    def start_with_wrong_prediction(
         self, *events: str, seconds: float = 4, later: float = 30
     ) -> SentTask[CoordinationEnd]:
-        """Begin as start() does; box B is taken after so many seconds."""
+        """Start as start() does; box B is taken after *seconds*."""
         run = self.start(*events, seconds=seconds)
         self.box_b(0.0)
         self.central.advance(later)
@@ -155,10 +156,8 @@ class Play:
         self.user.set_variable(BOX_B_FREE, free)
         self.central.until_quiet()
 
-    def happened(self) -> list[str]:
-        """What the tasks of the run were about, with the seconds: begun, what they are to the
-        machine, ended.
-        """
+    def event_lines(self) -> list[str]:
+        """The events of the run's tasks with their times: roles, ends and transitions."""
         return list(_lines(self.central, self.coordinator.chart))
 
 

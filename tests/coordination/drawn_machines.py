@@ -1,6 +1,4 @@
-"""Small random machines, as automata; and a run of one, which does what a coordinator does, without
-any tasks.
-"""
+"""Small random automata, and runs of them that follow a coordinator's decisions without any tasks."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -27,8 +25,8 @@ BUSY = (WorkPhase.RUNNING, WorkPhase.STOPPING)
 
 
 @dataclass
-class Drawn:
-    """An automaton whose likelihoods may be set anew."""
+class RandomAutomaton:
+    """An automaton whose likelihoods can be redrawn."""
 
     arrows: dict[int, list[LikelyArrow]]
     activities: dict[int, Activity] = field(default_factory=dict)
@@ -42,8 +40,8 @@ class Drawn:
     def waits(self, state: int) -> bool:
         return state not in self.activities
 
-    def perceive(self, random: Random) -> None:
-        """Other likelihoods."""
+    def redraw_likelihoods(self, random: Random) -> None:
+        """Redraw all likelihoods."""
         for arrows in self.arrows.values():
             left = 8
             for place, arrow in enumerate(arrows):
@@ -52,7 +50,7 @@ class Drawn:
                 left -= eighths
 
 
-def drawn_activity(random: Random, agents: Sequence[Agent]) -> Activity:
+def random_activity(random: Random, agents: Sequence[Agent]) -> Activity:
     def facts(most: int) -> dict[str, Fact]:
         return {
             random.choice("wxyz"): random.choice((0, 0, 1)) for _ in range(random.randint(0, most))
@@ -66,7 +64,7 @@ def drawn_activity(random: Random, agents: Sequence[Agent]) -> Activity:
     return Activity(*tasks, needs=facts(1), makes=facts(2), undo=undo, cost=random.random())
 
 
-def drawn_machine(random: Random) -> Drawn:
+def random_automaton(random: Random) -> RandomAutomaton:
     """A machine of up to seven states, whose activities share a few agents and variables."""
     agents = [Agent("one"), Agent("two"), Agent("three", tasks=2)]
     number = random.randint(2, 7)
@@ -78,29 +76,32 @@ def drawn_machine(random: Random) -> Drawn:
         arrows[state] = [
             LikelyArrow(random.choice(("failed", "done")), target, 0.0) for target in targets
         ]
-    machine = Drawn(arrows)
+    machine = RandomAutomaton(arrows)
     for state in range(number):
         if random.random() < 0.85:
-            activity = drawn_activity(random, agents)
-            if not any(count > agent.tasks for agent, count in places(activity.tasks).items()):
+            activity = random_activity(random, agents)
+            if not any(count > agent.tasks for agent, count in agent_uses(activity.tasks).items()):
                 machine.activities[state] = activity
-    machine.perceive(random)
+    machine.redraw_likelihoods(random)
     return machine
 
 
-def places(tasks: Sequence[Do]) -> Counter[Agent]:
+def agent_uses(tasks: Sequence[Do]) -> Counter[Agent]:
     return Counter(agent for task in tasks for agent in task.agents)
 
 
 class PlayedRun:
-    """A run of a machine along random arrows, beside an account of how it would be without a
-    preview.
+    """A run along random arrows, with an account of the facts as they would be without a preview.
 
-    Each step checks that whatever was started ahead is in nobody's way.
+    Each step checks that early work is never in the way.
     """
 
     def __init__(
-        self, machine: Drawn, policy: Policy, random: Random, limits: PreviewLimits | None = None
+        self,
+        machine: RandomAutomaton,
+        policy: Policy,
+        random: Random,
+        limits: PreviewLimits | None = None,
     ) -> None:
         self.machine = machine
         self.policy = policy
@@ -114,30 +115,35 @@ class PlayedRun:
         self.plain: dict[str, Fact] = {"w": 0, "x": 0, "y": 0, "z": 0}
         self.now = dict(self.plain)
         self.work: list[EarlyWork] = []
-        self.spoilers: list[
+        self.wasted: list[
             tuple[int, set[str]]
-        ] = []  # wasted work, and what of it nobody has made anew
+        ] = []  # state of wasted work, and its facts that are still stale
         self.current = 0
         self.progress = 0.0
         self.is_begun = self.is_done = self.is_unfit = self.is_new = False
         self.started = self.kept = self.restored = 0
         self._enter(0)
 
-    # --- what happens -----------------------------------------------------------------------------
+    # --- events -----------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """Something happens; then the run goes on by what is decided."""
-        happenings = (self._go_on, self._hear_of_work, self._leave, self._perceive)
+        """Let a random event happen, then carry out the next decision."""
+        happenings = (
+            self._advance_current,
+            self._advance_work,
+            self._leave_state,
+            self._draw_likelihoods,
+        )
         self.random.choices(happenings, (2, 3, 1, 1))[0]()
         self._decide()
         self._begin_current()
         self.check()
 
-    def _perceive(self) -> None:
-        self.machine.perceive(self.random)
+    def _draw_likelihoods(self) -> None:
+        self.machine.redraw_likelihoods(self.random)
 
-    def _go_on(self) -> None:
-        """The current activity goes on, and is done some day."""
+    def _advance_current(self) -> None:
+        """Advance the current activity until it is done."""
         activity = self.machine.activity(self.current)
         if activity is None or not self.is_begun or self.is_done:
             return
@@ -150,8 +156,8 @@ class PlayedRun:
         self.now |= activity.makes
         self.plain |= activity.makes
 
-    def _hear_of_work(self) -> None:
-        """Early work goes on, ends or fails."""
+    def _advance_work(self) -> None:
+        """Let early work advance, end or fail."""
         if not self.work:
             return
         work = self.work.pop(self.random.randrange(len(self.work)))
@@ -165,27 +171,27 @@ class PlayedRun:
                 if end is WorkPhase.DONE:
                     self.now |= activity.makes
                 elif end is WorkPhase.FAILED:
-                    self._spoil(work.state)
+                    self._mark_wasted(work.state)
             case WorkPhase.STOPPING:
-                pass  # it has stopped
+                pass  # stopped
             case WorkPhase.RESTORING:
                 self.restored += 1
-                spoilt = next(one for one in self.spoilers if one[0] == work.state)
-                self.spoilers.remove(spoilt)
+                spoilt = next(one for one in self.wasted if one[0] == work.state)
+                self.wasted.remove(spoilt)
                 self.now |= {name: self.plain[name] for name in spoilt[1] if name in self.plain}
             case _:
                 self.work.append(work)
 
-    def _spoil(self, state: int) -> None:
-        """What the activity of a state has changed, it has changed in vain."""
+    def _mark_wasted(self, state: int) -> None:
+        """Mark the facts made by a state's activity as wasted."""
         if makes := set(self.machine.activities[state].makes):
-            self.spoilers.append((state, makes))
+            self.wasted.append((state, makes))
 
     # --- states -----------------------------------------------------------------------------------
 
-    def _leave(self) -> None:
-        """By any arrow, however unlikely; if the activity could not begin, by one for its
-        failure.
+    def _leave_state(self) -> None:
+        """Leave the state by any arrow, however unlikely; by a failure arrow if the activity could
+        not start.
         """
         activity = self.machine.activity(self.current)
         if activity is not None and not self.is_begun and self.plain_needs_hold(activity):
@@ -226,26 +232,26 @@ class PlayedRun:
         self.work.remove(found)
         if found.phase is WorkPhase.FAILED:
             return
-        if not self.plain_needs_hold(activity):  # without a preview, it would fail here
-            self._spoil(state)
+        if not self.plain_needs_hold(activity):  # fails here without a preview, too
+            self._mark_wasted(state)
             if found.phase is WorkPhase.RUNNING:
                 self.work.append(replace(found, phase=WorkPhase.STOPPING))
             return
         self.kept += 1
-        self._take_over(activity)
+        self._start_current(activity)
         self.progress = found.progress
         if found.phase is WorkPhase.DONE:
             assert all(self.now.get(name) == value for name, value in activity.makes.items())
             self._complete(activity)
 
-    def _take_over(self, activity: Activity) -> None:
-        """The activity of the current state begins, for the account without a preview, too."""
+    def _start_current(self, activity: Activity) -> None:
+        """Start the current activity, also in the account without a preview."""
         self.is_begun = True
         self.plain = {
             name: value for name, value in self.plain.items() if name not in activity.makes
         }
-        self.spoilers = [
-            (state, left) for state, made in self.spoilers if (left := made - activity.makes.keys())
+        self.wasted = [
+            (state, left) for state, made in self.wasted if (left := made - activity.makes.keys())
         ]
 
     def _begin_current(self) -> None:
@@ -255,22 +261,22 @@ class PlayedRun:
         if not self.plain_needs_hold(activity):
             self.is_begun = self.is_done = self.is_unfit = True
             return
-        if not self._is_in_order(activity) or any(
-            self._is_in_the_way(one, activity) for one in self.work
+        if not self._facts_are_restored(activity) or any(
+            self._conflicts(one, activity) for one in self.work
         ):
             return
         assert all(self.now.get(name) == value for name, value in activity.needs.items())
-        self._take_over(activity)
+        self._start_current(activity)
         self.now = {name: value for name, value in self.now.items() if name not in activity.makes}
 
-    def _is_in_the_way(self, work: EarlyWork, activity: Activity) -> bool:
+    def _conflicts(self, work: EarlyWork, activity: Activity) -> bool:
         other = self.machine.activities[work.state]
         if work.phase not in (*BUSY, WorkPhase.RESTORING):
             return False
         tasks = other.undo if work.phase is WorkPhase.RESTORING else other.tasks
-        shared = places(tasks).keys() & places(activity.tasks).keys()
+        shared = agent_uses(tasks).keys() & agent_uses(activity.tasks).keys()
         full = any(
-            self.held()[agent] + places(activity.tasks)[agent] > agent.tasks for agent in shared
+            self.held()[agent] + agent_uses(activity.tasks)[agent] > agent.tasks for agent in shared
         )
         needs = set() if work.phase is WorkPhase.RESTORING else other.needs.keys()
         clash = (
@@ -278,9 +284,9 @@ class PlayedRun:
         ) or activity.needs.keys() & other.makes.keys()
         return work.state == self.current or full or bool(clash)
 
-    def _is_in_order(self, activity: Activity) -> bool:
-        """Whether nothing has to be restored first; if so, that begins."""
-        for state, spoilt in reversed(self.spoilers):
+    def _facts_are_restored(self, activity: Activity) -> bool:
+        """Whether no fact has to be restored first; otherwise start to restore it."""
+        for state, spoilt in reversed(self.wasted):
             takes_part = spoilt & activity.makes.keys() and not spoilt <= activity.makes.keys()
             if spoilt & activity.needs.keys() or (
                 takes_part and self.machine.activities[state].undo
@@ -289,7 +295,7 @@ class PlayedRun:
                 assert undone.undo, f"{spoilt} can't be restored"
                 restoring = EarlyWork(state, WorkPhase.RESTORING)
                 free = not any(
-                    self._is_in_the_way(one, Activity(*undone.undo, makes=undone.makes))
+                    self._conflicts(one, Activity(*undone.undo, makes=undone.makes))
                     for one in self.work
                 )
                 if free and restoring not in self.work:
@@ -300,10 +306,10 @@ class PlayedRun:
                 return False
         return True
 
-    # --- what is decided --------------------------------------------------------------------------
+    # --- decisions --------------------------------------------------------------------------------
 
     def _decide(self) -> None:
-        spoilt = {name for _, names in self.spoilers for name in names}
+        spoilt = {name for _, names in self.wasted for name in names}
         situation = Situation("", self.plain, {}, min(self.progress, 1.0))
         present = Present(
             self.current, self.now, situation, self.is_done, self.is_new, self.work, spoilt
@@ -318,12 +324,12 @@ class PlayedRun:
             )
             self.work.remove(work)
             if work.phase is not WorkPhase.FAILED:
-                self._spoil(work.state)
+                self._mark_wasted(work.state)
             if work.phase is WorkPhase.RUNNING:
                 self.work.append(replace(work, phase=WorkPhase.STOPPING))
         for state, share in decision.shares.items():
             if any(one.state == state for one in self.work):
-                continue  # it runs at another speed
+                continue  # already running, at another speed
             self.started += 1
             activity = self.machine.activities[state]
             assert all(self.now.get(name) == value for name, value in activity.needs.items())
@@ -333,19 +339,19 @@ class PlayedRun:
             }
         assert all(objection.reason is not Reason.NOT_FORESEEN for objection in decision.refused)
 
-    # --- what must hold ---------------------------------------------------------------------------
+    # --- invariants -------------------------------------------------------------------------------
 
     def held(self) -> Counter[Agent]:
         held = Counter[Agent]()
         activity = self.machine.activity(self.current)
         if activity is not None and self.is_begun and not self.is_done:
-            held += places(activity.tasks)
+            held += agent_uses(activity.tasks)
         for work in self.work:
             other = self.machine.activities[work.state]
             if work.phase in BUSY:
-                held += places(other.tasks)
+                held += agent_uses(other.tasks)
             elif work.phase is WorkPhase.RESTORING:
-                held += places(other.undo)
+                held += agent_uses(other.undo)
         return held
 
     def check(self) -> None:
@@ -372,7 +378,7 @@ class PlayedRun:
                     assert not one.makes.keys() & (other.needs.keys() | other.makes.keys()), (
                         "two change one variable"
                     )
-        touched = {name for _, names in self.spoilers for name in names}
+        touched = {name for _, names in self.wasted for name in names}
         touched |= {name for one in self.work for name in self.machine.activities[one.state].makes}
         for name, value in self.plain.items():
             assert name in touched or self.now.get(name) == value, (

@@ -1,6 +1,4 @@
-"""Reads from a journal whether each visit to a state had an execution of its activity of its
-own.
-"""
+"""Checks in a journal that each visit to a state had its own execution of the state's activity."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -14,30 +12,32 @@ from tca_wire.coordination import CoordinationReport, read_report
 from tca_wire.journal.facts import Entry, StateChanged
 
 
-class Told(NamedTuple):
+class TimedReport(NamedTuple):
     """A report of a run."""
 
     number: int
-    """Of its entry."""
+    """Number of its entry."""
     time: float
     report: CoordinationReport
 
 
 def check_executions(machine: Coordination, entries: list[Entry]) -> int:
-    """An activity that was done in a state began after the state was last left, and after the last
-    transition from which on it was not foreseen. How many of them began ahead.
+    """Check each completed activity: it must have started for this visit.
+
+    The earliest valid start is the last time at which its state was left, or became unforeseen.
+    Returns the number of executions that started early.
     """
-    told = list(_reports(entries))
+    reports = list(_reports(entries))
     seen = [one for one in activities_seen(machine, entries) if one.entered is not None]
     ahead = 0
-    for place, one in enumerate(told):
+    for place, one in enumerate(reports):
         state = one.report.before
         if one.report.taken.split(" ")[0] != DONE or machine.states[state].activity is None:
             continue
         entered = max(
-            (place for place, other in enumerate(told[:place]) if other.report.taken), default=0
+            (place for place, other in enumerate(reports[:place]) if other.report.taken), default=0
         )
-        since = _last_left(told[: entered + 1], state)
+        since = _last_left(reports[: entered + 1], state)
         own = [
             began
             for execution in seen
@@ -47,19 +47,17 @@ def check_executions(machine: Coordination, entries: list[Entry]) -> int:
         assert own, (
             f"{machine.states[state]!r} is left at {one.time:g} s, and nothing was done for it since {since:g} s"
         )
-        ahead += own[-1] < told[entered].time
+        ahead += own[-1] < reports[entered].time
     return ahead
 
 
-def _last_left(told: list[Told], state: int) -> float:
-    """The moment at which a state was left, or a transition was taken that made it unforeseen; the
-    last of these before it was entered, as the last report tells.
-    """
+def _last_left(reports: list[TimedReport], state: int) -> float:
+    """Time of the last transition that left a state or made it unforeseen, before it was entered."""
     found = 0.0
-    for one, following in pairwise(told):
+    for one, following in pairwise(reports):
         is_rest = not (
             following.time == one.time and following.report.taken
-        )  # only then is told what is foreseen
+        )  # only then does the report have a preview
         is_foreseen = any(foreseen.state == state for foreseen in one.report.preview)
         is_off = is_rest and not is_foreseen and one.report.current != state
         if one.report.taken and (one.report.before == state or is_off):
@@ -67,8 +65,8 @@ def _last_left(told: list[Told], state: int) -> float:
     return found
 
 
-def _reports(entries: list[Entry]) -> Iterator[Told]:
+def _reports(entries: list[Entry]) -> Iterator[TimedReport]:
     for number, entry in enumerate(entries):
         for fact in entry.facts:
             if isinstance(fact, StateChanged) and (report := read_report(fact.body)):
-                yield Told(number, entry.time, report)
+                yield TimedReport(number, entry.time, report)

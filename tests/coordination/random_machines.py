@@ -1,4 +1,4 @@
-"""Random machines, the robot that does what they say, and what befalls them meanwhile."""
+"""Random machines, a robot for their tasks, and random events around it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ from tca_module.testing import LocalCentral
 
 @dataclass
 class Work:
-    """What a task is to do."""
+    """The data of a task."""
 
     name: str
     seconds: float
@@ -41,8 +41,8 @@ STUBBORN = Command("stubborn", Work, progress=float)
 """Its tasks refuse to be cancelled."""
 KINDS = (EASY, SLOW, STUBBORN)
 ODD = {EASY: 0.013, SLOW: 0.029, STUBBORN: 0.047}
-"""Seconds by which they take longer, so that no two are due at one moment: which goes first then is
-left open.
+"""Seconds by which tasks take longer, so that no two end at the same time. The order of
+simultaneous ends is undefined.
 """
 AGENTS = {kind: Agent(kind.name) for kind in KINDS}
 FREE = Variable("free", float)
@@ -52,7 +52,7 @@ PATIENCE = 2.0
 
 
 def random_machine(random: Random, *, unlikely: bool = False) -> Coordination:
-    """A sound machine. *unlikely*: none of its transitions is likely."""
+    """A random sound machine; with *unlikely*, no transition is likely."""
     while True:
         try:
             return _machine(random, unlikely=unlikely)
@@ -99,7 +99,7 @@ def _machine(random: Random, *, unlikely: bool) -> Coordination:
 
 
 def random_round(random: Random) -> Coordination:
-    """A machine that goes round and round, past some of its states only while FREE is true."""
+    """A machine that runs in a loop, and skips some states unless FREE is true."""
     with Coordination("round", facts=dict.fromkeys(NAMES, 0)) as machine:
         waiting = machine.state("waiting")
         states = [
@@ -146,7 +146,7 @@ def _activity(random: Random, label: str) -> Activity:
 
 
 def make_robot(central: LocalCentral) -> Module:
-    """It does what tasks say."""
+    """A robot that carries out the data of its tasks."""
     robot = Module("robot", central)
 
     def work(task: Task, data: Work) -> None:
@@ -175,8 +175,8 @@ def run_of(machine: Coordination, policy: Policy | None) -> Iterator[Play]:
             yield Play(central, module, coordinator, user)
 
 
-def befall(random: Random, play: Play, seconds: float) -> None:
-    """What happens around the robot, for so long."""
+def disturb(random: Random, play: Play, seconds: float) -> None:
+    """Let random events happen around the robot."""
     user = play.user
     acts: list[Callable[[], object]] = [
         lambda: play.event("go"),

@@ -1,4 +1,4 @@
-"""The data of tasks that run ahead, as ``adapt`` makes them."""
+"""The data of early tasks, as ``adapt`` makes it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ ACCORDING_TO_PROGRESS = Continuous(0.0, 1.0, utility=lambda candidate: candidate
 
 
 def drive_and(activity: Activity) -> Coordination:
-    """The base goes to B; then an activity follows, whatever happens."""
+    """The base drives to B; then an activity always follows."""
     with Coordination("drive", facts={"base": "A"}) as machine:
         to_b, following = machine.state("to B", base("B")), machine.state("following", activity)
         to_b.to(following)
@@ -24,8 +24,8 @@ def drive_and(activity: Activity) -> Coordination:
     return machine
 
 
-def make_robot(told: list[tuple[float, Any]]) -> Module:
-    """Its base reports each quarter of 8 s. Its arm moves until 10 s after it got its last data."""
+def make_robot(received: list[tuple[float, Any]]) -> Module:
+    """A robot whose base reports each quarter of 8 s. Its arm moves until 10 s after its last data."""
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base")
@@ -35,9 +35,9 @@ def make_robot(told: list[tuple[float, Any]]) -> Module:
             task.report(quarter)
 
     def move(task: Task, data: Any) -> None:
-        told.append((task.time(), data))
+        received.append((task.time(), data))
         while request := task.wait_for_request(10):
-            told.append((task.time(), request.goal))
+            received.append((task.time(), request.goal))
             request.accept()
 
     robot.handles(MOVE_ARM, resource="arm", takes=["update"])(move)
@@ -46,7 +46,7 @@ def make_robot(told: list[tuple[float, Any]]) -> Module:
 
 
 def fails_from(call: int) -> Callable[[str, float, int], str]:
-    """Data with their share; an error at that call, and at each that follows."""
+    """An ``adapt`` that adds the share to the data, and fails from a given call on."""
     calls = list[float]()
 
     def adapt(data: str, share: float, _: int) -> str:
@@ -59,33 +59,33 @@ def fails_from(call: int) -> Callable[[str, float, int], str]:
 
 
 def run_to_the_end(run: Play) -> None:
-    """What follows has begun early."""
+    """Run until the end; the second activity must have started early."""
     ran = run.begin()
     run.central.advance(60)
     assert ran.result(timeout=5).kept == 1
 
 
-def test_data_for_a_speed_are_made_once_and_used(caplog: pytest.LogCaptureFixture) -> None:
-    """The task runs on where there are none for another speed; that is told once."""
-    told: list[tuple[float, str]] = []
+def test_adapted_data_is_made_once_per_speed(caplog: pytest.LogCaptureFixture) -> None:
+    """The task keeps its data when ``adapt`` fails, and that is logged once."""
+    received: list[tuple[float, str]] = []
     activity = Activity(Do(MOVE_ARM, "box B", ARM), adapt=fails_from(2))
-    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:
+    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(received)) as run:
         run_to_the_end(run)
-    assert told == [(2.0, "box B at 0.2"), (8.0, "box B")]
+    assert received == [(2.0, "box B at 0.2"), (8.0, "box B")]
     warnings = [one.message for one in caplog.records if one.name == "tca.coordinator"]
     assert warnings == ['Activity(arm to "box B") keeps its speed: ValueError: no data at 0.5']
 
 
-def test_arrays_are_other_data_if_their_elements_are() -> None:
-    told: list[tuple[float, Speeds]] = []
+def test_adapted_array_is_sent_when_its_elements_change() -> None:
+    received: list[tuple[float, Speeds]] = []
 
     def adapt(speeds: Speeds, share: float, _: int) -> Speeds:
         return speeds * (1.0 if share > 0.5 else 0.5)
 
     activity = Activity(Do(STEER, np.array([1.0, 2.0]), ARM), adapt=adapt)
-    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(told)) as run:
+    with play(drive_and(activity), ACCORDING_TO_PROGRESS, make_robot(received)) as run:
         run_to_the_end(run)
-    assert [(time, speeds.tolist()) for time, speeds in told] == [
+    assert [(time, speeds.tolist()) for time, speeds in received] == [
         (2.0, [0.5, 1.0]),
         (6.0, [1.0, 2.0]),
     ]

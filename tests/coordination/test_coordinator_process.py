@@ -1,6 +1,4 @@
-"""A coordinator as a process: its journal, what is learned from that, and Ctrl-C while an arm moves
-ahead.
-"""
+"""A coordinator as a process: its journal, learning from it, and Ctrl-C during early work."""
 
 import signal
 import threading
@@ -32,7 +30,7 @@ print("over", flush=True)
 
 
 def reaching() -> Coordination:
-    """To B, and the arm to its box."""
+    """Drive to B, then move the arm to its box."""
     with Coordination("reaching", facts={"base": "A", "arm": "home"}) as machine:
         to_b, reach = machine.state("to B", base("B")), machine.state("reach", arm("box B"))
         to_b.to(reach)
@@ -40,7 +38,7 @@ def reaching() -> Coordination:
     return machine
 
 
-def test_a_coordinator_as_a_process(tmp_path: Path) -> None:
+def test_coordinator_process_previews_stops_and_is_learned_from(tmp_path: Path) -> None:
     robot, moving, is_quick = Module("robot"), threading.Semaphore(0), True
 
     def move(task: Task, _: str) -> None:
@@ -49,15 +47,15 @@ def test_a_coordinator_as_a_process(tmp_path: Path) -> None:
 
     robot.handles(MOVE_BASE, resource="base")(move)
     robot.handles(MOVE_ARM, resource="arm")(move)
-    here = Coordinator(reaching())
+    local = Coordinator(reaching())
     text = PROGRAM.format(tests=str(Path(__file__).parents[1]))
     with central(tmp_path) as daemon, program(text, daemon.address) as process:
         robot.central = daemon.address
         with robot.running(), connect("user", daemon.address) as user:
-            end = here.run(user)
+            end = local.run(user)
             assert (end.state, end.kept) == ("end", 1)
             is_quick = False
-            run = user.command(here.message, here.chart)
+            run = user.command(local.message, local.chart)
             for _ in range(4):
                 assert moving.acquire(timeout=SOON)
             process.send_signal(signal.SIGINT)
@@ -65,7 +63,7 @@ def test_a_coordinator_as_a_process(tmp_path: Path) -> None:
             assert user.tasks() == []
             assert process.communicate(timeout=SOON)[0] == "over\n"
         daemon.stop()
-    assert count_transitions([daemon.journal], here.chart) == {
+    assert count_transitions([daemon.journal], local.chart) == {
         ("to B", "done"): 1,
         ("reach", "done"): 1,
     }

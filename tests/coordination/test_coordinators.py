@@ -1,6 +1,4 @@
-"""What a coordinator does whatever its policy: failures, events, guards that wait, ends, and what
-it refuses.
-"""
+"""Coordinators without a preview: failures, events, waiting guards, ends, and refusals."""
 
 from threading import Event
 
@@ -53,7 +51,7 @@ def reaching(place: str) -> Coordination:
 
 
 def driving() -> Coordination:
-    """The base drives until it is there, or until there is noise."""
+    """The base drives until it arrives, or until a noise."""
     with Coordination("drive", facts=AT_HOME) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
         there.to(end)
@@ -61,7 +59,7 @@ def driving() -> Coordination:
     return machine
 
 
-def test_a_failure_without_an_arrow_is_that_of_the_run() -> None:
+def test_failure_without_an_arrow_fails_the_run() -> None:
     with play(reaching("stuck"), None) as run:
         ran = run.begin()
         run.central.advance(2)
@@ -72,7 +70,7 @@ def test_a_failure_without_an_arrow_is_that_of_the_run() -> None:
         assert run.user.tasks() == []
 
 
-def test_an_exception_handler_of_the_run_is_asked_first() -> None:
+def test_exception_handler_of_the_run_can_retry_a_task() -> None:
     again = ExceptionHandler("again", float)
     expert = Module("expert")
 
@@ -89,7 +87,7 @@ def test_an_exception_handler_of_the_run_is_asked_first() -> None:
             assert ran.result(timeout=5).state == "end"
 
 
-def test_a_failure_below_a_task_is_that_of_its_activity() -> None:
+def test_subtask_failure_fails_the_activity() -> None:
     robot = Module("robot")
     part = Command("part of it")
 
@@ -108,7 +106,7 @@ def test_a_failure_below_a_task_is_that_of_its_activity() -> None:
             ran.result(timeout=5)
 
 
-def test_a_task_that_somebody_kills_has_failed() -> None:
+def test_killed_task_fails_the_activity() -> None:
     with play(reaching("box B"), None) as run:
         ran = run.begin()
         run.user.tasks(MOVE_ARM)[0].kill("not now")
@@ -118,7 +116,7 @@ def test_a_task_that_somebody_kills_has_failed() -> None:
 
 
 def lost() -> Coordination:
-    """The arm moves, or fails to; what comes then needs that it has moved."""
+    """The arm moves or fails; the next state needs it moved."""
     with Coordination("lost", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
@@ -131,7 +129,7 @@ def lost() -> Coordination:
     return machine
 
 
-def test_a_state_whose_needs_are_not_met_fails() -> None:
+def test_state_with_unmet_needs_fails_the_run() -> None:
     with play(lost(), None) as run:
         ran = run.begin()
         run.central.advance(2)
@@ -141,7 +139,7 @@ def test_a_state_whose_needs_are_not_met_fails() -> None:
             ran.result(timeout=5)
 
 
-def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
+def test_state_with_unmet_needs_takes_its_failed_arrow() -> None:
     with Coordination("careful", facts=AT_HOME) as machine:
         reach = machine.state("reaching", arm("stuck"))
         grasp = machine.state("grasping", opened(arm="stuck"))
@@ -155,7 +153,7 @@ def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
     with play(machine, AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 arm to stuck: current",
             "0.5 arm to stuck: failed",
             "0.5 -> grasping (failed)",
@@ -167,13 +165,13 @@ def test_a_state_whose_needs_are_not_met_is_left_by_its_arrow() -> None:
         assert ran.result(timeout=5).state == "end"
 
 
-def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
+def test_next_activity_waits_for_a_slow_cancel_of_its_agent() -> None:
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
     def drive(task: Task, _: str) -> None:
         task.wait_for_request()
-        task.sleep(2)  # it takes a while to stand still
+        task.sleep(2)  # stops slowly
         raise task.aborted()
 
     @robot.handles(GRIPPER, resource="horn")
@@ -194,7 +192,7 @@ def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
         run.central.advance(1)
         run.event("noise")
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "1 -> look (noise)",
             "3 base to B: killed",
@@ -204,7 +202,7 @@ def test_an_event_ends_an_activity_and_the_next_waits_for_its_agent() -> None:
         ]
 
 
-def test_patience_with_a_task_that_goes_on() -> None:
+def test_uncancellable_task_is_killed_after_patience() -> None:
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base", refuses=["cancel"])
@@ -215,11 +213,15 @@ def test_patience_with_a_task_that_goes_on() -> None:
         ran = run.begin()
         run.event("noise")
         run.central.advance(10)
-        assert run.happened() == ["0 base to B: current", "0 -> end (noise)", "2 base to B: killed"]
+        assert run.event_lines() == [
+            "0 base to B: current",
+            "0 -> end (noise)",
+            "2 base to B: killed",
+        ]
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
-def test_the_end_waits_for_a_task_that_makes_things_safe() -> None:
+def test_run_end_waits_for_a_shielded_task() -> None:
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base", refuses=["cancel"])
@@ -236,7 +238,7 @@ def test_the_end_waits_for_a_task_that_makes_things_safe() -> None:
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
-def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
+def test_guard_is_evaluated_again_when_a_variable_changes() -> None:
     with Coordination("gate", facts=AT_HOME) as machine:
         there, end = machine.state("there", base("B")), machine.final("end")
         there.to(end, when=BOX_B_FREE)
@@ -250,7 +252,7 @@ def test_a_guard_is_asked_again_when_a_variable_changes() -> None:
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
-def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
+def test_tasks_of_one_activity_start_and_fail_together() -> None:
     both = Activity(
         Do(MOVE_BASE, "B", BASE), Do(MOVE_ARM, "stuck", ARM), Do(GRIPPER, "open", FINGERS)
     )
@@ -261,7 +263,7 @@ def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
     with play(machine, None) as run:
         run.begin()
         run.central.advance(10)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to stuck: current",
             "0 gripper open: current",
@@ -272,22 +274,22 @@ def test_tasks_of_one_activity_run_together_and_fail_together() -> None:
         ]
 
 
-def test_an_event_that_nothing_leads_on_by_is_forgotten() -> None:
+def test_event_without_an_arrow_is_dropped() -> None:
     with play(delivery(), None) as run:
-        run.event("object given")  # nothing runs
+        run.event("object given")  # no run exists
         run.box_b(0.0)
         run.begin()
         run.event("box kicked")
-        assert run.happened() == []
+        assert run.event_lines() == []
         run.coordinator.post("object given")
         run.central.until_quiet()
-        run.event("done")  # that says the activity
-        assert run.happened() == ["0 -> going to B (object given)", "0 base to B: current"]
+        run.event("done")  # the name of an activity's own event
+        assert run.event_lines() == ["0 -> going to B (object given)", "0 base to B: current"]
         with pytest.raises(MisuseError, match="has no event 'kick': there are object given"):
             run.coordinator.post("kick")
 
 
-def test_another_machine_of_that_name_is_rejected() -> None:
+def test_run_of_another_machine_of_that_name_is_rejected() -> None:
     with Coordination("deliver", facts=AT_HOME) as other:
         other.state("there", base("B")).to(other.final("end"))
     with play(delivery(), None) as run:
@@ -296,7 +298,7 @@ def test_another_machine_of_that_name_is_rejected() -> None:
             ran.result(timeout=5)
 
 
-def test_run_waits_for_the_end() -> None:
+def test_coordinator_run_returns_the_end_state() -> None:
     with Coordination("nothing") as machine:
         machine.state("open", opened()).to(machine.final("end"))
     robot = Module("robot")
@@ -308,7 +310,7 @@ def test_run_waits_for_the_end() -> None:
         assert run.coordinator.run(run.user).state == "end"
 
 
-def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
+def test_event_sent_right_after_the_start_reaches_the_run() -> None:
     with Coordination("long", facts=AT_HOME) as machine:
         waiting, end = machine.state("waiting"), machine.final("end")
         moves = [machine.state(f"move {number}", arm("box B")) for number in range(300)]
@@ -321,22 +323,22 @@ def test_an_event_for_a_run_that_is_just_beginning_is_heard() -> None:
     with LocalCentral() as central, connect("user", central) as user:
         module.central = central
         with module.running():
-            for _ in range(5):  # one run after the other, with one interpreter
+            for _ in range(5):  # consecutive runs share one interpreter
                 run = user.command(coordinator.message, coordinator.chart)
                 user.broadcast(COORDINATION_EVENT, MachineEvent("long", "stop"))
                 assert run.result(timeout=5).state == "end"
 
 
-def test_an_event_for_a_run_that_never_began_is_none_of_the_next(
+def test_event_for_a_failed_start_does_not_reach_the_next_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The first run fails before it listens, and after an event for it has come."""
-    begins, told, restart = Event(), Event(), Interpreter.restart
+    """The first run fails before it listens, after an event for it has arrived."""
+    begins, event_sent, restart = Event(), Event(), Interpreter.restart
 
     def fail_once(interpreter: Interpreter) -> None:
         if not begins.is_set():
             begins.set()
-            assert told.wait(5)
+            assert event_sent.wait(5)
             raise RuntimeError("no chart today")
         restart(interpreter)
 
@@ -350,7 +352,7 @@ def test_an_event_for_a_run_that_never_began_is_none_of_the_next(
             assert begins.wait(5)
             user.broadcast(COORDINATION_EVENT, MachineEvent("deliver", "object given"))
             central.until_quiet(ignoring=[coordinator.message])
-            told.set()
+            event_sent.set()
             with pytest.raises(TaskFailed, match="no chart today"):
                 first.result(timeout=5)
             second = user.command(coordinator.message, coordinator.chart)
@@ -360,7 +362,7 @@ def test_an_event_for_a_run_that_never_began_is_none_of_the_next(
             second.kill("enough")
 
 
-def test_a_module_has_one_coordinator() -> None:
+def test_module_accepts_one_coordinator() -> None:
     module = Module("coordinator")
     Coordinator(lost()).handle_in(module)
     with pytest.raises(

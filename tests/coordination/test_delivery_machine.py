@@ -1,4 +1,4 @@
-"""A machine is written, drawn, seen as an automaton with likelihoods, and run by hand."""
+"""A machine is written, drawn, flattened to an automaton with likelihoods, and run by hand."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -59,7 +59,7 @@ def situation(free: float | None, progress: float = 0.0) -> Situation:
     return Situation("", {}, {BOX_B_FREE.name: free}, progress)
 
 
-def test_a_machine_as_data() -> None:
+def test_chart_describes_states_arrows_and_agents() -> None:
     chart = DELIVER.chart
     assert chart.agents == ["base", "arm", "gripper"]
     assert [(state.label, state.parent) for state in chart.states] == [
@@ -104,7 +104,7 @@ def test_likelihoods_follow_from_the_situation() -> None:
     ], "unknown"
 
 
-def test_events_are_taken_by_the_innermost_arrow_whose_guard_holds() -> None:
+def test_event_takes_the_innermost_arrow_with_a_true_guard() -> None:
     run = DELIVER.interpreter()
     free, taken = situation(free=0.5), situation(free=0.49)
     assert run.take("done", free) == [], "a state that waits is never done"
@@ -122,7 +122,7 @@ def test_events_are_taken_by_the_innermost_arrow_whose_guard_holds() -> None:
     assert run.take("stop", free) == []
 
 
-def test_models_of_likelihood() -> None:
+def test_likelihood_models_give_their_values() -> None:
     now = situation(free=3.0)
     assert Perceived(BOX_B_FREE).value(now, "", "") == 1.0, "cut to [0, 1]"
     assert Perceived(BOX_B_FREE).value(situation(free=float("nan")), "", "") is None
@@ -134,7 +134,7 @@ def test_models_of_likelihood() -> None:
     assert mixed.value(now, "b", "done") == 0.625
 
 
-def test_evaluated_likelihoods_are_normalised() -> None:
+def test_likelihoods_above_one_in_sum_are_normalised() -> None:
     with Coordination("m") as machine:
         a = machine.state("a", Activity(Do(MOVE_BASE, "B")))
         a.to("end", when=BOX_B_FREE, likelihood=Perceived(BOX_B_FREE))
@@ -154,7 +154,7 @@ def test_evaluated_likelihoods_are_normalised() -> None:
     ], "unknown"
 
 
-def test_a_function_reads_watched_variables_only() -> None:
+def test_function_can_read_watched_variables_only() -> None:
     with Coordination("m") as machine:
         a = machine.state("a", Activity(Do(MOVE_BASE, "B"), cost=lambda now: 2 * now.progress))
         a.to("end", likelihood=lambda now: now.variable(BOX_B_FREE, default=0.0))
@@ -174,8 +174,8 @@ def test_a_function_reads_watched_variables_only() -> None:
         machine.automaton(situation(free=7)).arcs(0)
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz speaks of this machine's fonts
-def test_a_picture_shows_what_is_foreseen(tmp_path: Path) -> None:
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # Graphviz warns about missing fonts
+def test_picture_marks_foreseen_states(tmp_path: Path) -> None:
     report = CoordinationReport(1, preview=[Foreseen(3, 0.75, 0.75), Foreseen(4, 0.9, 0.675)])
     DELIVER.draw(tmp_path / "machine.svg", report)
     tree = ET.parse(tmp_path / "machine.svg")

@@ -1,5 +1,5 @@
-"""Facts in runs: what early work changes is undone where it matters, and the machine goes the way
-that it goes without.
+"""Facts in runs: early work is undone where its facts matter, and the machine takes the same path
+as without it.
 """
 
 import pytest
@@ -36,7 +36,9 @@ FACTS = AT_HOME | {"lid": "shut"}
 
 
 def fork(free: Activity, *taken: Activity) -> Coordination:
-    """The base goes to B; then one activity follows if box B is free, and else others."""
+    """The base drives to B; then one activity follows if box B is free, and otherwise several
+    others.
+    """
     with Coordination("fork", facts=FACTS) as machine:
         to_b, if_free, end = (
             machine.state("to B", base("B")),
@@ -54,21 +56,21 @@ def fork(free: Activity, *taken: Activity) -> Coordination:
     return machine
 
 
-def mistaken(run: Play) -> list[str]:
-    """Box B is free until early work is done; what happens from the end of the drive on."""
-    run.start_mistaken()
-    return [line for line in run.happened() if float(line.split()[0]) > 4]
+def events_after_mistake(run: Play) -> list[str]:
+    """Take box B after early work is done; return the events from then on."""
+    run.start_with_wrong_prediction()
+    return [line for line in run.event_lines() if float(line.split()[0]) > 4]
 
 
-def test_what_is_done_outlives_a_flicker() -> None:
-    """A camera is wrong for a moment. The arm stays where it is, and is kept."""
+def test_early_result_survives_a_short_wrong_observation() -> None:
+    """A wrong observation lasts one second; the arm stays in place, and its result is kept."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=4)
         run.box_b(0.0)
         run.central.advance(1)
         run.box_b(1.0)
         run.central.advance(20)
-        assert [line for line in run.happened() if "arm to" in line] == [
+        assert [line for line in run.event_lines() if "arm to" in line] == [
             "0 arm to box B: ahead",
             "3 arm to box B: done",
             "8 arm to box B: kept",
@@ -76,19 +78,19 @@ def test_what_is_done_outlives_a_flicker() -> None:
         assert ran.result(timeout=5).wasted == 0
 
 
-def test_nothing_is_undone_that_is_made_anew() -> None:
+def test_early_result_is_not_undone_when_overwritten() -> None:
     with play(
         fork(arm("box B", undo=HOME), arm("box C"), opened(arm="box C", base="B")),
         AS_SOON_AS_LIKELY,
     ) as run:
-        assert "arm to home: restoring" not in " ".join(mistaken(run))
-        assert run.happened()[-1].endswith("-> end (done)")
+        assert "arm to home: restoring" not in " ".join(events_after_mistake(run))
+        assert run.event_lines()[-1].endswith("-> end (done)")
 
 
-def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
+def test_partly_overwritten_early_result_is_undone() -> None:
     both = Activity(Do(MOVE_ARM, "box B", ARM), makes={"arm": "box B", "lid": "open"}, undo=HOME)
     with play(fork(both, arm("box C"), opened(lid="shut", arm="box C")), AS_SOON_AS_LIKELY) as run:
-        assert mistaken(run) == [
+        assert events_after_mistake(run) == [
             "8 base to B: done",
             "8 -> taken 1 (done)",
             "8 arm to box B: wasted",
@@ -103,47 +105,50 @@ def test_all_is_undone_where_a_part_would_be_made_anew() -> None:
         ]
 
 
-def test_the_end_of_a_run_leaves_all_as_it_would_be_without_a_preview() -> None:
-    """The next run believes that the arm is at home."""
+def test_run_end_undoes_wasted_early_work() -> None:
+    """The next run assumes that the arm is at home."""
     with play(fork(arm("box B", undo=HOME), opened()), AS_SOON_AS_LIKELY) as run:
-        assert mistaken(run)[-2:] == ["8 arm to home: restoring", "11 arm to home: done"]
+        assert events_after_mistake(run)[-2:] == [
+            "8 arm to home: restoring",
+            "11 arm to home: done",
+        ]
 
 
-def test_what_could_not_be_undone_at_the_end_is_not_begun() -> None:
+def test_work_without_undo_is_not_started_early() -> None:
     with play(fork(arm("box B"), opened()), AS_SOON_AS_LIKELY) as run:
-        assert "arm" not in " ".join(mistaken(run))
+        assert "arm" not in " ".join(events_after_mistake(run))
 
 
-def test_nothing_is_undone_that_never_began() -> None:
-    """The arm is locked, so its early task waits in a queue until it is stopped."""
+def test_early_task_that_never_started_is_not_undone() -> None:
+    """The arm is locked, so its early task stays queued until it is stopped."""
     with play(fork(arm("box B", undo=HOME), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         with connect("locker", run.central) as locker, locker.lock("arm"):
-            assert "8 -> end (done)" in mistaken(run)
-        assert "arm to home" not in " ".join(run.happened())
+            assert "8 -> end (done)" in events_after_mistake(run)
+        assert "arm to home" not in " ".join(run.event_lines())
 
 
-def test_what_cannot_be_restored_fails() -> None:
+def test_failed_undo_fails_the_state_that_needs_it() -> None:
     ahead = arm("box B", undo=Do(MOVE_ARM, "stuck", ARM))
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         with pytest.raises(
             TaskFailed, match="'taken 1' can't begin: 'arm' must be 'home' and is unknown"
         ):
             ran.result(timeout=5)
 
 
-def test_early_work_lets_no_state_begin_that_would_not_begin_without() -> None:
+def test_state_cannot_start_on_facts_of_wasted_early_work() -> None:
     with play(fork(arm("box B", undo=HOME), opened(arm="box B")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         with pytest.raises(
             TaskFailed, match="'taken 1' can't begin: 'arm' must be 'box B' and is 'home'"
         ):
             ran.result(timeout=5)
-        assert run.happened()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
+        assert run.event_lines()[-2:] == ["8 -> taken 1 (done)", "8 arm to box B: wasted"]
 
 
-def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> None:
-    """The way past the arm is unlikely. Taken at the last moment it is as without a preview: the
+def test_early_work_is_not_kept_when_its_needs_are_unmet() -> None:
+    """The path that skips the arm is unlikely, but taken at the last moment. Without a preview the
     arm is not there.
     """
     with Coordination("past", facts=FACTS) as machine:
@@ -160,12 +165,12 @@ def test_early_work_is_not_kept_where_its_state_would_not_begin_without() -> Non
         run.box_b(0.0)
         ran = run.begin()
         run.central.advance(30)
-        assert "3 gripper open: ahead" in run.happened()
+        assert "3 gripper open: ahead" in run.event_lines()
         with pytest.raises(TaskFailed, match="'drop' can't begin"):
             ran.result(timeout=5)
 
 
-def test_guards_see_the_facts_of_the_machine() -> None:
+def test_guards_see_facts_as_without_early_work() -> None:
     def is_home(situation: Situation) -> bool:
         return situation.facts["arm"] == "home"
 
@@ -185,7 +190,7 @@ def test_guards_see_the_facts_of_the_machine() -> None:
         assert (end_of_run.state, end_of_run.kept) == ("end", 1)
 
 
-def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
+def test_endless_cycle_of_failing_states_fails_the_run() -> None:
     with Coordination("round", facts=FACTS) as machine:
         reach, grasp = (
             machine.state("reach", arm("stuck")),
@@ -202,13 +207,13 @@ def test_a_state_that_fails_at_once_round_and_round_ends_the_run() -> None:
             ran.result(timeout=5)
 
 
-def test_what_is_left_lets_go_of_facts_first() -> None:
+def test_next_activity_waits_for_facts_that_a_left_one_needs() -> None:
     robot = Module("robot")
 
     @robot.handles(MOVE_BASE, resource="base", takes=["cancel"])
     def drive(task: Task, _: str) -> None:
         task.wait_for_request()
-        task.sleep(2)  # it takes a while to stand still
+        task.sleep(2)  # stops slowly
         raise task.aborted()
 
     @robot.handles(MOVE_ARM, resource="arm")
@@ -228,7 +233,7 @@ def test_what_is_left_lets_go_of_facts_first() -> None:
         run.begin()
         run.event("greet")
         run.central.advance(5)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 -> wave (greet)",
             "2 base to B: killed",
@@ -238,7 +243,7 @@ def test_what_is_left_lets_go_of_facts_first() -> None:
         ]
 
 
-def test_nothing_runs_on_where_somebody_takes_care_of_the_runs_failure() -> None:
+def test_recovered_run_failure_stops_early_work() -> None:
     shrug = ExceptionHandler("shrug")
     carefree = Module("carefree")
     carefree.handles(shrug)(lambda _: None)
@@ -252,11 +257,11 @@ def test_nothing_runs_on_where_somebody_takes_care_of_the_runs_failure() -> None
             run.user.on_failure(None, shrug)
             run.begin()
             run.central.advance(1)
-            assert "0 base to B: ahead" in run.happened()
+            assert "0 base to B: ahead" in run.event_lines()
             assert run.user.tasks() == []
 
 
-def test_a_report_tells_of_news_only() -> None:
+def test_coordination_report_is_sent_on_change_only() -> None:
     with play(fork(arm("box B"), arm("box C")), Discrete(2.0)) as run:
         run.box_b(1.0)
         run.begin()

@@ -1,4 +1,4 @@
-"""Likelihoods from journals of earlier runs."""
+"""Likelihoods that are learned from journals of earlier runs."""
 
 from coordination.delivery_robot import BOX_B_FREE, base, delivery, play
 
@@ -15,7 +15,7 @@ def delivered(free: float, name: str = "deliver") -> list[Entry]:
         return run.central.entries
 
 
-def test_counts_are_those_of_all_runs_of_the_machine() -> None:
+def test_transition_counts_cover_all_runs_of_one_machine() -> None:
     journals = [delivered(1.0), delivered(0.0), delivered(1.0), delivered(1.0, "another")]
     counts = count_transitions(journals, delivery().chart)
     assert counts["going to B", "done [box B is free]"] == 2

@@ -1,11 +1,11 @@
-"""Whatever the machine: the preview list is the most probable path, and early work is in nobody's
-way.
+"""For any machine, the preview is the most probable path, and early work blocks no current
+activity.
 """
 
 from collections.abc import Iterator, Sequence
 from random import Random
 
-from coordination.drawn_machines import Drawn, PlayedRun, drawn_machine
+from coordination.drawn_machines import PlayedRun, RandomAutomaton, random_automaton
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,10 +20,10 @@ from tca_behaviours.coordination import (
 from tca_wire.coordination import Foreseen
 
 
-class BlindMachine(Drawn):
-    """A machine without any likelihoods."""
+class MachineWithoutLikelihoods(RandomAutomaton):
+    """A machine without likelihoods."""
 
-    def __init__(self, machine: Drawn) -> None:
+    def __init__(self, machine: RandomAutomaton) -> None:
         super().__init__(machine.arrows, machine.activities)
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
@@ -31,7 +31,7 @@ class BlindMachine(Drawn):
 
 
 @st.composite
-def automata(draw: st.DrawFn) -> Drawn:
+def automata(draw: st.DrawFn) -> RandomAutomaton:
     """Up to six states with up to three arrows each. Likelihoods are eighths, whose products are
     exact, and often equal."""
     number = draw(st.integers(1, 6))
@@ -44,7 +44,7 @@ def automata(draw: st.DrawFn) -> Drawn:
             eighths = min(left, draw(st.sampled_from((0, 1, 2, 4, 4, 8))))
             left -= eighths
             arrows[state].append(LikelyArrow(str(place), target, eighths / 8))
-    return Drawn(arrows)
+    return RandomAutomaton(arrows)
 
 
 LIMITS = st.builds(
@@ -55,7 +55,7 @@ LIMITS = st.builds(
 )
 
 
-def is_steady(automaton: Drawn, state: int, limits: PreviewLimits) -> bool:
+def is_steady(automaton: RandomAutomaton, state: int, limits: PreviewLimits) -> bool:
     likelihoods = [arrow.likelihood for arrow in automaton.arcs(state)]
     return 1 - sum(likelihoods) >= limits.final or all(
         one <= limits.transition for one in likelihoods
@@ -63,11 +63,12 @@ def is_steady(automaton: Drawn, state: int, limits: PreviewLimits) -> bool:
 
 
 def all_paths(
-    automaton: Drawn, path: list[tuple[int, int, float]], limits: PreviewLimits
+    automaton: RandomAutomaton, path: list[tuple[int, int, float]], limits: PreviewLimits
 ) -> Iterator[list[tuple[int, int, float]]]:
-    """All paths that end in a steady state or at the horizon: states, with the arrow and likelihood
-    by which they are entered. Without a horizon none goes in a circle: that would only make it less
-    probable.
+    """All paths that end in a steady state or at the horizon: states, each with the arrow and
+    likelihood of its entry.
+
+    Without a horizon no path visits a state twice, which would only make it less probable.
     """
     state = path[-1][0]
     if is_steady(automaton, state, limits) or len(path) - 1 == limits.horizon:
@@ -89,8 +90,8 @@ def probability(path: list[tuple[int, int, float]]) -> float:
 
 
 @given(automata(), LIMITS)
-def test_the_list_is_what_a_search_of_all_paths_finds(
-    automaton: Drawn, limits: PreviewLimits
+def test_preview_agrees_with_a_search_of_all_paths(
+    automaton: RandomAutomaton, limits: PreviewLimits
 ) -> None:
     paths = list(all_paths(automaton, [(0, 0, 1.0)], limits))
     if not paths:
@@ -105,8 +106,8 @@ def test_the_list_is_what_a_search_of_all_paths_finds(
 
 
 @given(automata(), LIMITS)
-def test_a_list_without_an_end_stops_before_a_state_comes_again(
-    automaton: Drawn, limits: PreviewLimits
+def test_preview_without_horizon_repeats_no_state(
+    automaton: RandomAutomaton, limits: PreviewLimits
 ) -> None:
     found = [0, *(one.state for one in most_likely(automaton, 0, limits))]
     if limits.horizon is None:
@@ -119,20 +120,25 @@ def test_a_list_without_an_end_stops_before_a_state_comes_again(
     st.integers(0, 2**32),
     st.sampled_from((Discrete(0.0, progress_only), Discrete(0.3), Continuous(-0.5, 0.1))),
 )
-def test_early_work_is_in_nobodys_way(seed: int, policy: Discrete | Continuous) -> None:
+def test_early_work_never_blocks_the_current_activity(
+    seed: int, policy: Discrete | Continuous
+) -> None:
     random = Random(seed)
     run = PlayedRun(
-        drawn_machine(random), policy, random, PreviewLimits(0.6, horizon=random.choice((None, 4)))
+        random_automaton(random),
+        policy,
+        random,
+        PreviewLimits(0.6, horizon=random.choice((None, 4))),
     )
     for _ in range(60):
         run.step()
 
 
-def test_such_runs_start_keep_and_restore() -> None:
+def test_played_runs_start_keep_and_restore_early_work() -> None:
     started = kept = restored = 0
     for seed in range(120):
         random = Random(seed)
-        run = PlayedRun(drawn_machine(random), Discrete(0.0, progress_only), random)
+        run = PlayedRun(random_automaton(random), Discrete(0.0, progress_only), random)
         for _ in range(60):
             run.step()
         started, kept, restored = started + run.started, kept + run.kept, restored + run.restored
@@ -140,9 +146,11 @@ def test_such_runs_start_keep_and_restore() -> None:
 
 
 @given(st.integers(0, 2**32))
-def test_without_likelihoods_nothing_ever_starts(seed: int) -> None:
+def test_no_early_work_starts_without_likelihoods(seed: int) -> None:
     random = Random(seed)
-    run = PlayedRun(BlindMachine(drawn_machine(random)), Discrete(-1.0, progress_only), random)
+    run = PlayedRun(
+        MachineWithoutLikelihoods(random_automaton(random)), Discrete(-1.0, progress_only), random
+    )
     for _ in range(30):
         run.step()
     assert run.started == 0

@@ -1,6 +1,4 @@
-"""Runs with a preview: what is done ahead, kept, dropped and undone; told as stories on a stepped
-clock.
-"""
+"""Runs with a preview, on a stepped clock: early work is started, kept, dropped and undone."""
 
 import re
 from typing import Any
@@ -40,7 +38,7 @@ from tca_module import Command, ExceptionHandler, Module, Outcome, Task, TaskFai
 
 
 def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coordination:
-    """The base goes to B; then one activity follows if box B is free, and else the other one."""
+    """The base drives to B; then one activity follows if box B is free, and otherwise another."""
     with Coordination("fork", facts=AT_HOME) as machine:
         to_b = machine.state("to B", first or base("B"))
         if_free, if_taken = machine.state("free", free), machine.state("taken", taken)
@@ -53,10 +51,10 @@ def fork(free: Activity, taken: Activity, first: Activity | None = None) -> Coor
     return machine
 
 
-def test_the_arm_moves_while_the_base_drives() -> None:
+def test_arm_moves_early_while_the_base_drives() -> None:
     with play(delivery()) as run:
         ran = run.start("object given", seconds=30)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 -> going to B (object given)",
             "0 base to B: current",
             "2 arm to box B: ahead",
@@ -79,10 +77,10 @@ def test_the_arm_moves_while_the_base_drives() -> None:
         assert (end.state, end.transitions, end.kept, end.wasted) == ("end", 6, 1, 0)
 
 
-def test_without_a_policy_nothing_is_ahead() -> None:
+def test_no_early_work_starts_without_a_policy() -> None:
     with play(delivery(), None) as run:
         ran = run.start("object given", seconds=30)
-        assert [line for line in run.happened() if line.startswith(("8 ", "11 "))] == [
+        assert [line for line in run.event_lines() if line.startswith(("8 ", "11 "))] == [
             "8 base to B: done",
             "8 -> arm to box B (done [box B is free])",
             "8 arm to box B: current",
@@ -93,10 +91,10 @@ def test_without_a_policy_nothing_is_ahead() -> None:
         assert ran.result(timeout=5).kept == 0
 
 
-def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
+def test_changed_observation_replaces_early_work() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken("object given", seconds=1, later=40)
-        assert run.happened()[:13] == [
+        ran = run.start_with_wrong_prediction("object given", seconds=1, later=40)
+        assert run.event_lines()[:13] == [
             "0 -> going to B (object given)",
             "0 base to B: current",
             "0 arm to box B: ahead",
@@ -115,11 +113,11 @@ def test_a_box_that_is_taken_on_the_way_replaces_what_is_ahead() -> None:
         assert (end.kept, end.wasted) == (1, 1)
 
 
-def test_what_a_state_needs_as_it_was_is_undone() -> None:
+def test_early_work_is_undone_for_a_state_needing_the_old_fact() -> None:
     ahead = arm("box B", undo=HOME)
     with play(fork(ahead, opened(arm="home")), AS_SOON_AS_LIKELY) as run:
-        ran = run.start_mistaken()
-        assert run.happened() == [
+        ran = run.start_with_wrong_prediction()
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to box B: ahead",
             "3 arm to box B: done",
@@ -135,9 +133,9 @@ def test_what_a_state_needs_as_it_was_is_undone() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
-def test_each_visitor_is_greeted() -> None:
-    """The first one has gone before the robot comes to the door. What was said then is not for the
-    second one.
+def test_early_greeting_is_not_reused_for_the_next_visitor() -> None:
+    """The first visitor has left before the robot reaches the door. The early greeting must not
+    count for the second visitor.
     """
     seen = Perceived(BOX_B_FREE)
     with Coordination("patrol", facts={"base": "A"}) as machine:
@@ -162,7 +160,7 @@ def test_each_visitor_is_greeted() -> None:
         run.box_b(1.0)
         run.central.advance(30)
         run.event("stop")
-        assert [line for line in run.happened() if "hello" in line or "greet" in line] == [
+        assert [line for line in run.event_lines() if "hello" in line or "greet" in line] == [
             "0 gripper hello: ahead",
             "1 gripper hello: done",
             "8 gripper hello: wasted",
@@ -175,7 +173,7 @@ def test_each_visitor_is_greeted() -> None:
         assert (end.kept, end.wasted) == (1, 1)
 
 
-def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_failed_undo_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     robot = make_driving_base()
 
     @robot.handles(MOVE_ARM, resource="arm")
@@ -184,12 +182,12 @@ def test_an_undo_that_fails_is_told(caplog: pytest.LogCaptureFixture) -> None:
             raise STUCK(0.5, "jammed")
 
     with play(fork(arm("box B", undo=HOME), base("C")), AS_SOON_AS_LIKELY, robot) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         assert ran.result(timeout=5).wasted == 1
     assert "did not undo wasted early work" in caplog.text
 
 
-def test_others_come_before_an_early_task_in_a_queue() -> None:
+def test_early_task_queues_behind_other_tasks() -> None:
     robot, places = make_driving_base(), list[str]()
 
     @robot.handles(MOVE_ARM, resource="arm")
@@ -206,13 +204,13 @@ def test_others_come_before_an_early_task_in_a_queue() -> None:
     assert places == ["look around", "box B"]
 
 
-def test_what_cannot_be_undone_is_not_begun() -> None:
+def test_work_without_undo_waits_for_its_state() -> None:
     with play(fork(arm("box B"), opened(arm="home")), AS_SOON_AS_LIKELY) as run:
         run.start(seconds=20)
-        assert "8 arm to box B: current" in run.happened()
+        assert "8 arm to box B: current" in run.event_lines()
 
 
-def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
+def test_slow_early_task_gets_full_speed_on_state_entry() -> None:
     robot = Module("robot")
     speeds: list[tuple[float, str]] = []
 
@@ -236,16 +234,16 @@ def test_a_slow_task_gets_full_speed_when_its_state_is_entered() -> None:
     assert speeds == [(4.0, "at 0.5"), (8.0, "full speed")]
 
 
-def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
+def test_agent_with_capacity_two_ranks_its_tasks() -> None:
     robot = make_driving_base()
-    told: list[tuple[float, str]] = []
+    records: list[tuple[float, str]] = []
     robot.resource("arms", capacity=2)
 
     @robot.handles(MOVE_ARM, resource="arms", takes=["update"])
     def solve(task: Task, weight: str) -> None:
-        told.append((task.time(), weight))
+        records.append((task.time(), weight))
         while request := task.wait_for_request(20):
-            told.append((task.time(), request.goal))
+            records.append((task.time(), request.goal))
             request.accept()
 
     solver = Agent("solver", tasks=2)
@@ -263,7 +261,7 @@ def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
     with play(machine, AS_SOON_AS_LIKELY, robot) as run:
         run.begin()
         run.central.advance(60)
-    assert sorted(told) == [
+    assert sorted(records) == [
         (0.0, "hold 2"),
         (0.0, "look 1"),
         (8.0, "hold 1"),
@@ -271,8 +269,8 @@ def test_an_agent_of_two_places_weighs_its_tasks_by_rank() -> None:
     ]
 
 
-def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
-    """They divide by zero, or give what is no number. Each is told once, and the arm does not move
+def test_failing_preview_function_does_not_end_the_run(caplog: pytest.LogCaptureFixture) -> None:
+    """They raise, or return no number. Each failure is logged once, and the arm does not move
     early.
     """
 
@@ -313,8 +311,10 @@ def test_no_function_of_a_preview_ends_a_run(caplog: pytest.LogCaptureFixture) -
         )
 
 
-def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixture) -> None:
-    """It raises, or gives what is no number. That is told once, and counts only if the state is
+def test_invalid_progress_of_early_task_does_not_end_the_run(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """It raises, or returns no number. The error is logged once, and counts only once the state is
     entered.
     """
 
@@ -324,22 +324,22 @@ def test_no_progress_of_an_early_task_ends_a_run(caplog: pytest.LogCaptureFixtur
     for progress in (unread, lambda _: "half way"):
         caplog.clear()
         with play(fork(arm("box B", progress=progress, undo=HOME), base("C"))) as run:
-            ran = run.start_mistaken(seconds=5.2)
+            ran = run.start_with_wrong_prediction(seconds=5.2)
             end = ran.result(timeout=5)
             assert (end.state, end.wasted) == ("end", 1)
-        told = [one.message for one in caplog.records if one.name == "tca.coordinator"]
-        assert len(told) == 1
-        assert 'the progress of Activity(arm to "box B") does not change: ' in told[0]
+        records = [one.message for one in caplog.records if one.name == "tca.coordinator"]
+        assert len(records) == 1
+        assert 'the progress of Activity(arm to "box B") does not change: ' in records[0]
 
 
-def test_a_progress_of_the_current_task_that_fails_ends_a_run() -> None:
+def test_invalid_progress_of_current_task_fails_the_run() -> None:
     with play(fork(arm("box B", progress=lambda _: "half way"), base("C")), Discrete(2.0)) as run:
         ran = run.start(seconds=30)
         with pytest.raises(TaskFailed, match="could not convert string to float"):
             ran.result(timeout=5)
 
 
-def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
+def test_undo_task_may_report_any_progress_type() -> None:
     unfold = Command("unfold", progress=str)
     robot = make_driving_base()
 
@@ -358,21 +358,21 @@ def test_what_undoes_early_work_may_tell_its_progress_in_its_own_way() -> None:
     with play(
         fork(arm("box B", undo=Do(unfold, None, ARM)), opened(arm="home")), AS_SOON_AS_LIKELY, robot
     ) as run:
-        ran = run.start_mistaken()
+        ran = run.start_with_wrong_prediction()
         assert ran.result(timeout=5).wasted == 1
 
 
 class Odd(Policy):
-    """Its shares are none."""
+    """A policy whose shares are out of range."""
 
     def wanted(self, utility: float) -> float:
         return 7.0
 
 
-def test_a_failure_ahead_is_none_of_the_run() -> None:
+def test_failure_of_early_work_does_not_fail_the_run() -> None:
     with play(fork(arm("stuck"), arm("home")), AS_SOON_AS_LIKELY) as run:
         ran = run.start(seconds=20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to stuck: ahead",
             "0.5 arm to stuck: failed",
@@ -389,7 +389,7 @@ def test_a_failure_ahead_is_none_of_the_run() -> None:
         assert ran.result(timeout=5).wasted == 1
 
 
-def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
+def test_exception_handler_can_retry_an_early_task() -> None:
     around = ExceptionHandler("go around", float)
     expert = Module("expert")
 
@@ -402,7 +402,7 @@ def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
         with expert.running():
             run.user.on_failure(STUCK, around, of=MOVE_ARM)
             ran = run.start(seconds=20)
-            assert run.happened()[2:] == [
+            assert run.event_lines()[2:] == [
                 "0.5 arm to stuck: failed",
                 "8 base to B: done",
                 "8 -> free (done [box B is free])",
@@ -412,7 +412,7 @@ def test_an_exception_handler_lets_a_task_try_again_ahead() -> None:
             assert ran.result(timeout=5).kept == 1
 
 
-def test_a_kill_ends_all_that_runs() -> None:
+def test_kill_of_the_run_ends_all_its_tasks() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         ran = run.start("object given", seconds=1)
         ran.kill("enough")
@@ -421,7 +421,7 @@ def test_a_kill_ends_all_that_runs() -> None:
         assert run.user.tasks() == []
 
 
-def test_a_suspended_run_starts_nothing() -> None:
+def test_suspended_run_starts_no_task() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         run.box_b(0.0)
         ran = run.begin()
@@ -429,13 +429,13 @@ def test_a_suspended_run_starts_nothing() -> None:
         run.event("object given")
         run.box_b(1.0)
         run.central.advance(20)
-        assert [line for line in run.happened() if line.endswith("done")] == []
+        assert [line for line in run.event_lines() if line.endswith("done")] == []
         ran.resume()
         run.central.advance(30)
         assert ran.wait(timeout=5) is Outcome.DONE
 
 
-def test_the_end_of_the_module_ends_all_that_runs() -> None:
+def test_module_stop_ends_all_tasks_of_the_run() -> None:
     with play(delivery(), AS_SOON_AS_LIKELY) as run:
         run.box_b(1.0)
         with connect("another", run.central) as other:
@@ -453,7 +453,7 @@ def test_the_end_of_the_module_ends_all_that_runs() -> None:
             assert other.tasks() == []
 
 
-def test_work_ahead_inside_a_compound() -> None:
+def test_early_work_inside_a_compound_is_kept_or_wasted() -> None:
     with Coordination("tour", facts=AT_HOME) as machine:
         with machine.compound("fetching") as fetching:
             to_b = machine.state("to B", base("B"))
@@ -471,7 +471,7 @@ def test_work_ahead_inside_a_compound() -> None:
     with play(machine, AS_SOON_AS_LIKELY) as run:
         ran = run.begin()
         run.central.advance(20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to shelf: ahead",
             "3 arm to shelf: done",
@@ -490,7 +490,7 @@ def test_work_ahead_inside_a_compound() -> None:
         run.central.advance(1)
         run.event("forget it")
         run.central.advance(20)
-        assert run.happened() == [
+        assert run.event_lines() == [
             "0 base to B: current",
             "0 arm to shelf: ahead",
             "1 base to B: killed",
@@ -503,8 +503,8 @@ def test_work_ahead_inside_a_compound() -> None:
         ]
 
 
-def test_the_likely_way_round_again() -> None:
-    """A loop: what is ahead once may be ahead the next time, too."""
+def test_early_work_repeats_in_each_round_of_a_loop() -> None:
+    """In a loop, the same activity may start early in each round."""
     with Coordination("rounds", facts=AT_HOME) as machine:
         there = machine.state("there", base("B"))
         grasp = machine.state("grasp", arm("down"))
@@ -526,7 +526,7 @@ def test_the_likely_way_round_again() -> None:
         run.central.advance(40)
         run.event("enough")
         assert [
-            line for line in run.happened() if not line.endswith(("done", "done)", "current"))
+            line for line in run.event_lines() if not line.endswith(("done", "done)", "current"))
         ] == [
             "0 arm to down: ahead",
             "8 arm to down: kept",

@@ -1,5 +1,6 @@
-"""Random machines: what python-statemachine does with events is what the flat automaton foresees,
-and that one is a deterministic probabilistic automaton (definition 1 of the paper).
+"""Random machines: python-statemachine handles events as the flat automaton predicts.
+
+The automaton is a deterministic probabilistic automaton (definition 1 of the paper).
 """
 
 from itertools import combinations
@@ -32,13 +33,13 @@ MOST_ARE_REFUSED = settings(
 LABELS = [f"s{number}" for number in range(9)]
 EVENTS = ["done", "failed", "go", "go on"]
 GUARDS = ["g0", "g1"]
-"""A guard is a fact that holds."""
+"""Each guard is a fact of this name."""
 
 
-def write(
+def write_states(
     machine: Coordination, data: st.DataObject, labels: list[str], depth: int
 ) -> list[AuthoredState]:
-    """Some states, inside one another."""
+    """Write some nested states."""
     made: list[AuthoredState] = []
     for number in range(data.draw(st.integers(2, 4))):
         if not labels:
@@ -55,7 +56,7 @@ def write(
                 made.append(machine.final(label))
             case "compound":
                 with machine.compound(label) as compound:
-                    made += [compound, *write(machine, data, labels, depth + 1)]
+                    made += [compound, *write_states(machine, data, labels, depth + 1)]
             case kind:
                 made.append(
                     machine.state(label, Activity(Do(MOVE)) if kind == "activity" else None)
@@ -64,7 +65,7 @@ def write(
 
 
 def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
-    """To each state a way that keeps the machine sound, and some more that may not."""
+    """Give each state arrows that keep the machine sound, and some that may not."""
     for state in states:
         if state.kind is StateKind.FINAL:
             continue
@@ -88,17 +89,17 @@ def write_arrows(states: list[AuthoredState], data: st.DataObject) -> None:
                 state.to(target, event, when=when, likelihood=likelihood, guard_name=guard or "")
 
 
-def drawn(data: st.DataObject) -> Coordination:
-    """A machine that is not refused."""
+def random_sound_machine(data: st.DataObject) -> Coordination:
+    """A random sound machine."""
     try:
         with Coordination("random") as machine:
-            write_arrows(write(machine, data, list(reversed(LABELS)), 0), data)
+            write_arrows(write_states(machine, data, list(reversed(LABELS)), 0), data)
     except UnsoundMachine:
         assume(False)
     return machine
 
 
-def foreseen(
+def expected_arrows(
     machine: Coordination, leaf: int, event: str, facts: dict[str, Any]
 ) -> list[TakenArrow]:
     """The arrows of the automaton that an event takes."""
@@ -118,8 +119,8 @@ def foreseen(
 
 @MOST_ARE_REFUSED
 @given(st.data())
-def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None:
-    machine = drawn(data)
+def test_machine_follows_its_automaton(data: st.DataObject) -> None:
+    machine = random_sound_machine(data)
     check_definition(machine, machine.automaton(Situation()))
     run = machine.interpreter()
     for event in data.draw(st.lists(st.sampled_from(EVENTS), max_size=8)):
@@ -128,7 +129,7 @@ def test_a_machine_does_what_its_automaton_foresees(data: st.DataObject) -> None
     assert run.current == machine.automaton(Situation()).initial
     for event in data.draw(st.lists(st.sampled_from(EVENTS), min_size=8, max_size=20)):
         facts = {guard: data.draw(st.booleans()) for guard in GUARDS}
-        expected = foreseen(machine, run.current, event, facts)
+        expected = expected_arrows(machine, run.current, event, facts)
         assert run.take(event, Situation("", facts)) == expected
         assert run.current == (expected[-1].after if expected else run.current)
         assert machine.states[run.current].kind in (StateKind.ACTIVITY, StateKind.WAIT)

@@ -1,4 +1,4 @@
-"""Random machines: what they do ahead never stands in the way of what they do."""
+"""Random machines: early work never blocks the current activity."""
 
 import re
 from random import Random
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import pytest
 from coordination.conditions import check_conditions
 from coordination.executions import check_executions
-from coordination.random_machines import FREE, befall, random_machine, random_round, run_of
+from coordination.random_machines import FREE, disturb, random_machine, random_round, run_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling import lives
@@ -17,19 +17,19 @@ from tca_wire.coordination import read_report
 from tca_wire.journal.facts import Entry, StateChanged
 
 EAGER = Discrete(0.5, utility=lambda _: 1.0)
-"""Whatever is foreseen starts."""
+"""Starts every foreseen activity."""
 SEEDS = st.integers(0, 10**6)
 
 
-class Life(NamedTuple):
-    """A run and what befell it, without its end."""
+class SimulatedRun(NamedTuple):
+    """A run with its random events, without its end."""
 
     transcript: str
     entries: list[Entry]
 
     @property
     def path(self) -> list[str]:
-        """Its transitions."""
+        """The transitions."""
         facts = [
             fact for entry in self.entries for fact in entry.facts if isinstance(fact, StateChanged)
         ]
@@ -37,61 +37,64 @@ class Life(NamedTuple):
         return [f"{report.before} {report.taken} {report.current}" for report in reports]
 
 
-def lived(machine: Coordination, policy: Policy | None, seed: int, acts: int = 25) -> Life:
-    """*acts*: how often something may happen around the robot."""
+def simulate(
+    machine: Coordination, policy: Policy | None, seed: int, acts: int = 25
+) -> SimulatedRun:
+    """Run a machine on a robot with at most *acts* random events."""
     random = Random(seed)
     with run_of(machine, policy) as run:
         if random.random() < 0.8:
             run.user.set_variable(FREE, random.choice([0.0, 0.5, 1.0]))
             run.central.until_quiet()
         run.begin()
-        befall(random, run, acts)
+        disturb(random, run, acts)
         run.central.advance(200 if not acts else 0)
-        return Life(run.central.transcript(), run.central.entries[:])
+        return SimulatedRun(run.central.transcript(), run.central.entries[:])
 
 
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_where_nothing_is_likely_a_run_is_that_of_the_plain_machine(seed: int) -> None:
+def test_run_without_likelihoods_equals_a_plain_run(seed: int) -> None:
     machine = random_machine(Random(seed), unlikely=True)
-    ahead, plain = lived(machine, EAGER, seed).transcript, lived(machine, None, seed).transcript
+    ahead, plain = (
+        simulate(machine, EAGER, seed).transcript,
+        simulate(machine, None, seed).transcript,
+    )
     assert re.sub(r'"refused": \[[^]]*\]', '"refused": []', ahead) == plain
 
 
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_nothing_ahead_violates_a_condition_of_the_current_activity(seed: int) -> None:
+def test_early_work_keeps_conditions_of_the_current_activity(seed: int) -> None:
     machine = random_machine(Random(seed))
-    check_conditions(machine, lived(machine, EAGER, seed).entries)
+    check_conditions(machine, simulate(machine, EAGER, seed).entries)
 
 
 @pytest.mark.soak
 @settings(max_examples=lives(5, soak=200))
 @given(SEEDS)
-def test_a_machine_goes_the_way_that_it_goes_without_a_preview(seed: int) -> None:
+def test_preview_does_not_change_the_path_of_the_machine(seed: int) -> None:
     machine = random_machine(Random(seed))
-    ahead, plain = (lived(machine, policy, seed, acts=0).path for policy in (EAGER, None))
+    ahead, plain = (simulate(machine, policy, seed, acts=0).path for policy in (EAGER, None))
     both = min(len(ahead), len(plain))
     assert ahead[:both] == plain[:both]
-    assert (
-        len(ahead) >= len(plain) // 2
-    )  # wrong predictions may cost time, again and again, but it stands nowhere still
+    assert len(ahead) >= len(plain) // 2  # wrong predictions may cost time, but never stall the run
 
 
 @pytest.mark.soak
 @settings(max_examples=lives(7, soak=200))
 @given(SEEDS)
-def test_each_visit_to_a_state_has_an_execution_of_its_own(seed: int) -> None:
+def test_each_state_visit_has_its_own_execution(seed: int) -> None:
     machine = random_round(Random(seed))
-    check_executions(machine, lived(machine, EAGER, seed).entries)
+    check_executions(machine, simulate(machine, EAGER, seed).entries)
 
 
 @pytest.mark.soak
-def test_such_executions_often_begin_ahead() -> None:
+def test_random_rounds_often_start_executions_early() -> None:
     rounds = [(random_round(Random(seed)), seed) for seed in range(8)]
     assert (
         sum(
-            check_executions(machine, lived(machine, EAGER, seed).entries)
+            check_executions(machine, simulate(machine, EAGER, seed).entries)
             for machine, seed in rounds
         )
         > 8

@@ -1,4 +1,4 @@
-"""A machine that can't be run is refused when it is built, in one line that says what to do."""
+"""An unsound machine is rejected when it is built, with one line that says how to repair it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -162,18 +162,18 @@ def _circle(m: Coordination) -> None:
     m.state("d", needing({"z": 1}, {"x": 1})).to("a")
 
 
-def test_an_unsound_machine_is_refused(approve: Callable[..., None]) -> None:
-    def tell(write: str) -> str:
+def test_unsound_machine_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
+    def message_of(write: str) -> str:
         machine = Coordination("m")
         with pytest.raises(UnsoundMachine) as refused, machine:
             eval(write)(machine)
         return str(refused.value)
 
-    approve("unsound_machines.txt", tell)
+    approve("unsound_machines.txt", message_of)
 
 
-def test_misuse_is_refused(approve: Callable[..., None]) -> None:
-    def tell(case: str) -> str:
+def test_coordination_misuse_is_rejected_with_its_reason(approve: Callable[..., None]) -> None:
+    def message_of(case: str) -> str:
         machine = Coordination("m")
         with pytest.raises((MisuseError, BadData)) as refused, machine:
             eval(
@@ -187,4 +187,4 @@ def test_misuse_is_refused(approve: Callable[..., None]) -> None:
             )
         return str(refused.value)
 
-    approve("misuses.txt", tell)
+    approve("misuses.txt", message_of)

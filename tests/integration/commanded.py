@@ -1,5 +1,5 @@
-"""The robot that the commands of the command line are tried on: its messages; and how a command is
-run.
+"""Messages of the robot on which the tests try commands of the command line, and a runner for
+commands.
 """
 
 from dataclasses import dataclass

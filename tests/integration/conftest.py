@@ -1,4 +1,4 @@
-"""A central, somebody who talks to it, and a robot for the commands of the command line."""
+"""A central, a client of it, and a robot for commands of the command line."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,7 +30,7 @@ def user(address: str) -> Iterator[Client]:
 
 @pytest.fixture
 def robot(address: str) -> Iterator[list[str]]:
-    """A robot; what it heard."""
+    """Run a robot; the list receives each inform and broadcast that it handled."""
     robot, other, heard = Module("robot", address), Module("other", address), list[str]()
 
     @robot.handles(WALK)
@@ -52,8 +52,6 @@ def robot(address: str) -> Iterator[list[str]]:
 
 @pytest.fixture
 def find_central(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For commands of the tests' own process, which are more patient than people are: the machine
-    may be busy.
-    """
+    """Point commands run in this process at the central, with a longer patience for a busy machine."""
     monkeypatch.setenv("TCA_CENTRAL", address)
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 20.0)

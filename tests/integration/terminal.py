@@ -1,4 +1,4 @@
-"""A command in a terminal of its own, which tests read and type into."""
+"""A command in its own pseudo-terminal, which tests read and type into."""
 
 import fcntl
 import os
@@ -16,14 +16,14 @@ SOON = 60.0
 
 
 class Terminal:
-    """A command, the terminal that it runs in, and what was *seen* there and not yet looked at."""
+    """A command and its terminal; *unread* is output that no call has matched yet."""
 
     def __init__(self, command: Sequence[str], **environment: str) -> None:
         self.master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 200, 0, 0))
-        self.before = termios.tcgetattr(slave)
+        self.saved_settings = termios.tcgetattr(slave)
         self.slave = slave
-        self.seen = ""
+        self.unread = ""
         self.process = subprocess.Popen(
             command,
             stdin=slave,
@@ -35,42 +35,44 @@ class Terminal:
         )
 
     def shows(self, pattern: str) -> str:
-        """Read on until *pattern* is on the screen; what it matched. Forgets what came before."""
+        """Wait until *pattern* appears in the output. Returns the match and drops the output before
+        it.
+        """
         end = time.monotonic() + SOON
-        while not (found := re.search(pattern, self.seen)):
-            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.seen[-4000:]}"
-            assert self.process.poll() is None, self.seen[-4000:]
+        while not (found := re.search(pattern, self.unread)):
+            assert time.monotonic() < end, f"{pattern!r} is not in:\n{self.unread[-4000:]}"
+            assert self.process.poll() is None, self.unread[-4000:]
             if select.select([self.master], [], [], 0.1)[0]:
-                self.seen += re.sub(
+                self.unread += re.sub(
                     r"\x1b\[[0-9;?]*[a-zA-Z]",
                     "",
                     os.read(self.master, 65536).decode(errors="replace"),
                 )
-        self.seen = self.seen[found.end() :]
+        self.unread = self.unread[found.end() :]
         return found[0]
 
     def type(self, keys: bytes) -> None:
         os.write(self.master, keys)
 
     def vanish(self) -> None:
-        """Go away, as a window that is closed."""
+        """Disconnect the terminal, as a closed window does."""
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, self.master)
         os.close(null)
 
     def ends(self) -> int:
-        """The exit code; the terminal must be as it was."""
+        """Wait for the exit code, and check that the terminal settings are restored."""
         end = time.monotonic() + SOON
         while self.process.poll() is None and time.monotonic() < end:
             if select.select([self.master], [], [], 0.1)[0]:
                 os.read(self.master, 65536)
-        assert termios.tcgetattr(self.slave) == self.before
+        assert termios.tcgetattr(self.slave) == self.saved_settings
         return self.process.wait(0)
 
 
 @contextmanager
 def terminal(command: Sequence[str], **environment: str) -> Iterator[Terminal]:
-    """A command in a terminal; it is killed at the end of the block, if it has not ended."""
+    """Run a command in a terminal, and kill it at the end of the block if it still runs."""
     shown = Terminal(command, **environment)
     try:
         yield shown

@@ -1,6 +1,4 @@
-"""A quick handler has messages ahead, over real sockets: all are handled once, in order, and nobody
-gets in between.
-"""
+"""Prefetched messages over real sockets: each is handled once, in order, and never inside a lock."""
 
 import queue
 import threading
@@ -15,7 +13,7 @@ from tca_module.link import turns
 from tca_wire.journal.facts import Delivered, Granted, Received, RequestRefused, Returned
 
 pytestmark = pytest.mark.slow
-MANY = 1000
+COUNT = 1000
 NOTE, HEARD = Inform("note", int), Query("heard", reply=list[int])
 HOLD, ASK_BACK = Inform("hold"), Query("ask back", reply=int)
 DOUBLE, REST = Query("double", int, reply=int), Query("rest", reply=bool)
@@ -26,7 +24,7 @@ class Quick:
 
     def __init__(self, address: str) -> None:
         self.heard: list[int] = []
-        self.most = 0  #: messages that were ahead
+        self.most_prefetched = 0  #: the most prefetched messages seen
         self.module = Module("quick", address)
         self.module.handles(NOTE, resource="ear")(self.note)
         self.module.handles(HEARD, resource="ear")(lambda _: self.heard)
@@ -34,18 +32,18 @@ class Quick:
         self.module.handles(REST, resource="ear")(self.rest)
 
     def note(self, task: Task, number: int) -> None:
-        self.look(task)
+        self.record_prefetched(task)
         self.heard.append(number)
 
     def double(self, task: Task, number: int) -> int:
-        self.look(task)
+        self.record_prefetched(task)
         return 2 * number
 
-    def look(self, task: Task) -> None:
-        self.most = max(self.most, len(task._connection().session.prefetched))
+    def record_prefetched(self, task: Task) -> None:
+        self.most_prefetched = max(self.most_prefetched, len(task._connection().session.prefetched))
 
     def rest(self, task: Task) -> bool:
-        """With its own resource locked nothing that is ahead is begun within the wait."""
+        """Lock this handler's own resource. True if no prefetched message started inside the lock."""
         before = len(self.heard)
         with task.lock("ear"):
             return len(self.heard) == before
@@ -53,45 +51,47 @@ class Quick:
 
 @pytest.fixture
 def quick(address: str, monkeypatch: pytest.MonkeyPatch) -> Quick:
-    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # whatever else the machine does
+    monkeypatch.setattr(prefetching, "QUICK", 10.0)  # also on a busy machine
     return Quick(address)
 
 
-def test_informs_are_all_handled_in_order(quick: Quick, user: Client) -> None:
+def test_prefetched_informs_are_handled_once_in_order(quick: Quick, user: Client) -> None:
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
-        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
-    assert quick.most > 1
+        assert user.query(HEARD, timeout=SOON) == list(range(COUNT))
+    assert quick.most_prefetched > 1
 
 
-def test_queries_get_their_own_answers(quick: Quick, user: Client) -> None:
+def test_prefetched_queries_get_their_own_replies(quick: Quick, user: Client) -> None:
     with quick.module.running():
-        asked = [user.query_send(DOUBLE, number) for number in range(MANY)]
-        assert [one.receive(timeout=SOON) for one in asked] == [
-            2 * number for number in range(MANY)
+        pending = [user.query_send(DOUBLE, number) for number in range(COUNT)]
+        assert [one.receive(timeout=SOON) for one in pending] == [
+            2 * number for number in range(COUNT)
         ]
-    assert quick.most > 1
+    assert quick.most_prefetched > 1
 
 
-def test_the_handlers_own_lock_goes_before_what_is_ahead(quick: Quick, user: Client) -> None:
+def test_handler_lock_of_own_resource_delays_prefetched_messages(
+    quick: Quick, user: Client
+) -> None:
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         rests = [user.query_send(REST) for _ in range(5)]
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
         assert all(one.receive(timeout=SOON) for one in rests)
-        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * COUNT
 
 
-def test_nothing_is_handled_while_others_hold_the_lock(
+def test_prefetched_messages_are_not_handled_while_locked(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
 
     def send() -> None:
         with connect("other", daemon.address) as other:
-            for number in range(MANY):
+            for number in range(COUNT):
                 other.inform(NOTE, number)
 
     sending = threading.Thread(target=send)
@@ -104,20 +104,20 @@ def test_nothing_is_handled_while_others_hold_the_lock(
                     locker.modules()
                     assert len(quick.heard) == before
             sending.join(SOON)
-        assert user.query(HEARD, timeout=SOON) == list(range(MANY))
+        assert user.query(HEARD, timeout=SOON) == list(range(COUNT))
     facts = [
         fact for fact in daemon.facts(object) if isinstance(fact, Delivered | Returned | Granted)
     ]
     inside: set[int] = set()
     for fact in facts:
-        assert not (isinstance(fact, Granted) and inside), "granted while somebody was in it"
+        assert not (isinstance(fact, Granted) and inside), "granted while a message was handled"
         if isinstance(fact, Delivered):
             inside.add(fact.id)
         elif isinstance(fact, Returned):
             inside.discard(fact.id)
 
 
-def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Client) -> None:
+def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: Client) -> None:
     owed: list[tuple[LaterReply[bool], int]] = []
     later = Query("later", reply=bool)
 
@@ -127,10 +127,10 @@ def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Clie
         return owed[-1][0]
 
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
-        asked = [user.query_send(later) for _ in range(5)]
-        for number in range(MANY):
+        pending = [user.query_send(later) for _ in range(5)]
+        for number in range(COUNT):
             user.inform(NOTE, number)
         for number in range(5):
             while len(owed) <= number:
@@ -138,35 +138,39 @@ def test_nothing_ahead_is_begun_while_an_answer_is_owed(quick: Quick, user: Clie
             reply, before = owed[number]
             user.modules()
             reply.reply(len(quick.heard) == before)
-        assert all(one.receive(timeout=SOON) for one in asked)
-        assert len(user.query(HEARD, timeout=SOON)) == 2 * MANY
+        assert all(one.receive(timeout=SOON) for one in pending)
+        assert len(user.query(HEARD, timeout=SOON)) == 2 * COUNT
 
 
-def test_a_handler_that_hangs_keeps_no_reply_of_those_before_it(
+def test_hanging_handler_does_not_delay_earlier_replies(
     quick: Quick, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(turns, "QUICK", SOON)
-    hang, goes_on = Query("hang", reply=bool), threading.Event()
-    quick.module.handles(hang, resource="ear")(lambda _: goes_on.wait(SOON))
+    hang, may_return = Query("hang", reply=bool), threading.Event()
+    quick.module.handles(hang, resource="ear")(lambda _: may_return.wait(SOON))
     with quick.module.running():
         for _ in range(5):
-            asked = [user.query_send(DOUBLE, number) for number in range(50)]
+            pending = [user.query_send(DOUBLE, number) for number in range(50)]
             hanging = user.query_send(hang)
-            assert [one.receive(timeout=SOON / 2) for one in asked] == [
+            assert [one.receive(timeout=SOON / 2) for one in pending] == [
                 2 * number for number in range(50)
             ]
-            goes_on.set()
+            may_return.set()
             assert hanging.receive(timeout=SOON)
-            goes_on.clear()
+            may_return.clear()
 
 
-def test_what_a_handler_sends_comes_after_the_replies_of_those_before_it(
+def test_message_sent_by_prefetched_handler_is_accepted_in_order(
     quick: Quick, user: Client, daemon: RealCentral
 ) -> None:
-    echo, tell, echoes = Inform("echo", int), Inform("tell", int), Query("echoes", reply=list[int])
+    echo, forward, echoes = (
+        Inform("echo", int),
+        Inform("tell", int),
+        Query("echoes", reply=list[int]),
+    )
     echoed: list[int] = []
 
-    @quick.module.handles(tell, resource="ear")
+    @quick.module.handles(forward, resource="ear")
     def pass_on(task: Task, number: int) -> None:
         if number % 7 == 0:
             task.inform(echo, number)
@@ -174,30 +178,36 @@ def test_what_a_handler_sends_comes_after_the_replies_of_those_before_it(
     quick.module.handles(echo, resource="echo")(lambda _, number: echoed.append(number))
     quick.module.handles(echoes, resource="echo")(lambda _: echoed)
     with quick.module.running():
-        for number in range(MANY):
-            user.inform(tell, number)
+        for number in range(COUNT):
+            user.inform(forward, number)
         user.query(HEARD, timeout=SOON)
-        assert user.query(echoes, timeout=SOON) == list(range(0, MANY, 7))
-    told = {fact.id for fact in daemon.facts(Received) if fact.message == tell.name}
-    assert {fact.origin for fact in daemon.facts(Received) if fact.message == echo.name} <= told
+        assert user.query(echoes, timeout=SOON) == list(range(0, COUNT, 7))
+    forwarded_ids = {fact.id for fact in daemon.facts(Received) if fact.message == forward.name}
+    assert {
+        fact.origin for fact in daemon.facts(Received) if fact.message == echo.name
+    } <= forwarded_ids
     assert daemon.facts(RequestRefused) == []
 
 
-def test_a_module_that_leaves_loses_nothing(quick: Quick, user: Client, address: str) -> None:
-    """What it had ahead and not begun goes to the next."""
+def test_leaving_module_returns_unstarted_prefetched_messages(
+    quick: Quick, user: Client, address: str
+) -> None:
+    """Its unstarted prefetched messages go to the next module."""
     with quick.module.running():
-        for number in range(MANY):
+        for number in range(COUNT):
             user.inform(NOTE, number)
     after = Quick(address)
     with after.module.running():
         assert user.query(HEARD, timeout=SOON) == after.heard
-    assert sorted(quick.heard + after.heard) == list(range(MANY))
+    assert sorted(quick.heard + after.heard) == list(range(COUNT))
 
 
-def test_a_callback_that_waits_lets_what_is_next_be_handled(
+def test_waiting_callback_lets_its_slot_handle_messages(
     quick: Quick, user: Client, daemon: RealCentral, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Who answers it may ask the slot that it waits in."""
+    """Guards against a deadlock: the callback asks another module, which asks the slot of the
+    callback.
+    """
     monkeypatch.setattr(turns, "QUICK", 0.0)  # callbacks come between any two messages
     asker, answers, is_ready = (
         Module("asker", daemon.address),

@@ -1,4 +1,4 @@
-"""What is attached to messages and tasks: it is listed, and taken away, whoever attached it."""
+"""Exception handlers, wiretaps and monitors are listed and detached, by any module."""
 
 import json
 import re
@@ -18,7 +18,9 @@ from tca_wire.journal import facts
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
 
-def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Client) -> None:
+def test_attached_command_lists_handlers_wiretaps_and_monitors(
+    robot: list[str], user: Client
+) -> None:
     assert tca(attached) == (0, "no exception handlers, wiretaps or monitors\n", "")
     walk = user.goal(WALK, 1)
     fell = user.on_failure(FELL, FIX, of=WALK, maximum=2)
@@ -30,7 +32,7 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
         user.tap(Condition.WHILE_HANDLING, walk, LOOK, period=1.0)
         look = other.under(walk).monitor(LOOK, period=9.0)
         code, text, _ = tca(attached)
-        told = json.loads(tca(attached, "--json")[1])
+        report = json.loads(tca(attached, "--json")[1])
     fields = [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
     assert (code, fields[1][0]) == (0, str(fell.id))
     assert [words[1:] for words in fields[1:4]] == [
@@ -54,7 +56,7 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
         "message": "walk",
         "maximum": 2,
     }
-    assert told["exception_handlers"][0] == {
+    assert report["exception_handlers"][0] == {
         **first,
         "modules": ["user"],
         "gone": [],
@@ -62,7 +64,7 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
         "is_stale": False,
         "handled_by": [],
     }
-    assert [one["task"] for one in told["wiretaps"]] == [0, walk.id]
+    assert [one["task"] for one in report["wiretaps"]] == [0, walk.id]
     text = tca(attached)[1]
     assert "other script (has left), user" in text
     assert text.count("(has left)") == 2
@@ -72,27 +74,27 @@ def test_exception_handlers_and_wiretaps_are_listed(robot: list[str], user: Clie
     assert left["wiretaps"][0]["modules"] == [
         "other script",
         "user",
-    ]  # also when one of them is gone
+    ]  # also when one of them has left
 
 
-def test_of_very_many_monitors_the_first_are_listed_and_each_is_detached_by_its_number(
+def test_monitor_beyond_listing_limit_is_detached_by_number(
     robot: list[str], user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_central.status.topics.SHOWN_TASKS", 20)
     first = user.monitor(LOOK, period=1000.0)
     refs = [user.monitor(LOOK, period=1000.0) for _ in range(20)]
-    user.status("attached")  # what comes on another line might overtake the monitors
+    user.status("attached")  # a request on another connection might overtake the monitors
     text = tca(attached)[1]
-    listed = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
-    assert listed == [first.id, *(ref.id for ref in refs[:-1])]
-    assert text.endswith("only the first are listed: there are 21 monitors\n")
+    numbers = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
+    assert numbers == [first.id, *(ref.id for ref in refs[:-1])]
+    assert text.endswith("these are only the first: there are 21 monitors\n")
     assert tca(detach, "look")[2].startswith("there are 21 monitors, and central names only")
     last = refs[-1].id
     assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
     assert first.id in [one["id"] for one in user.status("attached")["monitors"]]
 
 
-def test_what_outlives_its_module_is_detached(
+def test_detach_removes_attachments_of_a_disconnected_module(
     robot: list[str], user: Client, daemon: RealCentral
 ) -> None:
     walk = user.goal(WALK, 1)
@@ -146,7 +148,7 @@ def test_what_outlives_its_module_is_detached(
     )
 
 
-# --- What a program has attached, and does not attach anew when it is started again, is marked and
+# --- attachments that a restarted program does not make again are stale -----------------------------
 
 
 _GUARD = """
@@ -167,24 +169,22 @@ guard.run()
 """
 
 
-def listed(kind: str) -> dict[str, dict[str, Any]]:
-    """What is attached of a kind, by the name of the listener or handler."""
+def attachments(kind: str) -> dict[str, dict[str, Any]]:
+    """All attachments of a kind, by the name of the listener or handler."""
     name = {"exception_handlers": "handler", "wiretaps": "listener", "monitors": "monitor"}[kind]
     return {one[name]: one for one in json.loads(tca(attached, "--json")[1])[kind]}
 
 
-def stale() -> list[str]:
+def stale_names() -> list[str]:
     return [
         name
         for kind in ("exception_handlers", "wiretaps", "monitors")
-        for name, one in listed(kind).items()
+        for name, one in attachments(kind).items()
         if one["is_stale"]
     ]
 
 
-def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_away(
-    user: Client, tmp_path: Path
-) -> None:
+def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Path) -> None:
     program = tmp_path / "guard.py"
     program.write_text(_GUARD)
     for words in (["checks"], []):
@@ -193,12 +193,12 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
                 lambda: "guard" in {one["module"] for one in user.status("modules")},
                 "the program is there",
             )
-            until(lambda: "later" in listed("wiretaps"), "it has attached something")
+            until(lambda: "later" in attachments("wiretaps"), "it has attached something")
             if not words:
-                until(stale, "the program is said to be ready")
+                until(stale_names, "the program is said to be ready")
                 text = tca(attached)[1]
-                assert stale() == ["say move"]
-                check = listed("wiretaps")["say move"]["id"]
+                assert stale_names() == ["say move"]
+                check = attachments("wiretaps")["say move"]["id"]
                 assert [
                     line.split()[0]
                     for line in text.splitlines()
@@ -206,19 +206,17 @@ def test_a_wiretap_that_an_edited_program_no_longer_makes_is_marked_and_taken_aw
                 ] == [str(check)]
                 gone = f"wiretap say move {{{check}}} of all move, which 'guard' had attached in an earlier run: detached\n"
                 assert tca(detach, "--stale") == (0, gone, "")
-                assert [*listed("wiretaps")] == ["later"]
-                assert tca(detach, "--stale") == (0, "nothing is left from earlier runs\n", "")
+                assert [*attachments("wiretaps")] == ["later"]
+                assert tca(detach, "--stale") == (0, "nothing is left of earlier runs\n", "")
             process.communicate(timeout=SOON)
         until(
             lambda: "guard" not in {one["module"] for one in user.status("modules")},
             "the program has ended",
         )
-        assert stale() == []  # a program that is not there may yet come back as it was
+        assert stale_names() == []  # an absent program may still return unchanged
 
 
-def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
-    address: str, user: Client
-) -> None:
+def test_handlers_and_monitors_of_earlier_run_are_stale(address: str, user: Client) -> None:
     first = Module("guard", address)
 
     @first.at_start
@@ -230,10 +228,10 @@ def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
     with first.running():
         pass
     second, early = Module("guard", address), list[str]()
-    second.at_start(lambda _: early.extend(stale()))
+    second.at_start(lambda _: early.extend(stale_names()))
     second.at_start(lambda guard: guard.on_failure(FELL, FIX, of=WALK))
     with second.running():
-        assert early == []  # it may attach more
+        assert early == []  # it may still attach more
         known = json.loads(tca(attached, "--json")[1])
         found = [
             (one["task"], one["message"], one["is_stale"]) for one in known["exception_handlers"]
@@ -241,45 +239,45 @@ def test_exception_handlers_and_monitors_of_an_earlier_run_are_stale_too(
         assert found == [(0, "", True), (0, "walk", False)]
         assert known["exception_handlers"][0]["earlier"] == ["guard"]
         assert known["exception_handlers"][0]["gone"] == []
-        assert listed("monitors")["look"]["is_stale"]
+        assert attachments("monitors")["look"]["is_stale"]
         code, text, _ = tca(detach, "--stale")
-        assert (code, text.count("detached"), stale()) == (0, 2, [])
+        assert (code, text.count("detached"), stale_names()) == (0, 2, [])
 
 
-def test_what_hangs_at_a_task_ends_with_it_and_is_not_stale(address: str, user: Client) -> None:
+def test_wiretap_on_one_task_is_not_stale(address: str, user: Client) -> None:
     user.goal(WALK, 1)
     with Module("guard", address).running() as guard:
         (walk,) = guard.tasks(WALK)
         guard.tap(Condition.AFTER_HANDLED, walk, LATER)
     with Module("guard", address).running():
-        assert listed("wiretaps")["later"]["earlier"] == ["guard"]
-        assert stale() == []
+        assert attachments("wiretaps")["later"]["earlier"] == ["guard"]
+        assert stale_names() == []
 
 
-def test_what_another_run_or_program_holds_is_not_stale(address: str, user: Client) -> None:
+def test_attachment_shared_with_another_module_is_not_stale(address: str, user: Client) -> None:
     user.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
     with Module("guard", address).running() as guard, Module("guard", address).running():
         guard.on_failure(FELL, FIX, of=WALK)
         guard.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
-        assert stale() == []
-        with Module("guard", address).running() as third:  # a copy attaches the same, and leaves
+        assert stale_names() == []
+        with Module("guard", address).running() as third:  # a copy attaches the same and leaves
             third.on_failure(FELL, FIX, of=WALK)
             third.tap(Condition.BEFORE_HANDLING, MOVE, SAY_MOVE)
             third.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
-        assert stale() == []
-        assert listed("wiretaps")["say move"]["modules"] == ["guard", "guard#3"]
-        assert listed("wiretaps")["later"]["earlier"] == ["guard#3"]  # the user has it, too
+        assert stale_names() == []
+        assert attachments("wiretaps")["say move"]["modules"] == ["guard", "guard#3"]
+        assert attachments("wiretaps")["later"]["earlier"] == ["guard#3"]  # shared with the user
 
 
-def test_scripts_of_one_name_leave_what_they_have_attached(address: str) -> None:
+def test_attachment_of_an_earlier_script_is_not_stale(address: str) -> None:
     with connect("script", address) as script:
         script.tap(Condition.BEFORE_HANDLING, MOVE, LATER)
     with connect("script", address) as script:
         script.declared("move")
-        assert listed("wiretaps")["later"]["gone"] == ["script"]
-        assert stale() == []
+        assert attachments("wiretaps")["later"]["gone"] == ["script"]
+        assert stale_names() == []
 
 
-def test_stale_goes_without_a_name(user: Client) -> None:
+def test_detach_rejects_stale_with_a_name_and_neither(user: Client) -> None:
     assert tca(detach, "--stale", "later")[0] == 2
     assert tca(detach)[0] == 2

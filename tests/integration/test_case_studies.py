@@ -1,5 +1,6 @@
-"""The three case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15, as
-somebody sees them who observes all tasks, and as their text tells them.
+"""The case studies of Lütkebohle et al., section 6.2: the messages of figures 13 to 15.
+
+An observer of all tasks must see the transitions that the text describes.
 """
 
 import runpy
@@ -16,40 +17,40 @@ from tca_module.testing import LocalCentral
 
 LAST = Command("last")
 EXAMPLES = Path(__file__).parents[2] / "examples"
-Told = tuple[str, int, str, str]
-"""A message, which of its tasks it is, the transition, and the module that took it."""
+Step = tuple[str, int, str, str]
+"""Message, number of its task, transition, and module that took it."""
 
 
-Play = Callable[[str], list[Told]]
+PlayExample = Callable[[str], list[Step]]
 
 
 @pytest.fixture
-def story_of(monkeypatch: pytest.MonkeyPatch) -> Play:
-    """Runs an example; all changes of states meanwhile, in central's order."""
+def play_example(monkeypatch: pytest.MonkeyPatch) -> PlayExample:
+    """Run an example; return all task transitions in central's order."""
 
-    def play(name: str) -> list[Told]:
+    def play(name: str) -> list[Step]:
         with LocalCentral() as central, connect("active memory", central) as memory:
             monkeypatch.setattr(testing, "LocalCentral", lambda: nullcontext(central))
             with memory.observe() as changes:
                 runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
                 memory.command(
                     LAST
-                ).kill()  # central's order: what came before it has been told by then
+                ).kill()  # by central's order, all earlier changes arrive before it
                 seen = list(takewhile(lambda change: change.message != LAST.name, changes))
-        return numbered(seen)
+        return number_tasks(seen)
 
     return play
 
 
-def numbered(changes: list[Change]) -> list[Told]:
-    """The changes, with the tasks of each message numbered from 1."""
+def number_tasks(changes: list[Change]) -> list[Step]:
+    """Number the tasks of each message from 1."""
     known: dict[str, list[int]] = defaultdict(list)
-    told = []
+    steps = []
     for change in changes:
         assert not change.missed
         if change.task.id not in known[change.message]:
             known[change.message].append(change.task.id)
-        told.append(
+        steps.append(
             (
                 change.message,
                 1 + known[change.message].index(change.task.id),
@@ -57,11 +58,11 @@ def numbered(changes: list[Change]) -> list[Told]:
                 change.module,
             )
         )
-    return told
+    return steps
 
 
-def of(story: list[Told], message: str, number: int = 1) -> list[str]:
-    """What happened to one task: "transition by module"."""
+def transitions_of(story: list[Step], message: str, number: int = 1) -> list[str]:
+    """The transitions of one task: "transition by module"."""
     return [
         f"{name} by {module}".removesuffix(" by ")
         for one, nth, name, module in story
@@ -69,49 +70,58 @@ def of(story: list[Told], message: str, number: int = 1) -> list[str]:
     ]
 
 
-def at(story: list[Told], message: str, number: int, transition: str) -> int:
+def index_of(story: list[Step], message: str, number: int, transition: str) -> int:
     return next(
         place for place, one in enumerate(story) if one[:3] == (message, number, transition)
     )
 
 
-def test_three_task_types_one_pattern(story_of: Play) -> None:
-    """Figure 13: the question is asked and accepted (1-5); the arm points and the voice asks, side
-    by side (7-11); another question comes and is rejected (12-16); the arm goes back and the voice
-    says thanks, side by side (18-21).
+def test_label_query_point_and_say_follow_figure_13(play_example: PlayExample) -> None:
+    """Figure 13.
+
+    The question is asked and accepted (1-5). The arm points while the voice asks (7-11). Another
+    question is rejected (12-16). The arm goes back while the voice says thanks (18-21).
     """
-    story = story_of("46_curious_robot_asks")
-    assert of(story, "label query") == [
+    story = play_example("46_curious_robot_asks")
+    assert transitions_of(story, "label query") == [
         "initiated by initiative",
         "accepted by dialog",
         "completed",
     ]
-    assert of(story, "label query", 2) == ["initiated by initiative", "rejected"]
+    assert transitions_of(story, "label query", 2) == ["initiated by initiative", "rejected"]
     for number in (1, 2):
-        assert of(story, "point", number) == ["initiated by dialog", "accepted by arm", "completed"]
-        assert of(story, "say", number) == ["initiated by dialog", "accepted by voice", "completed"]
+        assert transitions_of(story, "point", number) == [
+            "initiated by dialog",
+            "accepted by arm",
+            "completed",
+        ]
+        assert transitions_of(story, "say", number) == [
+            "initiated by dialog",
+            "accepted by voice",
+            "completed",
+        ]
     assert len(story) == 17
-    begun, done = (
-        [at(story, message, 1, transition) for message in ("point", "say")]
+    starts, done = (
+        [index_of(story, message, 1, transition) for message in ("point", "say")]
         for transition in ("initiated", "completed")
     )
-    again = [at(story, message, 2, "initiated") for message in ("point", "say")]
-    assert at(story, "label query", 1, "accepted") < min(begun)
-    assert max(begun) < min(done)  # side by side
-    assert max(done) < min(again)
-    assert at(story, "label query", 2, "rejected") < min(again)
-    assert at(story, "label query", 1, "completed") == len(story) - 1
+    second_starts = [index_of(story, message, 2, "initiated") for message in ("point", "say")]
+    assert index_of(story, "label query", 1, "accepted") < min(starts)
+    assert max(starts) < min(done)  # side by side
+    assert max(done) < min(second_starts)
+    assert index_of(story, "label query", 2, "rejected") < min(second_starts)
+    assert index_of(story, "label query", 1, "completed") == len(story) - 1
 
 
-def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
-    """Figure 14: feedback goes up from arm to coordinator to dialog; the update goes down, and its
+def test_grasp_feedback_and_updates_follow_figure_14(play_example: PlayExample) -> None:
+    """Figure 14: feedback goes up from arm to coordinator to dialog. The update goes down, and its
     acceptance up.
     """
-    story = story_of("47_curious_robot_grasps")
-    changes = of(story, "grasp")
+    story = play_example("47_curious_robot_grasps")
+    changes = transitions_of(story, "grasp")
     feedback = [
         one for one in changes if one == "result available by coordinator"
-    ]  # beside the rest: of another coroutine
+    ]  # from another coroutine, so in any order with the rest
     assert len(feedback) == 2
     assert [one for one in changes if one not in feedback] == [
         "initiated by dialog",
@@ -122,7 +132,7 @@ def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
         "reject by coordinator",
         "completed",
     ]
-    assert of(story, "reach") == [
+    assert transitions_of(story, "reach") == [
         "initiated by coordinator",
         "accepted by arm",
         "result available by arm",
@@ -134,21 +144,25 @@ def test_feedback_and_updates_of_a_grasp(story_of: Play) -> None:
         "completed",
     ]
     for transition in ("accept", "reject", "completed", "result available"):
-        assert at(story, "reach", 1, transition) < at(story, "grasp", 1, transition)
+        assert index_of(story, "reach", 1, transition) < index_of(story, "grasp", 1, transition)
     for transition in ("initiated", "update"):
-        assert at(story, "grasp", 1, transition) < at(story, "reach", 1, transition)
+        assert index_of(story, "grasp", 1, transition) < index_of(story, "reach", 1, transition)
 
 
-def test_gaze_is_added_by_observation_alone(story_of: Play) -> None:
-    """Figure 15: a question comes (1, 2), dialog accepts it (3), and gaze hears of that (4); of
-    what is rejected it does not. No message is there for gaze's sake.
+def test_gaze_follows_figure_15_without_messages_of_its_own(play_example: PlayExample) -> None:
+    """Figure 15: dialog accepts a question (1-3), and gaze observes that (4), but not a rejected
+    question. The protocol has no messages for gaze.
     """
-    story = story_of("48_curious_robot_looks")
-    assert of(story, "label query", 1) == ["initiated by initiative", "rejected"]
-    assert of(story, "label query", 2) == [
+    story = play_example("48_curious_robot_looks")
+    assert transitions_of(story, "label query", 1) == ["initiated by initiative", "rejected"]
+    assert transitions_of(story, "label query", 2) == [
         "initiated by initiative",
         "accepted by dialog",
         "completed",
     ]
-    assert of(story, "grasp") == ["initiated by initiative", "accepted by arm", "completed"]
+    assert transitions_of(story, "grasp") == [
+        "initiated by initiative",
+        "accepted by arm",
+        "completed",
+    ]
     assert {message for message, *_ in story} == {"label query", "grasp"}

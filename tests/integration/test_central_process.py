@@ -1,4 +1,4 @@
-"""The daemon as a process, as its users and its enemies meet it."""
+"""The daemon as a process: normal use, restarts, and malformed input."""
 
 import os
 import signal
@@ -81,7 +81,7 @@ MOVES_UNTIL_TERMINATED = (
 )
 
 
-def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: Path) -> None:
+def test_central_process_routes_tasks_and_reports_killed_module(tmp_path: Path) -> None:
     with central(tmp_path, bind="tcp://127.0.0.1:*") as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with (
@@ -106,7 +106,7 @@ def test_queries_commands_and_a_killed_module_through_real_processes(tmp_path: P
     ]
 
 
-def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
+def test_malformed_packets_do_not_disturb_other_clients(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         program(SQUARES, daemon.address) as squares,
@@ -121,9 +121,7 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
         future = codec.pack([(headers.Hello(1, 99, "enemy", "x"), b"")])
         send = codec.pack([(headers.Send(2, "square"), b"\xc1\xc1")])
         enemy.send(send)
-        assert enemy.poll(20_000), (
-            "what it sends before it is connected would be lost when it is closed"
-        )
+        assert enemy.poll(20_000), "frames sent before the connection would be lost on close"
         for frames in (
             [b""],
             [b"garbage"],
@@ -146,18 +144,18 @@ def test_nobody_is_disturbed_by_garbage(tmp_path: Path) -> None:
             assert user.query(SQUARE, 8) == 64
         enemy.close()
         context.term()
-        said = daemon.stop()
-    assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in said
-    assert "3 frames; a packet is one" in said
-    assert "Traceback" not in said
+        output = daemon.stop()
+    assert f"speaks protocol 99, central {headers.PROTOCOL_VERSION}: use one version" in output
+    assert "3 frames; a packet is one" in output
+    assert "Traceback" not in output
 
 
-Refused = Callable[..., str]
+StartRefused = Callable[..., str]
 
 
 @pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
-    """Tries to start a central with these options; why that is refused."""
+def start_refused(monkeypatch: pytest.MonkeyPatch) -> StartRefused:
+    """Try to start a central with some options; return the error text."""
     monkeypatch.setattr(Daemon, "serve", lambda _: pytest.fail("it has started"))
 
     def start(*options: str) -> str:
@@ -169,27 +167,29 @@ def refused(monkeypatch: pytest.MonkeyPatch) -> Refused:
     return start
 
 
-def test_a_second_central_takes_neither_address_nor_folder(
-    tmp_path: Path, refused: Refused
+def test_second_central_is_refused_address_and_journal_in_use(
+    tmp_path: Path, start_refused: StartRefused
 ) -> None:
     with central(tmp_path) as daemon:
         before = sorted(path.name for path in daemon.journal.iterdir())
-        said = refused("--bind", daemon.address, "--no-journal")
-        assert f"can't listen on {daemon.address}: another central uses it; stop it" in said
-        said = refused("--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal))
-        assert "another central writes its journal there: name another folder" in said
+        output = start_refused("--bind", daemon.address, "--no-journal")
+        assert f"can't listen on {daemon.address}: another central uses it; stop it" in output
+        output = start_refused(
+            "--bind", f"ipc://{tmp_path}/other.sock", "--journal", str(daemon.journal)
+        )
+        assert "another central writes its journal there: name another folder" in output
         assert sorted(path.name for path in daemon.journal.iterdir()) == before
         with connect("user", daemon.address) as user:
             assert user.status("status")["modules"] == 1
 
 
-def test_a_port_in_use_is_named(refused: Refused) -> None:
+def test_start_error_names_the_port_in_use(start_refused: StartRefused) -> None:
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        said = refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
-    assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in said
+        output = start_refused("--bind", f"tcp://127.0.0.1:{port}", "--no-journal", "--insecure")
+    assert f"can't listen on tcp://127.0.0.1:{port}: another program uses it" in output
 
 
 @pytest.mark.parametrize(
@@ -207,24 +207,24 @@ def test_a_port_in_use_is_named(refused: Refused) -> None:
         ),
     ],
 )
-def test_wrong_options_are_explained(
-    tmp_path: Path, refused: Refused, options: list[str], words: str
+def test_start_error_explains_invalid_option(
+    tmp_path: Path, start_refused: StartRefused, options: list[str], words: str
 ) -> None:
-    assert words in refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
+    assert words in start_refused("--bind", f"ipc://{tmp_path}/central.sock", *options)
 
 
-def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None:
-    """Each run has segments of its own in the folder. To those before nothing is written, but that
-    their run is over.
+def test_fresh_run_starts_in_folder_of_crashed_run(tmp_path: Path) -> None:
+    """Each run has its own segments in the folder. The earlier run only gains the record of its
+    end.
     """
     with central(tmp_path) as first:
         with connect("early", first.address) as user:
             user.modules()
         first.kill()
     before = {path.name: path.read_bytes() for path in first.journal.iterdir()}
-    with central(tmp_path, "--fresh") as again, connect("late", again.address) as user:
+    with central(tmp_path, "--fresh") as second, connect("late", second.address) as user:
         user.modules()
-        assert again.journal == first.journal
+        assert second.journal == first.journal
     found = {path.name: path.read_bytes() for path in first.journal.iterdir()}
     assert sorted(found) == ["00000001.tcai", "00000001.tcaj", "00000002.tcai", "00000002.tcaj"]
     assert found["00000001.tcaj"] == before["00000001.tcaj"]
@@ -242,7 +242,7 @@ def test_a_new_run_may_begin_where_a_central_has_crashed(tmp_path: Path) -> None
     assert len(links) == 1
 
 
-def test_clean_hand_overs_under_load_lose_nothing(tmp_path: Path) -> None:
+def test_tasks_survive_module_handovers_under_load(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         connect("user", daemon.address) as user,
@@ -274,7 +274,7 @@ BROKEN = """
 """
 
 
-def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
+def test_internal_error_ends_central_with_its_reason(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     address, journal = f"ipc://{tmp_path}/central.sock", tmp_path / "journal"
@@ -283,13 +283,13 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
             user.goal(WALK, 1)
             with pytest.raises(CentralLost):
                 user.get_variable(Variable("mode", int))
-        said = daemon.communicate(timeout=10)[1]
+        output = daemon.communicate(timeout=10)[1]
     assert daemon.returncode == 1
     assert "central ends: internal error: AssertionError in event" in caplog.text
-    assert "the cat is both dead and alive" in said
+    assert "the cat is both dead and alive" in output
     assert (
         "GetVariable of module 'user'; this is a bug in central, please report it with the journal"
-        in said
+        in output
     )
     log = open_log(journal)
     entries = list(log)
@@ -304,8 +304,10 @@ def test_an_error_of_its_own_ends_central_and_everybody_is_told_why(
     assert failed.why.startswith("internal error: AssertionError in event")
 
 
-def test_a_failure_is_a_line_of_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The first of its text, which says what happened, without what would steer a terminal."""
+def test_failure_is_logged_as_one_printable_line(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The log shows the first line of the failure's text, without control characters."""
     with caplog.at_level("INFO"), RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
         legs = Module("legs", daemon.address)
 
@@ -340,18 +342,18 @@ PARENT = """
 """
 
 
-def test_a_child_of_a_module_connects_anew_and_its_parent_goes_on(tmp_path: Path) -> None:
-    """ZeroMQ's threads are not forked: with its parent's context a child would wait for ever."""
+def test_forked_child_gets_a_connection_of_its_own(tmp_path: Path) -> None:
+    """ZeroMQ's threads do not survive a fork, so the child must not use its parent's context."""
     with central(tmp_path) as daemon, program(PARENT, daemon.address) as parent:
-        said, errors = parent.communicate(timeout=60)
-        assert said.splitlines() == ["child parent", "parent"], errors
+        output, errors = parent.communicate(timeout=60)
+        assert output.splitlines() == ["child parent", "parent"], errors
 
 
 WORK, UNHEARD = Command("work", int), Command("unheard of", int)
 LEVEL, HEIGHT, WHERE = Variable("level", int), Variable("height", int), Query("where", reply=int)
 
 
-def set_to(user: Client, level: int) -> int:
+def set_and_get(user: Client, level: int) -> int:
     user.set_variable(LEVEL, level)
     return user.get_variable(LEVEL)
 
@@ -365,14 +367,14 @@ CALLS: dict[str, tuple[Callable[[Client], Any], Any]] = {
     "declared": (lambda user: user.declared("work").name, "work"),
     "command": (lambda user: user.command(WORK, 2).id, 1),
     "command of another message": (lambda user: user.command(UNHEARD, 2).id, 2),
-    "set a variable": (lambda user: set_to(user, 3), 3),
+    "set a variable": (lambda user: set_and_get(user, 3), 3),
     "swap a variable": (lambda user: user.swap_variable(HEIGHT, 3), None),
     "ask": (lambda user: user.execute_if_handled(WHERE), None),
 }
 
 
-def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> None:
-    """Each call is the first one of its user."""
+def test_first_call_after_central_restart_keeps_client_state(tmp_path: Path) -> None:
+    """Each call is the first one of its client after the restart."""
     with ExitStack() as stack:
         first = stack.enter_context(central(tmp_path))
         users = {call: stack.enter_context(connect("user", first.address)) for call in CALLS}
@@ -382,5 +384,5 @@ def test_a_client_that_slept_through_a_restart_loses_nothing(tmp_path: Path) -> 
             user.set_variable(HEIGHT, 1)
         first.kill()
         stack.enter_context(central(tmp_path / "again", bind=first.address))
-        told = {call: CALLS[call][0](user) for call, user in users.items()}
-        assert told == {call: expected for call, (_, expected) in CALLS.items()}
+        found = {call: CALLS[call][0](user) for call, user in users.items()}
+        assert found == {call: expected for call, (_, expected) in CALLS.items()}

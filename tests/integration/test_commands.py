@@ -1,6 +1,4 @@
-"""The command line's hand on a running central: tasks, messages and variables, as people and
-scripts use it.
-"""
+"""Commands that change a running central: tasks, messages and variables."""
 
 import json
 import re
@@ -33,7 +31,7 @@ from tca_tools.live.tasks import kill, raise_failure, resume, retry, suspend, un
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("find_central")]
 
 
-def test_a_goal_is_sent_and_its_number_told(robot: list[str], user: Client) -> None:
+def test_send_prints_the_task_number(robot: list[str], user: Client) -> None:
     code, text, _ = tca(send, "walk", "1")
     task = user.tasks("walk")[0]
     assert (code, text) == (0, f"walk {{{task.id}}}\n")
@@ -43,23 +41,23 @@ def test_a_goal_is_sent_and_its_number_told(robot: list[str], user: Client) -> N
     )
 
 
-def test_the_end_of_a_task_is_waited_for(robot: list[str]) -> None:
+def test_send_wait_prints_the_task_result(robot: list[str]) -> None:
     code, text, _ = tca(send, "move", "leg=1", "to.x=2", "to.y=0", "--wait")
     assert code == 0
     assert text.splitlines()[1] == 'done: {"x": 2.0, "y": 0.0}'
     code, text, _ = tca(send, "move", '{"leg": 1, "to": {"x": 2, "y": 3}}', "--wait", "--json")
-    told = json.loads(text)
-    assert (code, told["outcome"], told["result"]) == (0, "done", {"x": 2.0, "y": 3.0})
+    report = json.loads(text)
+    assert (code, report["outcome"], report["result"]) == (0, "done", {"x": 2.0, "y": 3.0})
     assert tca(send, "move", "-", "--wait", given='{"leg": 1, "to": {"x": 1}}')[0] == 0
     assert tca(send, "walk", "0", "--wait")[1].endswith("}\ndone\n")
 
 
-def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) -> None:
+def test_send_wait_exits_1_when_task_fails_or_is_killed(robot: list[str], user: Client) -> None:
     code, text, error = tca(send, "walk", "--wait", "--", "-1")
     assert (code, error) == (1, f"{text.strip()} failed: fell: too\n")
     code, text, _ = tca(send, "walk", "--wait", "--json", "--", "-1")
-    told = json.loads(text)
-    assert (code, told["outcome"], told["failure"], told["data"]) == (1, "failed", "fell", -1)
+    report = json.loads(text)
+    assert (code, report["outcome"], report["failure"], report["data"]) == (1, "failed", "fell", -1)
     killed: list[tuple[int, str, str]] = []
     waiting = threading.Thread(target=lambda: killed.append(tca(send, "later", "--wait")))
     user.execute_if_handled(LATER)
@@ -72,7 +70,7 @@ def test_a_task_that_fails_or_is_killed_is_a_no(robot: list[str], user: Client) 
     assert killed[0][2].endswith(f"later {{{found[0].id}}} was killed: enough (by user)\n")
 
 
-def test_what_would_be_dropped_is_refused_and_what_was_is_told(
+def test_send_is_refused_when_the_queue_is_full(
     user: Client, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(dispatcher, "QUEUE_LIMIT", 2)
@@ -92,7 +90,7 @@ def test_what_would_be_dropped_is_refused_and_what_was_is_told(
     assert any(line.startswith("dropped 'say': 2 messages wait") for line in caplog.messages)
 
 
-def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> None:
+def test_send_timeout_leaves_the_task_running(robot: list[str], user: Client) -> None:
     code, text, error = tca(send, "walk", "1", "--timeout", "0.1")
     task = user.tasks("walk")[0].id
     assert (code, text) == (1, f"walk {{{task}}}\n")
@@ -102,7 +100,7 @@ def test_nobody_waits_longer_than_he_says(robot: list[str], user: Client) -> Non
     )
 
 
-def test_statements_have_arrived_when_the_command_ends(robot: list[str], user: Client) -> None:
+def test_send_returns_after_central_received_the_inform(robot: list[str], user: Client) -> None:
     for word, heard in (
         ("hello", "hello"),
         ("5", "5"),
@@ -111,14 +109,12 @@ def test_statements_have_arrived_when_the_command_ends(robot: list[str], user: C
         ("null", "null"),
     ):
         assert tca(send, "say", word) == (0, "", "")
-        user.query(
-            WHERE, Pose(0.0), timeout=SOON
-        )  # the robot is one thread: it has handled what came before
+        user.query(WHERE, Pose(0.0), timeout=SOON)  # one thread: all earlier messages are handled
         assert robot.pop() == heard
     assert tca(send, "tick") == (0, "", "")
 
 
-def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
+def test_send_warns_about_an_unhandled_message(user: Client) -> None:
     user.execute_if_handled(LATER)
     user.execute_if_handled(TICK)
     code, _, error = tca(send, "later")
@@ -151,7 +147,7 @@ def test_who_sends_what_nobody_handles_is_told(user: Client) -> None:
         (["say", "\udcff"], 2, "inform 'say' wants data of type string: 'utf-8' codec can't encode character '\\udcff' in position 0: surrogates not allowed"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_sent(
+def test_send_rejects_invalid_message(
     robot: list[str], user: Client, words: list[str], code: int, error: str
 ) -> None:
     user.on_failure(FELL, FIX)
@@ -162,20 +158,20 @@ def test_what_cannot_be_sent(
     assert user.status()["newest id"] == before
 
 
-def test_a_reply_is_printed(robot: list[str]) -> None:
+def test_query_prints_the_reply(robot: list[str]) -> None:
     for command in (query, send):
         assert tca(command, "where", "x=1", "y=2.5") == (0, '{"x": 2.0, "y": 2.5}\n', "")
     code, text, _ = tca(query, "where", "x=1", "--json")
     assert (code, json.loads(text)) == (0, {"x": 2.0, "y": 0.0})
 
 
-def test_each_reply_of_many_is_printed(robot: list[str]) -> None:
+def test_query_prints_each_reply_of_a_multi_query(robot: list[str]) -> None:
     assert tca(query, "health") == (0, "0.5\n0.5\n", "")
     assert tca(query, "health", "--maximum", "1") == (0, "0.5\n", "")
     assert json.loads(tca(query, "health", "--json")[1]) == [0.5, 0.5]
 
 
-def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
+def test_query_without_reply_exits_with_the_reason(robot: list[str], user: Client) -> None:
     for message in (SILENT, MultiQuery("nobody", reply=int)):
         user.execute_if_handled(message)
     code, text, error = tca(query, "silent", "--timeout", "0.1")
@@ -191,7 +187,7 @@ def test_questions_without_an_answer(robot: list[str], user: Client) -> None:
     assert tca(query, "where", "x=1", "--maximum", "2")[0] == 2
 
 
-def test_variables_are_set_and_read(user: Client) -> None:
+def test_set_and_get_commands_handle_variables(user: Client) -> None:
     for variable in (MODE, POSE):
         user.get_variable(variable, None)
     assert tca(get_variable, "mode") == (
@@ -209,7 +205,7 @@ def test_variables_are_set_and_read(user: Client) -> None:
     assert tca(get_variable, "walk")[:2] == (1, "")
 
 
-def test_a_task_is_killed_by_its_number_or_its_name(
+def test_kill_command_accepts_task_number_or_name(
     robot: list[str], user: Client, address: str
 ) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 2)
@@ -239,7 +235,7 @@ def test_a_task_is_killed_by_its_number_or_its_name(
     )
 
 
-def test_kills_with_a_delay_and_of_siblings(robot: list[str], user: Client) -> None:
+def test_kill_command_supports_siblings_and_delay(robot: list[str], user: Client) -> None:
     one, other = user.goal(WALK, 1), user.goal(WALK, 1)
     assert tca(kill, str(one.id), "--siblings") == (
         0,
@@ -255,7 +251,7 @@ def test_kills_with_a_delay_and_of_siblings(robot: list[str], user: Client) -> N
     assert one.wait(SOON) is Outcome.KILLED
 
 
-def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None:
+def test_suspend_and_resume_commands_report_task_state(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     for command, state in (
         (suspend, "suspended"),
@@ -266,7 +262,7 @@ def test_a_task_is_suspended_and_resumed(robot: list[str], user: Client) -> None
         assert tca(command, "walk") == (0, f"walk {{{walk.id}}}: {state}\n", "")
 
 
-def test_a_task_is_handled_again(robot: list[str], user: Client) -> None:
+def test_retry_command_restarts_the_task(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     while not (before := walk.children()):
         user.modules()
@@ -281,19 +277,19 @@ def test_a_task_is_handled_again(robot: list[str], user: Client) -> None:
     assert len(after) == 1
 
 
-def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> None:
+def test_status_command_lists_suspended_tasks(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     walk.wait_for(walk.handling.end, SOON)
     walk.suspend()
-    (told,) = [
+    (report,) = [
         one
         for one in json.loads(tca(status, "--json")[1])["waiting"]
         if one["state"] == "suspended"
     ]
-    assert told["what"] == f"walk {{{walk.id}}}"
+    assert report["what"] == f"walk {{{walk.id}}}"
     assert re.fullmatch(
         rf"until it is resumed \(suspended by user .+ [mµ]?s ago\): 'tca resume {walk.id}'",
-        told["for"],
+        report["for"],
     )
     assert not re.search(
         r"\b1 (\w+ )*\w+s(,|$)", tca(status)[1].partition("\n\n")[0], re.MULTILINE
@@ -304,15 +300,15 @@ def test_the_status_names_what_is_suspended(robot: list[str], user: Client) -> N
     assert re.search(r"suspended by the command 'tca suspend' .+s ago\): ", tca(status)[1])
 
 
-def test_the_status_does_not_count_who_asks(user: Client) -> None:
-    told = json.loads(tca(status, "--json")[1])
-    assert (told["modules"], told["connections"]) == (1, 1)  # the user
+def test_status_command_does_not_count_its_own_connection(user: Client) -> None:
+    report = json.loads(tca(status, "--json")[1])
+    assert (report["modules"], report["connections"]) == (1, 1)  # the user
     assert "1 module, 1 connection," in tca(status)[1]
     user.close()
     assert "0 modules, 0 connections," in tca(status)[1]
 
 
-def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
+def test_unlock_command_releases_the_lock(robot: list[str], user: Client) -> None:
     user.lock("other")
     code, shown, _ = tca(modules)
     assert (code, "locked by user" in shown) == (0, True)
@@ -333,10 +329,10 @@ def test_a_resource_is_unlocked(robot: list[str], user: Client) -> None:
     )
 
 
-def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
+def test_raise_command_fails_the_task(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
-    told = tca(raise_failure, "walk", "fell", "it slipped", "--data", "7")
-    assert told == (0, f"walk {{{walk.id}}}: failure 'fell' was raised\n", "")
+    report = tca(raise_failure, "walk", "fell", "it slipped", "--data", "7")
+    assert report == (0, f"walk {{{walk.id}}}: failure 'fell' was raised\n", "")
     with pytest.raises(Exception, match="fell: it slipped") as failed:
         walk.result(SOON)
     assert failed.value.data_as(FELL) == 7  # type: ignore[attr-defined]
@@ -357,7 +353,7 @@ def test_a_failure_is_raised_on_a_task(robot: list[str], user: Client) -> None:
         ("\udcff", 2, "'\\udcff' is not a task: give the number of a task, or its message's name"),
     ],
 )
-def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> None:
+def test_task_command_rejects_invalid_task(address: str, task: str, code: int, error: str) -> None:
     for command, words in (
         (kill, ()),
         (suspend, ()),
@@ -368,7 +364,7 @@ def test_tasks_that_are_none(address: str, task: str, code: int, error: str) -> 
         assert tca(command, task, *words) == (code, "", error.replace("ADDRESS", address) + "\n")
 
 
-def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
+def test_task_commands_reject_invalid_options(robot: list[str], user: Client) -> None:
     walk = user.goal(WALK, 1)
     assert tca(kill, "walk", "--in", "1e300")[0] == 2
     assert tca(kill, "walk", "--in", "-1")[0] == 2
@@ -379,7 +375,7 @@ def test_nonsense_is_refused(robot: list[str], user: Client) -> None:
     assert walk.info() is not None
 
 
-def test_a_failure_with_colons_in_its_name_is_told_whole(user: Client, address: str) -> None:
+def test_failure_name_with_colons_is_reported_whole(user: Client, address: str) -> None:
     stuck, legs = Failure("knee: stuck: hard"), Module("legs", address)
 
     @legs.handles(LATER)
@@ -392,5 +388,5 @@ def test_a_failure_with_colons_in_its_name_is_told_whole(user: Client, address: 
             json.loads(tca(send, "later", "--wait", "--json")[1])["failure"] == "knee: stuck: hard"
         )
     task = user.command(LATER)
-    told = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
-    assert told == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")
+    report = tca(raise_failure, "later", "knee: stuck: hard", "by hand")
+    assert report == (0, f"later {{{task.id}}}: failure 'knee: stuck: hard' was raised\n", "")

@@ -1,5 +1,5 @@
-"""Two commands are created and then ordered, the newer one first, while legs of another process
-have nothing to do.
+"""Two commands are created and then ordered, the newer one first, while their handlers are idle in
+another process.
 """
 
 from contextlib import suppress
@@ -24,7 +24,7 @@ LEGS = """
 TIMES = 20
 
 
-def test_an_order_that_is_given_before_they_are_let_go_is_never_too_late(tmp_path: Path) -> None:
+def test_constraint_between_suspended_tasks_is_never_too_late(tmp_path: Path) -> None:
     lost: list[bool] = []
 
     with central(tmp_path) as daemon, program(LEGS, daemon.address):
@@ -35,7 +35,7 @@ def test_an_order_that_is_given_before_they_are_let_go_is_never_too_late(tmp_pat
             first, second = (
                 task.command(STEP, one, sequential=False, suspended=suspended) for one in ("a", "b")
             )
-            with suppress(Refused):  # it has begun
+            with suppress(Refused):  # it has started
                 task.constrain(second.achieving.end <= first.achieving.start)
             if suspended:
                 first.resume()

@@ -54,10 +54,8 @@ def begin_slow_query(user: Client, module: Process) -> PendingReply[float]:
     return pending
 
 
-def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
-    """The query fails as it would through central; what is asked next waits for the next module
-    that can answer.
-    """
+def test_direct_query_fails_when_its_handler_module_is_killed(tmp_path: Path) -> None:
+    """The query fails as it would through central. The next query waits for the next handler."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         with program(MAP, daemon.address) as module:
             module.hear("runs")
@@ -79,16 +77,16 @@ def test_a_module_that_is_killed_while_it_serves(tmp_path: Path) -> None:
     assert "direct         height from user to map, 9 bytes, " in shown
 
 
-def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Path) -> None:
-    """Its sender says how many may not have been handled: to central, in its log, and when it
-    leaves.
+def test_direct_informs_to_a_killed_module_are_reported_lost(tmp_path: Path) -> None:
+    """The sender reports the number of possibly unhandled informs to central, in its log, and when
+    it leaves.
     """
     with central(tmp_path) as daemon, program(MAP, daemon.address) as module:
         user = connect("user", daemon.address, linger=SOON)
         module.hear("runs")
         ask_until_direct(daemon, user)
-        user.inform(POSE, 0.0)  # goes through central, which tells the way
-        user.status()  # by its answer the user has been told
+        user.inform(POSE, 0.0)  # goes through central, which sends the route
+        user.status()  # once it answers, the user has the route
         begin_slow_query(user, module)
         for number in range(300):
             user.inform(POSE, float(number))
@@ -100,7 +98,7 @@ def test_informs_on_the_way_to_a_module_that_is_killed_are_reported(tmp_path: Pa
             user.close()
         with connect(
             "other", daemon.address
-        ) as other:  # else central may end before it has heard that
+        ) as other:  # else central may end before it received the report
             until(
                 lambda: "user" not in {module.name for module in other.modules()},
                 "its goodbye is heard",

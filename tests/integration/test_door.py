@@ -1,4 +1,4 @@
-"""Too many connections: central turns newcomers away in time, says so, and lives."""
+"""Too many connections: central rejects newcomers in time, logs it, and keeps running."""
 
 import resource
 import socket
@@ -24,38 +24,38 @@ central()
 """
 
 
-def limited(soft: int, hard: int) -> list[str]:
+def limited_central(soft: int, hard: int) -> list[str]:
     return [sys.executable, "-c", LIMITED.format(soft=soft, hard=hard)]
 
 
 @pytest.fixture(autouse=True)
-def _many_files() -> Iterator[None]:
+def _raise_file_limit() -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (before[1], before[1]))
     yield
     resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
-def test_a_rush_of_idle_connections_does_not_end_central(tmp_path: Path) -> None:
-    with central(tmp_path, command=limited(1024, 1024)) as daemon, ExitStack() as stack:
+def test_central_survives_running_out_of_file_descriptors(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited_central(1024, 1024)) as daemon, ExitStack() as stack:
         for _ in range(1100):
             stack.enter_context(socket.socket(socket.AF_UNIX)).connect(
                 daemon.address.removeprefix("ipc://")
             )
-        said = said_by(daemon, "accepts no more connections")
-        assert "of 1024 file descriptors are in use" in said
+        line = wait_for_log(daemon, "accepts no more connections")
+        assert "of 1024 file descriptors are in use" in line
         stack.close()
-        said_by(daemon, "accepts connections again")
+        wait_for_log(daemon, "accepts connections again")
         connect("late", daemon.address).close()
 
 
 @pytest.mark.parametrize("bind", ["", "tcp://127.0.0.1:*"])
-def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: Path) -> None:
-    with central(tmp_path, bind=bind, command=limited(100, 100)) as daemon:
+def test_full_central_rejects_newcomers_and_serves_connected(bind: str, tmp_path: Path) -> None:
+    with central(tmp_path, bind=bind, command=limited_central(100, 100)) as daemon:
         address = daemon.first_line.rpartition(" ")[2]
         with connect("early", address) as early, zmq.Context() as context:
             idle = idle_connections(context, address)
-            said_by(daemon, "accepts no more connections")
+            wait_for_log(daemon, "accepts no more connections")
             assert rejects_connections(address)
             with pytest.raises(
                 CentralLost, match="it takes no more connections: end some programs, or start it"
@@ -64,21 +64,21 @@ def test_newcomers_are_told_and_those_who_are_there_go_on(bind: str, tmp_path: P
             assert early.status()["connections"] == 1
             for one in idle:
                 one.close(linger=0)
-            said_by(daemon, "accepts connections again")
+            wait_for_log(daemon, "accepts connections again")
             assert not rejects_connections(address)
             connect("later", address).close()
 
 
-def test_central_has_as_many_descriptors_as_it_may(tmp_path: Path) -> None:
-    with central(tmp_path, command=limited(300, 600)) as daemon:
+def test_central_raises_its_descriptor_limit_to_the_maximum(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited_central(300, 600)) as daemon:
         limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_NOFILE)
     assert limits == (600, 600)
 
 
-def test_a_central_that_stops_while_its_door_is_shut_ends_well(tmp_path: Path) -> None:
-    with central(tmp_path, command=limited(100, 100)) as daemon, zmq.Context() as context:
+def test_full_central_stops_cleanly(tmp_path: Path) -> None:
+    with central(tmp_path, command=limited_central(100, 100)) as daemon, zmq.Context() as context:
         idle = idle_connections(context, daemon.address)
-        said_by(daemon, "accepts no more connections")
+        wait_for_log(daemon, "accepts no more connections")
         daemon.stop()
         assert daemon.process.returncode == 0
         for one in idle:
@@ -94,8 +94,8 @@ def idle_connections(
     return idle
 
 
-def said_by(daemon: Central, words: str) -> str:
-    """A line of its log."""
+def wait_for_log(daemon: Central, words: str) -> str:
+    """Wait for a log line with some words."""
     while words not in (line := daemon.process.stderr.readline()):
-        assert line, f"it ended, and never said: {words}"
+        assert line, f"central ended without logging: {words}"
     return line

@@ -1,5 +1,7 @@
-"""Programs that die in the midst of a handler, each in its own way: who waits is told, what they
-had is free, and nothing that ends a program is given to another one unless somebody decides so.
+"""Programs that die inside a handler, in several ways.
+
+Waiting clients are notified, and locks are released. A message that kills its handler is not
+retried without a decision.
 """
 
 import signal
@@ -35,7 +37,7 @@ module = Module("m")
 @module.handles(Command("work"))
 def work(task: Task) -> None:
     with task.lock("camera"):
-        os.write(1, b"begun\\n")  # no lock of stdout, without which Python could not end
+        os.write(1, b"begun\\n")  # avoids the lock of stdout, which would keep Python from exiting
         {how}
 """
 RUN = "module.run()"
@@ -56,8 +58,8 @@ WAYS = {
 }
 
 
-def test_who_waits_for_a_program_that_dies_is_told(tmp_path: Path) -> None:
-    """The lock that its handler had, and central's list of modules, know it, too."""
+def test_task_fails_and_lock_is_free_when_handler_process_dies(tmp_path: Path) -> None:
+    """The handler's lock is released, and the module disappears from central's list."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         eyes = Module("eyes", daemon.address)
         eyes.resource("camera")
@@ -98,11 +100,11 @@ module.run()
 """
 
 
-def test_what_ends_its_handlers_program_is_tried_once_and_once_more_for_each_decision(
+def test_message_that_kills_its_handler_is_not_rerouted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun = tmp_path / "begun"
-    monkeypatch.setenv("BEGUN", str(begun))
+    log = tmp_path / "begun"
+    monkeypatch.setenv("BEGUN", str(log))
     poison, question = Command("poison"), Query("bad question", reply=int)
     with (
         central(tmp_path) as daemon,
@@ -117,12 +119,12 @@ def test_what_ends_its_handlers_program_is_tried_once_and_once_more_for_each_dec
         user.wait_until_handled(poison, question, timeout=SOON)
         with pytest.raises(QueryFailed, match="module lost"):
             user.query(question, timeout=SOON)
-        assert begun.read_text().count("begun") == 1
+        assert log.read_text().count("begun") == 1
         retrier = Module("retrier", daemon.address)
         retrier.handles(AGAIN)(lambda task: task.trouble.failing.retry() and None)
         with retrier.running(), pytest.raises(TaskFailed, match="module lost"):
             user.command(poison, on_failure=[Recovery(None, AGAIN, maximum=1)]).result(timeout=SOON)
-        assert begun.read_text().count("begun") == 3
+        assert log.read_text().count("begun") == 3
         assert sum(one.poll() is None for one in pool) == 1
 
 
@@ -148,7 +150,7 @@ module.run()
 """
 
 
-def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Path) -> None:
+def test_central_ends_at_once_despite_a_stopped_module(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         program(MANY, daemon.address),
@@ -170,7 +172,7 @@ def test_central_ends_at_once_though_a_module_of_many_stands_still(tmp_path: Pat
             assert daemon.process.wait(5) == 0
 
 
-# --- A process is killed while it has messages ahead, and has not said what it has handled of them
+# --- a process is killed while it has prefetched messages ------------------------------------------
 
 
 DOUBLE = Query("double", int, reply=int)
@@ -193,13 +195,11 @@ QUICK = """
 
 
 def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
-    """The answers, or failures, of questions that are put at once. Another one who answers comes
-    meanwhile.
-    """
-    asked = [user.query_send(DOUBLE, number) for number in numbers]
+    """Replies, or failures, of queries sent together. A second module starts while they wait."""
+    pending = [user.query_send(DOUBLE, number) for number in numbers]
     found: list[int | str] = []
     with program(QUICK, address):
-        for one in asked:
+        for one in pending:
             try:
                 found.append(one.receive(PATIENCE))
             except QueryFailed as lost:
@@ -207,7 +207,7 @@ def answers(user: Client, numbers: list[int], address: str) -> list[int | str]:
     return found
 
 
-def test_what_it_may_have_handled_has_failed_and_the_rest_goes_to_the_next(tmp_path: Path) -> None:
+def test_killed_module_loses_only_its_prefetched_queries(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         connect("user", daemon.address) as user,

@@ -1,4 +1,4 @@
-"""Every example runs, is short, and prints what it says."""
+"""Every example runs, is short, and prints the expected lines."""
 
 import re
 from pathlib import Path
@@ -12,11 +12,11 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 _TEXT = Path(__file__).with_name("printed.txt").read_text()
 PRINTED = {name: text for name, _, text in (one.partition("\n") for one in _TEXT.split("== ")[1:])}
-"""What each begins with; after the first ``...``, what is in it as well."""
+"""The start of each example's output; each text after ``...`` occurs somewhere in it."""
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
-def test_example(path: Path, tmp_path: Path) -> None:
+def test_example_prints_the_expected_lines(path: Path, tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 70
     with RealCentral(f"ipc://{tmp_path}/central.sock") as daemon:
         done = run(str(path), TCA_CENTRAL=daemon.address)
@@ -35,7 +35,7 @@ def test_example(path: Path, tmp_path: Path) -> None:
             assert diary.index(f"mow row {row}") < diary.index(f"plan row {row + 2}")
 
 
-def test_each_example_is_shown_in_the_docs() -> None:
+def test_each_example_is_mentioned_in_the_docs() -> None:
     pages = [EXAMPLES.parent / "README.md", *(EXAMPLES.parent / "docs").glob("*.md")]
     shown = {
         number
@@ -45,7 +45,7 @@ def test_each_example_is_shown_in_the_docs() -> None:
     assert shown == {path.name[:2] for path in EXAMPLES.glob("*.py")}
 
 
-def test_the_readme_quotes_the_first_example() -> None:
+def test_readme_quotes_the_first_example() -> None:
     code = (EXAMPLES / "01_fetch.py").read_text().partition('"""\n\n')[2]
     readme = (EXAMPLES.parent / "README.md").read_text()
     assert readme.partition("```python\n")[2].partition("```")[0] == code

@@ -1,4 +1,4 @@
-"""Central is killed under those who follow, observe, update and cancel a task, and goes on: they
+"""Central is killed and restarted while clients follow, observe, update and cancel a task: they
 notice nothing.
 """
 
@@ -51,7 +51,7 @@ def kill(central: list[Central]) -> None:
     central[-1].kill()
 
 
-def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
+def test_task_is_updated_and_cancelled_through_central_restarts(
     central: list[Central], tmp_path: Path
 ) -> None:
     with (
@@ -77,7 +77,7 @@ def test_a_task_is_followed_updated_and_cancelled_through_kills_of_central(
         assert watch.wait(20) is Outcome.KILLED
         first, *seen = changes
         assert sum(one.missed + 1 for one in seen) == seen[-1].serial - first.serial, (
-            "each was seen, or counted"
+            "each change was seen, or counted as missed"
         )
         assert seen[-1].state == "cancelled"
         assert next(change for change in observed if change.is_over).task.id == watch.id

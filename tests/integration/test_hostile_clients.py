@@ -1,6 +1,4 @@
-"""Raw bytes at a real central: whatever comes, it answers others, and its log and the commands stay
-calm.
-"""
+"""Raw bytes sent to a real central: it keeps serving others, and its log stays readable."""
 
 import json
 import socket
@@ -48,22 +46,22 @@ _READY = b"\x04\x29\x05READY\x0bSocket-Type\0\0\0\x06DEALER\x08Identity\0\0\0\0"
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Central]:
-    """One for all: each attack must leave it as it was."""
+    """One central for all tests: each attack must leave it as it was."""
     with central(tmp_path_factory.mktemp("attacked"), bind="tcp://127.0.0.1:*") as running:
         running.address = running.first_line.rpartition(" ")[2]
         yield running
         assert running.process.poll() is None
-        said = running.stop()
-    for line in said.splitlines():
+        output = running.stop()
+    for line in output.splitlines():
         assert line.isprintable()
         assert line.startswith("central: ")
         assert len(line) <= 2000
-    assert "internal error" not in said
+    assert "internal error" not in output
 
 
 @pytest.fixture
 def friend(daemon: Central) -> Iterator[Client]:
-    """Somebody who means well, before and after."""
+    """A normal client, which checks central before and after each attack."""
     with connect("friend", daemon.address) as client:
         client.status()
         yield client
@@ -71,8 +69,8 @@ def friend(daemon: Central) -> Iterator[Client]:
     assert daemon.process.poll() is None
 
 
-class Line:
-    """A line of somebody who speaks ZeroMQ, and perhaps nothing else."""
+class RawConnection:
+    """A raw ZeroMQ connection without the module protocol."""
 
     def __init__(self, address: str, routing_id: bytes = b"") -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
@@ -82,7 +80,7 @@ class Line:
         self.socket.connect(address)
 
     def ask(self, *frames: bytes) -> list[Any]:
-        """What is answered."""
+        """Send frames; return the headers of the reply."""
         self.socket.send_multipart(frames)
         assert self.socket.poll(SOON), "no answer"
         return [header for header, _ in unpack_to_module(self.socket.recv())]
@@ -103,22 +101,22 @@ def hello(**fields: Any) -> Hello:
 
 
 @pytest.fixture
-def rogue(daemon: Central, friend: Client) -> Iterator[Line]:
-    line = Line(daemon.address)
+def rogue(daemon: Central, friend: Client) -> Iterator[RawConnection]:
+    line = RawConnection(daemon.address)
     yield line
     line.socket.close()
 
 
 @contextmanager
-def raw(daemon: Central) -> Iterator[socket.socket]:
-    """A line of somebody who speaks TCP."""
+def raw_tcp(daemon: Central) -> Iterator[socket.socket]:
+    """A raw TCP connection."""
     with socket.create_connection(
         ("127.0.0.1", int(daemon.address.rpartition(":")[2])), 20
     ) as line:
         yield line
 
 
-def item(header: bytes, body: bytes = b"") -> bytes:
+def packet_item(header: bytes, body: bytes = b"") -> bytes:
     return struct.pack(">II", len(header), len(body)) + header + body
 
 
@@ -128,25 +126,25 @@ BAD = {
     "lengths beyond": struct.pack(">II", 0xFFFFFFFF, 0xFFFFFFFF),
     "half a length": b"\0\0\0",
     "text": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
-    "nesting": item(b"\x91" * 100_000),
-    "nesting in a field": item(b"\x93\x04\x01" + b"\x91" * 5000 + b"\xc0"),
-    "a map": item(msgpack.packb({"kind": 4})),
-    "an unknown kind": item(msgpack.packb([250, 1])),
-    "no integer": item(msgpack.packb([4, "one", "move"])),
-    "NaN where a number is": item(msgpack.packb([4, float("nan"), "move"])),
-    "an integer of 65 bits": item(b"\x93\x04\xcf" + b"\xff" * 8 + b"\xa4move\x00"),
-    "a lone surrogate": item(b"\x93\x04\x01\xa3\xed\xa0\x80"),
-    "bad UTF-8": item(b"\x93\x04\x01\xa2\xff\xfe"),
-    "more fields": item(msgpack.packb([12, 1, 2, 3])),
-    "too few": item(msgpack.packb([4])),
-    "a length that is none": item(b"\xdd\xff\xff\xff\xff"),
-    "an extension": item(b"\xc7\xff\x01" + bytes(255)),
+    "nesting": packet_item(b"\x91" * 100_000),
+    "nesting in a field": packet_item(b"\x93\x04\x01" + b"\x91" * 5000 + b"\xc0"),
+    "a map": packet_item(msgpack.packb({"kind": 4})),
+    "an unknown kind": packet_item(msgpack.packb([250, 1])),
+    "no integer": packet_item(msgpack.packb([4, "one", "move"])),
+    "NaN where a number is": packet_item(msgpack.packb([4, float("nan"), "move"])),
+    "an integer of 65 bits": packet_item(b"\x93\x04\xcf" + b"\xff" * 8 + b"\xa4move\x00"),
+    "a lone surrogate": packet_item(b"\x93\x04\x01\xa3\xed\xa0\x80"),
+    "bad UTF-8": packet_item(b"\x93\x04\x01\xa2\xff\xfe"),
+    "more fields": packet_item(msgpack.packb([12, 1, 2, 3])),
+    "too few": packet_item(msgpack.packb([4])),
+    "a length that is none": packet_item(b"\xdd\xff\xff\xff\xff"),
+    "an extension": packet_item(b"\xc7\xff\x01" + bytes(255)),
     "two items of which one is bad": pack_item(Ask(1, "status")) + b"\0\0\0\x01\0\0\0\0\xc1",
 }
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bytes_that_are_no_message_are_refused(rogue: Line, what: str) -> None:
+def test_malformed_packet_is_refused(rogue: RawConnection, what: str) -> None:
     (answer,) = rogue.ask(BAD[what])
     assert isinstance(answer, Refused | Unknown)
     if isinstance(answer, Refused):
@@ -155,28 +153,28 @@ def test_bytes_that_are_no_message_are_refused(rogue: Line, what: str) -> None:
 
 
 @pytest.mark.parametrize("frames", [2, 100, 50_000])
-def test_a_message_of_many_frames_is_refused(rogue: Line, frames: int) -> None:
+def test_packet_of_several_frames_is_refused(rogue: RawConnection, frames: int) -> None:
     (answer,) = rogue.ask(pack_item(hello()), *[b""] * (frames - 1))
     assert answer.text == f"{frames:,} frames; a packet is one"
     assert isinstance(rogue.hello(), Welcome)
 
 
 @pytest.mark.parametrize("version", [0, 4, PROTOCOL_VERSION + 1, (1 << 63) - 1, -1])
-def test_another_version_is_refused_and_both_are_named(rogue: Line, version: int) -> None:
+def test_other_protocol_version_is_refused_with_both_named(
+    rogue: RawConnection, version: int
+) -> None:
     (answer,) = rogue.ask(pack_item(hello(version=version)))
     assert f"speaks protocol {version}, central {PROTOCOL_VERSION}" in answer.text
 
 
-def test_nobody_calls_himself_as_central_calls_those_whom_it_awaits(
-    daemon: Central, friend: Client
-) -> None:
-    line = Line(daemon.address, AWAY + b"0")
+def test_routing_id_reserved_by_central_is_shut_out(daemon: Central, friend: Client) -> None:
+    line = RawConnection(daemon.address, AWAY + b"0")
     (answer,) = line.ask(pack_item(hello()))
     line.socket.close()
     assert answer.refusal is Refusal.SHUT_OUT
 
 
-def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> None:
+def test_hostile_names_cannot_steer_a_terminal(daemon: Central, rogue: RawConnection) -> None:
     for name in (ESCAPES, "../../../etc/passwd\n", "x" * 100_000):
         (answer,) = rogue.ask(pack_item(hello(module=name)))
         assert isinstance(answer, Refused)
@@ -189,13 +187,13 @@ def test_names_and_reasons_steer_no_terminal(daemon: Central, rogue: Line) -> No
     sent = rogue.ask(pack_item(Send(3, "walk"), b"\xc1\xff" + ESCAPES.encode()))
     rogue.ask(pack_item(Send(4, ESCAPES * 1000)))
     for command in (status, modules, messages, variables, attached):
-        code, said, errors = ask(command, "--central", daemon.address)
+        code, output, errors = ask(command, "--central", daemon.address)
         assert code == 0, errors
-        assert all(line.isprintable() for line in (said + errors).splitlines())
+        assert all(line.isprintable() for line in (output + errors).splitlines())
     rogue.ask(pack_item(Kill(5, TaskId(sent[-1].id), ESCAPES * 1000)))
 
 
-def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(friend: Client) -> None:
+def test_client_rejects_oversized_body_or_header_before_sending(friend: Client) -> None:
     note = Inform("note", bytes)
     with pytest.raises(BadData, match=f"bytes: a message holds at most {Limit.BODY:d}"):
         friend.inform(note, bytes(Limit.BODY))
@@ -203,7 +201,7 @@ def test_bodies_and_headers_that_are_too_long_are_said_before_they_are_sent(frie
         friend.inform(Inform("told", Annotated[int, msgspec.Meta(description="x" * (1 << 20))]), 1)
 
 
-def test_a_body_that_is_too_long_is_refused_with_both_sizes(rogue: Line) -> None:
+def test_oversized_body_is_refused_with_both_sizes(rogue: RawConnection) -> None:
     rogue.hello()
     (answer,) = rogue.ask(pack_item(Send(99, "note"), bytes(Limit.BODY + 1)))
     assert (answer.number, answer.refusal) == (99, Refusal.PROTOCOL)
@@ -228,32 +226,36 @@ STRANGERS = {
 
 
 @pytest.mark.parametrize("what", STRANGERS)
-def test_strangers_are_hung_up_on_or_left_alone(daemon: Central, friend: Client, what: str) -> None:
-    with raw(daemon) as line:
+def test_foreign_protocol_does_not_disturb_central(
+    daemon: Central, friend: Client, what: str
+) -> None:
+    with raw_tcp(daemon) as line:
         line.sendall(STRANGERS[what])
         line.settimeout(0.1)
         with suppress(
             ConnectionError, TimeoutError
-        ):  # ZeroMQ may wait for more of what it takes for its first version
+        ):  # ZeroMQ may wait for more of a supposed ZMTP 1.0 greeting
             while line.recv(4096):
                 pass
         friend.status()
 
 
-def test_a_message_that_never_ends_costs_others_nothing(daemon: Central, friend: Client) -> None:
-    with raw(daemon) as line:
+def test_endless_message_does_not_disturb_other_clients(daemon: Central, friend: Client) -> None:
+    with raw_tcp(daemon) as line:
         line.sendall(_ZMTP + _READY)
         for _ in range(16):
-            line.sendall(b"\x03" + struct.pack(">Q", 1 << 20) + bytes(1 << 20))  # more is to follow
+            line.sendall(
+                b"\x03" + struct.pack(">Q", 1 << 20) + bytes(1 << 20)
+            )  # with the MORE flag
         friend.status()
 
 
-def test_half_open_connections_are_closed_in_time(daemon: Central, friend: Client) -> None:
+def test_half_open_connections_are_closed(daemon: Central, friend: Client) -> None:
     files = Path(f"/proc/{daemon.process.pid}/fd")
     before = len(list(files.iterdir()))
     with ExitStack() as lines:
         for _ in range(200):
-            lines.enter_context(raw(daemon))
+            lines.enter_context(raw_tcp(daemon))
         friend.status()
         assert len(list(files.iterdir())) > before + 100
         end = time.monotonic() + 20
@@ -262,10 +264,10 @@ def test_half_open_connections_are_closed_in_time(daemon: Central, friend: Clien
         assert len(list(files.iterdir())) <= before + 20
 
 
-def test_what_was_done_is_in_the_journal(daemon: Central, friend: Client) -> None:
-    """It can be read, and so can what it shows."""
-    said = tca("log", "show", str(daemon.journal), "--json")
-    assert all(json.loads(line) for line in said.stdout.splitlines())
+def test_journal_after_attacks_is_readable_and_printable(daemon: Central, friend: Client) -> None:
+    """Also all that ``tca log show`` prints."""
+    output = tca("log", "show", str(daemon.journal), "--json")
+    assert all(json.loads(line) for line in output.stdout.splitlines())
     shown = tca("log", "show", str(daemon.journal))
     assert shown.returncode == 0
     assert all(line.isprintable() for line in (shown.stdout + shown.stderr).splitlines())

@@ -1,4 +1,4 @@
-"""The journal on real files: turns, segments, and disks that say no."""
+"""The journal on real files: segments, syncs, and failing disks."""
 
 import errno
 import os
@@ -32,7 +32,7 @@ def writer(folder: Path, sync: Sync = Sync.BATCH) -> JournalWriter:
 
 
 @pytest.mark.parametrize("sync", list(Sync))
-def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
+def test_journal_entries_can_be_read_back(tmp_path: Path, sync: Sync) -> None:
     journal = writer(tmp_path / "run", sync)
     for number in range(1, 100):
         journal.add(Entry(number, number / 10, [Dropped(number, "any", "why")]))
@@ -44,7 +44,9 @@ def test_what_was_added_can_be_read(tmp_path: Path, sync: Sync) -> None:
     assert entries[-1].facts == [Closed("done")]
 
 
-def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_journal_is_split_into_consecutive_segments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(JournalWriter, "longest", 2000)
     journal = writer(tmp_path / "run")
     for number in range(1, 200):
@@ -62,21 +64,21 @@ def test_segments_follow_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert dropped == list(range(1, 200))
 
 
-def test_who_writes_never_waits_for_the_disk(
+def test_journal_writer_does_not_wait_for_sync(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor where another segment begins while the disk is asked."""
+    """This includes the start of another segment during a sync."""
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
     monkeypatch.setattr(JournalWriter, "longest", 100)
-    asked, done, synced = threading.Event(), threading.Event(), []
+    sync_began, done, synced = threading.Event(), threading.Event(), []
 
     def slow(file: int) -> None:
-        asked.set()
+        sync_began.set()
         synced.append((file, done.wait(10.0)))
 
     monkeypatch.setattr(os, "fdatasync", slow)
     journal = writer(tmp_path / "run")
-    assert asked.wait(10.0)
+    assert sync_began.wait(10.0)
     for number in range(1, 20):
         journal.add(Entry(number, number / 10, [Dropped(number, "any", "x" * 50)]))
         journal.flush()
@@ -88,7 +90,7 @@ def test_who_writes_never_waits_for_the_disk(
     assert all(was_done for _, was_done in synced), "it waited"
 
 
-def test_a_sync_that_fails_stops_the_next_turn(
+def test_journal_flush_fails_on_full_device(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(log_writer, "SYNC_PERIOD", 0.01)
@@ -103,22 +105,22 @@ def test_a_sync_that_fails_stops_the_next_turn(
 FULL = """
 import resource, sys
 from tca_central.__main__ import central
-sys.dont_write_bytecode = True  # compiled files would be cut off, for everybody
+sys.dont_write_bytecode = True  # the limit would truncate shared bytecode files
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))  # as if the disk were full
 central()
 """
 
 
-def test_a_full_disk_stops_central_with_a_line_and_what_was_recorded_can_be_read(
+def test_full_disk_stops_central_and_keeps_journal_readable(
     tmp_path: Path,
 ) -> None:
     daemon = Central(tmp_path, command=("-c", FULL))
     with pytest.raises(TcaError), connect("user", daemon.address, patience=2) as user:
         flood(user)
     assert daemon.process.wait(timeout=10) == 1
-    said = daemon.stop()
-    assert "File too large: central stops, since it must not act without recording it" in said
-    assert "Traceback" not in said
+    log_text = daemon.stop()
+    assert "File too large: central stops, since it must not act without recording it" in log_text
+    assert "Traceback" not in log_text
     assert len(list(open_log(daemon.journal))) > 5
 
 
@@ -128,7 +130,7 @@ def flood(user: Client) -> None:
         user.status("status")
 
 
-def test_tools_find_the_newest_run_wherever_its_journal_is(
+def test_newest_journal_is_found_in_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -140,10 +142,10 @@ def test_tools_find_the_newest_run_wherever_its_journal_is(
         assert newest_journal().resolve() == new.journal.resolve()
     assert (
         len(list((tmp_path / "state/tca/journals").iterdir())) == 1
-    )  # of what is gone no link stays
+    )  # links to removed journals are removed
 
 
-def test_tools_look_at_the_run_of_the_central_that_is_meant(
+def test_newest_journal_is_that_of_the_selected_central(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -163,7 +165,7 @@ def test_tools_look_at_the_run_of_the_central_that_is_meant(
     assert newest_journal().resolve() == other.journal.resolve()
 
 
-def test_a_failing_disk_is_named_and_the_run_stays_open(
+def test_failed_sync_raises_and_leaves_the_run_unfinished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "run").mkdir()
@@ -178,7 +180,7 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     log.flush(core)
     monkeypatch.setattr(os, "fdatasync", fails)
     log.add_input(Tick(2.0))
-    for _ in range(2):  # a second try would say that all is well
+    for _ in range(2):  # a second sync would wrongly succeed
         with pytest.raises(CentralError, match="Input/output error: central stops"):
             log.flush(core)
     monkeypatch.undo()
@@ -189,7 +191,7 @@ def test_a_failing_disk_is_named_and_the_run_stays_open(
     assert unfinished_segments(tmp_path / "run")
 
 
-def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> None:
+def test_removed_journal_stops_central(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=3) as user:
         user.status()
         shutil.rmtree(daemon.journal)
@@ -197,7 +199,7 @@ def test_a_journal_that_is_removed_is_missed_within_a_second(tmp_path: Path) -> 
         assert "it was removed: central stops" in daemon.stop()
 
 
-def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> None:
+def test_central_continues_without_journal_when_allowed(tmp_path: Path) -> None:
     with (
         central(tmp_path, "--if-journal-fails", "go-on") as daemon,
         connect("user", daemon.address) as user,
@@ -208,13 +210,13 @@ def test_central_goes_on_without_a_journal_if_it_was_told_so(tmp_path: Path) -> 
         while "continues without a journal" not in daemon.process.stderr.readline():
             pass
         user.status()
-    assert not list(daemon.journal.glob("*.tcai"))  # nobody goes on from what was long ago
+    assert not list(daemon.journal.glob("*.tcai"))  # the stale inputs must not be continued
 
 
-def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(
+def test_disk_is_nearly_full_when_free_bytes_and_share_are_low(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What central does about that is in central/test_limits.py."""
+    """Central's reaction is tested in central/test_limits.py."""
     (tmp_path / "run").mkdir()
     log = RunLog(writer(tmp_path / "run"), None)
     for least, share, is_full in ((1 << 80, 1, True), (1 << 80, 1 << 80, False), (0, 1, False)):
@@ -224,9 +226,9 @@ def test_a_disk_is_nearly_full_when_bytes_and_share_are_few(
     log.end(Core("e"), "", is_over=True)
 
 
-def test_a_lock_that_is_kept_for_a_moment_longer_is_waited_for(tmp_path: Path) -> None:
-    """A central that was killed while it took an image leaves a child behind, which has its locks
-    until it closes.
+def test_journal_folder_lock_waits_for_a_late_release(tmp_path: Path) -> None:
+    """A central that was killed while it took an image leaves a child, which holds the locks until
+    it closes.
     """
     held = lock_folder(tmp_path)
     timer = threading.Timer(0.1, os.close, [held])

@@ -1,5 +1,6 @@
-"""Who gets in: keys over TCP, the kernel's word over Unix sockets, and nobody when that can't be
-checked.
+"""Access control: keys over TCP, and user ids from the kernel over Unix sockets.
+
+Nothing connects when keys can't be checked.
 """
 
 import os
@@ -46,7 +47,7 @@ SQUARE = Query("square", int, reply=int)
 TCP = "tcp://127.0.0.1:*"
 
 
-def said(*arguments: str, code: int = 0) -> str:
+def run_keys(*arguments: str, code: int = 0) -> str:
     result = CliRunner().invoke(keys_command, arguments)
     assert result.exit_code == code, result.output
     return result.output
@@ -56,8 +57,8 @@ def said(*arguments: str, code: int = 0) -> str:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of keys with one for 'arm' and one for 'user'."""
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
-    said("new", "arm")
-    said("new", "user")
+    run_keys("new", "arm")
+    run_keys("new", "user")
     return tmp_path / "keys"
 
 
@@ -78,7 +79,9 @@ def refusal(address: str) -> str:
     return str(caught.value)
 
 
-def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], None]) -> None:
+def test_connection_is_identified_by_its_key(
+    keyed: RealCentral, as_key: Callable[[str], None]
+) -> None:
     for name in ("arm", "user"):
         as_key(name)
         with connect(f"the {name}", keyed.address) as client:
@@ -87,7 +90,7 @@ def test_each_is_known_by_its_key(keyed: RealCentral, as_key: Callable[[str], No
     assert joined == [("the arm", "arm"), ("the user", "user")]
 
 
-def test_a_module_works_over_keys_with_its_slots_and_pulse(
+def test_keyed_module_connects_its_slots_and_heartbeat(
     keyed: RealCentral, as_key: Callable[[str], None]
 ) -> None:
     as_key("arm")
@@ -106,13 +109,13 @@ def test_a_module_works_over_keys_with_its_slots_and_pulse(
         until(is_met, "the pulse is there")
 
 
-def test_the_wrong_key_no_key_and_the_wrong_central(
+def test_connection_is_refused_without_a_matching_key(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None], tmp_path: Path
 ) -> None:
     as_key("none")
     assert "it wants a key, and this program shows none" in refusal(keyed.address)
     stranger = tmp_path / "elsewhere"
-    said("new", "--folder", str(stranger), "arm")
+    run_keys("new", "--folder", str(stranger), "arm")
     other = read_client_key(stranger / "arm.key")
     as_key(str(stranger / "arm.key"))
     assert "is not the central that the key is for" in refusal(keyed.address)
@@ -129,7 +132,7 @@ def test_the_wrong_key_no_key_and_the_wrong_central(
     assert not keyed.facts(facts.ModuleJoined)
 
 
-def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
+def test_waiting_program_connects_once_its_key_is_allowed(
     keyed: RealCentral,
     folder: Path,
     as_key: Callable[[str], None],
@@ -137,18 +140,18 @@ def test_a_program_whose_key_is_allowed_later_gets_in_by_itself(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     central_key = read_client_key(folder / "arm.key").central
-    path, _ = said(
+    path, _ = run_keys(
         "new", "late", "--central", central_key, "--folder", str(tmp_path / "there")
     ).splitlines()
     as_key(path)
     with ThreadPoolExecutor() as threads:
         late = threads.submit(lambda: connect("late", keyed.address, patience=30).close())
         until(lambda: "refused a key from 127.0.0.1" in caplog.text, "it is refused")
-        said("allow", "late", read_client_key(Path(path)).public)
+        run_keys("allow", "late", read_client_key(Path(path)).public)
         late.result(timeout=30)
 
 
-def test_when_keys_cannot_be_checked_nobody_gets_in(
+def test_connections_are_refused_when_authenticator_is_dead(
     keyed: RealCentral, as_key: Callable[[str], None]
 ) -> None:
     as_key("user")
@@ -164,7 +167,7 @@ def test_when_keys_cannot_be_checked_nobody_gets_in(
         assert not gate.is_alive
 
 
-def test_an_authenticator_that_lets_strangers_in_is_found_out(
+def test_central_does_not_start_when_authenticator_accepts_all(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
@@ -174,24 +177,24 @@ def test_an_authenticator_that_lets_strangers_in_is_found_out(
         RealCentral(TCP, gate=KeyGate(folder))
 
 
-def test_revoke_keeps_the_secret_and_says_where_it_is(folder: Path) -> None:
+def test_revoke_keeps_the_secret_key_file(folder: Path) -> None:
     secret = read_client_key(folder / "arm.key")
-    told = said("revoke", "arm")
-    assert str(folder / "arm.key") in told
+    output = run_keys("revoke", "arm")
+    assert str(folder / "arm.key") in output
     assert read_client_key(folder / "arm.key") == secret
-    assert "remove that file" in said("new", "arm", code=1)
-    said("allow", "arm", secret.public)
-    assert secret.public in said("list")
+    assert "remove that file" in run_keys("new", "arm", code=1)
+    run_keys("allow", "arm", secret.public)
+    assert secret.public in run_keys("list")
 
 
-def test_a_revoked_key_is_cut_off_at_once(
+def test_revoked_key_loses_its_connection_at_once(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
     as_key("user")
     user = connect("user", keyed.address)
     as_key("arm")
     arm = connect("arm", keyed.address, patience=0.5)
-    said("revoke", "arm")
+    run_keys("revoke", "arm")
     keyed.server.check_soon()
     until(lambda: keyed.facts(facts.ModuleLeft), "the arm has left")
     (left,) = keyed.facts(facts.ModuleLeft)
@@ -200,9 +203,9 @@ def test_a_revoked_key_is_cut_off_at_once(
     assert keyed.facts(facts.KeysChanged) == [facts.KeysChanged([], ["arm"])]
     assert is_shut_out(arm.status)
     assert user.status()["modules"] == 1
-    # A new key of that name gets in at once, and is somebody new: the old line stays dead.
+    # A new key of that name is accepted at once; the old connection stays refused.
     (folder / "arm.key").unlink()
-    said("new", "arm")
+    run_keys("new", "arm")
     with connect("new arm", keyed.address):
         pass
     assert is_shut_out(arm.status)
@@ -212,7 +215,7 @@ def test_a_revoked_key_is_cut_off_at_once(
 
 
 def is_shut_out(call: Callable[[], object]) -> bool:
-    """Whether a call is refused because central lets its connection in no more."""
+    """Whether a call is refused because central has shut its connection out."""
     with pytest.raises(Refused) as refused:
         call()
     return refused.value.refusal is Refusal.SHUT_OUT
@@ -228,27 +231,27 @@ WAITS: list[Callable[[Client], object]] = [
 ]
 
 
-def test_a_revoked_client_is_told_in_each_wait(
+def test_revoked_client_is_shut_out_of_every_wait(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
-    def told(wait: Callable[[Client], object]) -> list[bool]:
+    def are_shut_out(wait: Callable[[Client], object]) -> list[bool]:
         with connect("user", keyed.address) as client:
             return [is_shut_out(partial(wait, client)), is_shut_out(client.status)]
 
     as_key("user")
     lines = keyed.server.central.registry.connections
     with ThreadPoolExecutor(len(WAITS)) as threads:
-        clients = [threads.submit(told, wait) for wait in WAITS]
+        clients = [threads.submit(are_shut_out, wait) for wait in WAITS]
         until(
             lambda: sum(len(line.outstanding) for line in list(lines.values())) == len(WAITS),
             "all wait",
         )
-        said("revoke", "user")
+        run_keys("revoke", "user")
         keyed.server.check_soon()
         assert [client.result(SOON) for client in clients] == [[True, True]] * len(WAITS)
 
 
-def test_a_revoked_module_is_back_when_its_key_is_allowed(
+def test_revoked_module_reconnects_once_its_key_is_allowed(
     keyed: RealCentral,
     folder: Path,
     as_key: Callable[[str], None],
@@ -259,16 +262,16 @@ def test_a_revoked_module_is_back_when_its_key_is_allowed(
     module = Module("squares", keyed.address)
     module.handles(SQUARE)(lambda _, number: number * number)
     with module.running():
-        said("revoke", "arm")
+        run_keys("revoke", "arm")
         keyed.server.check_soon()
         until(lambda: "central refuses this module" in caplog.text, "it is shut out")
-        said("allow", "arm", public)
+        run_keys("allow", "arm", public)
         as_key("user")
         with connect("user", keyed.address) as user:
             assert user.query(SQUARE, 12, timeout=SOON) == 144
 
 
-def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folder: Path) -> None:
+def test_key_removed_during_downtime_is_revoked_on_restart(folder: Path) -> None:
     known = Central()
     for name in ("arm", "ghost"):
         hello = headers.Hello(1, headers.PROTOCOL_VERSION, name, f"run of {name}")
@@ -282,7 +285,7 @@ def test_keys_that_went_while_central_was_away_are_revoked_when_it_is_back(folde
     assert list(gate.changes(2.0, known)) == []
 
 
-def test_a_central_without_allowed_keys_does_not_start(
+def test_central_without_allowed_keys_does_not_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "keys"))
@@ -292,15 +295,17 @@ def test_a_central_without_allowed_keys_does_not_start(
             assert "'tca keys new NAME'" in daemon.first_line
 
 
-def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_machine_is_set_up_in_five_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TCA_KEYS", str(tmp_path / "robot"))
-    assert said("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
+    assert run_keys("new", "laptop").strip() == str(tmp_path / "robot" / "laptop.key")
     with central(tmp_path, bind="tcp://0.0.0.0:*") as daemon:
         port = daemon.first_line.rpartition(":")[2]
         copied = tmp_path / "laptop.key"
-        copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as scp leaves it
+        copied.write_bytes((tmp_path / "robot" / "laptop.key").read_bytes())  # as after scp
         monkeypatch.setenv("TCA_KEYS", str(tmp_path / "laptop"))
-        assert "'laptop'" in said("use", str(copied))
+        assert "'laptop'" in run_keys("use", str(copied))
         monkeypatch.setenv("TCA_CENTRAL", f"tcp://127.0.0.1:{port}")
         assert "0 modules" in (status := tca("status")).stdout, status
 
@@ -308,7 +313,7 @@ def test_two_machines_in_five_commands(tmp_path: Path, monkeypatch: pytest.Monke
 # --- direct messages ------------------------------------------------------------------------------
 
 
-def test_direct_messages_are_encrypted_and_end_with_the_key(
+def test_direct_messages_are_encrypted_and_end_on_revocation(
     keyed: RealCentral, folder: Path, as_key: Callable[[str], None]
 ) -> None:
     as_key("arm")
@@ -336,13 +341,13 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
         with (
             zmq.Context() as context,
             context.socket(zmq.DEALER) as stranger,
-        ):  # who knows all but the public key
+        ):  # knows everything but the public key
             stranger.linger = 0
             stranger.connect(path.entrance.endpoint)
             greet = Greet(headers.PROTOCOL_VERSION, path.entrance.key, "a way", "x")
             stranger.send(codec.pack_item(greet))
             assert not stranger.poll(300)
-        said("revoke", "user")
+        run_keys("revoke", "user")
         keyed.server.check_soon()
 
         def hears_no_more() -> bool:
@@ -360,7 +365,7 @@ def test_direct_messages_are_encrypted_and_end_with_the_key(
 # --- the files ------------------------------------------------------------------------------------
 
 
-def test_keys_are_private_and_never_written_over(folder: Path) -> None:
+def test_key_files_are_private_and_never_overwritten(folder: Path) -> None:
     modes = {path.name: path.stat().st_mode & 0o777 for path in [folder, *folder.rglob("*")]}
     assert modes == {
         "keys": 0o700,
@@ -372,40 +377,40 @@ def test_keys_are_private_and_never_written_over(folder: Path) -> None:
         "user.pub": 0o600,
     }
     before = {path: path.read_bytes() for path in folder.rglob("*.*")}
-    assert "'arm' has a key" in said("new", "arm", code=1)
-    said("use", str(folder / "arm.key"))
-    assert "exists already: move it away first" in said("use", str(folder / "user.key"), code=1)
+    assert "'arm' has a key" in run_keys("new", "arm", code=1)
+    run_keys("use", str(folder / "arm.key"))
+    assert "exists already: move it away first" in run_keys("use", str(folder / "user.key"), code=1)
     assert {path: path.read_bytes() for path in before} == before
-    listed = said("list")
+    listed = run_keys("list")
     assert read_client_key(folder / "arm.key").public in listed
     assert read_client_key(folder / "arm.key").secret not in listed
 
 
-def test_no_public_key_looks_like_an_option(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_public_key_never_starts_with_a_dash(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = iter([(b"-" + b"x" * 39, b"s" * 40), (b"y" * 40, b"t" * 40)])
     monkeypatch.setattr(zmq, "curve_keypair", lambda: next(pairs))
     assert new_pair() == ("y" * 40, "t" * 40)
 
 
-def test_a_key_made_elsewhere_is_allowed_by_its_public_half(folder: Path) -> None:
+def test_foreign_key_is_allowed_by_its_public_half(folder: Path) -> None:
     public = new_pair().public
-    said("allow", "planner", public)
-    assert f"planner    {public}" in said("list")
-    assert "that is the key of 'planner'" in said("allow", "other", public, code=1)
-    assert "is not a public key" in said("allow", "other", "short", code=1)
+    run_keys("allow", "planner", public)
+    assert f"planner    {public}" in run_keys("list")
+    assert "that is the key of 'planner'" in run_keys("allow", "other", public, code=1)
+    assert "is not a public key" in run_keys("allow", "other", "short", code=1)
 
 
-def test_a_key_whose_secret_never_leaves_its_machine(
+def test_key_works_without_moving_its_secret(
     folder: Path, tmp_path: Path, as_key: Callable[[str], None]
 ) -> None:
     there = tmp_path / "laptop"
-    central_key = said("list").split()[1]
-    path, advice = said(
+    central_key = run_keys("list").split()[1]
+    path, advice = run_keys(
         "new", "laptop", "--central", central_key, "--folder", str(there)
     ).splitlines()
-    assert said("list", "--folder", str(there)).count("\n") == 1, "it is not allowed there"
+    assert run_keys("list", "--folder", str(there)).count("\n") == 1, "the key is not allowed there"
     name, public = advice.split()[-2:]
-    said("allow", name, public.strip("'"))
+    run_keys("allow", name, public.strip("'"))
     as_key(path)
     with RealCentral(TCP, gate=KeyGate(folder)) as running, connect("x", running.address):
         assert [fact.principal for fact in running.facts(facts.ModuleJoined)] == ["laptop"]
@@ -414,11 +419,11 @@ def test_a_key_whose_secret_never_leaves_its_machine(
 @pytest.mark.parametrize(
     "name", ["", "../arm", "a b", "central", "owner", "none", "x" * 65, ".hidden", "uid:0"]
 )
-def test_names_that_keys_cannot_have(folder: Path, name: str) -> None:
-    assert "can't be the name of a key" in said("new", "--", name, code=1)
+def test_keys_new_rejects_invalid_name(folder: Path, name: str) -> None:
+    assert "can't be the name of a key" in run_keys("new", "--", name, code=1)
 
 
-def test_files_that_others_can_read_are_refused(
+def test_key_files_readable_by_others_are_refused(
     folder: Path, as_key: Callable[[str], None]
 ) -> None:
     (folder / "arm.key").chmod(0o644)
@@ -429,7 +434,7 @@ def test_files_that_others_can_read_are_refused(
     with pytest.raises(MisuseError, match=r"can.t read the key .*nobody.key"):
         connect("arm", "tcp://127.0.0.1:1")
     folder.chmod(0o755)
-    assert "others may enter" in said("new", "leg", code=1)
+    assert "others may enter" in run_keys("new", "leg", code=1)
     folder.chmod(0o700)
 
 
@@ -449,7 +454,7 @@ os._exit(0)
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
-def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
+def test_other_user_is_refused_on_a_world_writable_socket() -> None:
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         with RealCentral(f"ipc://{folder}/central.sock") as running:
@@ -465,7 +470,7 @@ def test_another_user_is_turned_away_whatever_the_socket_allows() -> None:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
-def test_another_user_is_let_in_by_number_while_the_permissions_say_so() -> None:
+def test_other_user_is_accepted_only_while_permitted() -> None:
     owner, nobody = (
         '[[allow]]\nkey = "owner"\nadminister = "*"\n',
         '[[allow]]\nkey = "uid:65534"\nmodule = "knocker"\n',

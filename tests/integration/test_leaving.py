@@ -1,4 +1,4 @@
-"""A program that leaves waits until what it sent has arrived; what may not have, it says, with an
+"""A leaving program waits until its messages have arrived, and reports unconfirmed ones with an
 exit code.
 """
 
@@ -39,7 +39,7 @@ WITHOUT_BLOCK = """
     input()
     user.inform(POSE)
 """
-IN_A_THREAD = """
+IN_THREAD = """
     import threading
     from tca_module import Inform, connect
     POSE = Inform("pose", bytes)
@@ -54,7 +54,7 @@ IN_A_THREAD = """
     thread.start()
     thread.join()
 """
-IN_A_THREAD_THAT_GOES_ON = """
+IN_DAEMON_THREAD = """
     import threading
     from tca_module import Command, Inform, connect
     POSE, NOBODY = Inform("pose", bytes), Command("nobody")
@@ -72,10 +72,10 @@ IN_A_THREAD_THAT_GOES_ON = """
     threading.Thread(target=work, name="worker", daemon=True).start()
     sent.wait()
 """
-IDLE = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "threading.Event().wait()")
-WAITING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "nobody.wait()")
-SENDING = IN_A_THREAD_THAT_GOES_ON.replace("{goes_on}", "while True: user.inform(POSE, b'')")
-IN_A_CHILD = """
+IDLE = IN_DAEMON_THREAD.replace("{goes_on}", "threading.Event().wait()")
+WAITING = IN_DAEMON_THREAD.replace("{goes_on}", "nobody.wait()")
+SENDING = IN_DAEMON_THREAD.replace("{goes_on}", "while True: user.inform(POSE, b'')")
+IN_CHILD = """
     import multiprocessing, sys
     from tca_module import Inform, connect
     POSE = Inform("pose", bytes)
@@ -107,65 +107,67 @@ MODULE = """
 """
 
 
-def stopped_when_there(running: Process, daemon: Central) -> None:
-    """The program goes on when central stands still."""
+def stop_central_when_ready(running: Process, daemon: Central) -> None:
+    """Stop central, then let the program continue."""
     running.hear("there")
     daemon.signal(signal.SIGSTOP)
     running.stdin.write("go on\n")
     running.stdin.flush()
 
 
-def soaked(*values: str) -> Any:
-    """Each of these programs is also in another test, which is not of the soak."""
+def soak_only(*values: str) -> Any:
+    """A case for the soak only: another test covers its program."""
     return pytest.param(*values, marks=pytest.mark.soak)
 
 
-@pytest.mark.parametrize("text", [SCRIPT, IN_A_THREAD, *map(soaked, (IDLE, WAITING)), IN_A_CHILD])
-def test_all_arrives_at_a_central_that_takes_its_time(text: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", [SCRIPT, IN_THREAD, *map(soak_only, (IDLE, WAITING)), IN_CHILD])
+def test_leaving_program_waits_for_a_slow_central(text: str, tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(text.format(linger=60), daemon.address) as script:
-        stopped_when_there(script, daemon)
+        stop_central_when_ready(script, daemon)
         with pytest.raises(subprocess.TimeoutExpired):
             script.wait(2.5)
         daemon.signal(signal.SIGCONT)
-        _, said = script.communicate(timeout=30)
-        assert (script.returncode, said) == (0, "")
+        _, message = script.communicate(timeout=30)
+        assert (script.returncode, message) == (0, "")
         daemon.stop()
     assert sum(fact.message == "pose" for fact in daemon.facts(facts.Received)) == 51
 
 
-def test_a_thread_that_never_stops_sending_is_cut_off_without_a_word(tmp_path: Path) -> None:
+def test_endlessly_sending_daemon_thread_is_cut_off_silently(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, program(SENDING.format(linger=60), daemon.address) as script:
-        _, said = script.communicate("go on\n", timeout=30)
-    assert (script.returncode, said) == (0, "")
+        _, message = script.communicate("go on\n", timeout=30)
+    assert (script.returncode, message) == (0, "")
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (SCRIPT.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WITHOUT_BLOCK, "2 messages of 'script' may not have reached central at "),
-        soaked(
-            IN_A_THREAD.format(linger=0.5),
+        soak_only(
+            IN_THREAD.format(linger=0.5),
             "51 messages of 'script' may not have reached central at ",
         ),
         (IDLE.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
         (WAITING.format(linger=0.5), "51 messages of 'script' may not have reached central at "),
-        soaked(
-            IN_A_CHILD.format(linger=0.5),
+        soak_only(
+            IN_CHILD.format(linger=0.5),
             "51 messages of 'script' may not have reached central at ",
         ),
         (MODULE, "2 messages of 'legs' may not have reached central at "),
     ],
 )
-def test_what_may_be_lost_is_said_with_an_exit_code(text: str, said: str, tmp_path: Path) -> None:
+def test_leaving_program_reports_unconfirmed_messages(
+    text: str, message: str, tmp_path: Path
+) -> None:
     with central(tmp_path) as daemon, program(text, daemon.address) as running:
-        stopped_when_there(running, daemon)
+        stop_central_when_ready(running, daemon)
         _, errors = running.communicate(timeout=30)
     assert running.returncode == 1
-    assert said in errors.splitlines()[-1]
+    assert message in errors.splitlines()[-1]
 
 
-# --- Ctrl-C, or SIGTERM, ends a program of modules at the first time, whatever its handlers wait fo
+# --- the first Ctrl-C or SIGTERM ends a program of modules, whatever its handlers wait for ----------
 
 
 ROBOT = """
@@ -195,16 +197,18 @@ RUNNING = "with robot.running():\n    robot.goal(WORK).wait()\n"
 
 
 @pytest.mark.parametrize(
-    ("body", "code", "said"),
+    ("body", "code", "message"),
     [(RUN, 0, "over\n"), (RUNNING, -signal.SIGINT, "")],
     ids=["run", "running"],
 )
-def test_the_first_ctrl_c_ends_it(tmp_path: Path, body: str, code: int, said: str) -> None:
+def test_first_ctrl_c_ends_the_module_program(
+    tmp_path: Path, body: str, code: int, message: str
+) -> None:
     with central(tmp_path) as daemon, program(ROBOT + body, daemon.address) as robot:
         robot.hear("docking")
         robot.send_signal(signal.SIGINT)
         output, errors = robot.communicate(timeout=20)
-    assert output == f"left the dock\n{said}"
+    assert output == f"left the dock\n{message}"
     assert robot.returncode == code
     assert errors.strip().endswith("KeyboardInterrupt" if code else "")
 
@@ -228,7 +232,7 @@ robot.run()
 """
 
 
-def test_a_handler_that_waits_on_though_it_was_killed_does_not_keep_its_program(
+def test_killed_handler_that_keeps_waiting_does_not_block_exit(
     tmp_path: Path,
 ) -> None:
     with (

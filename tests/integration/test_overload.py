@@ -1,4 +1,4 @@
-"""Programs that want more of central than there is: real processes and a small budget."""
+"""Overload: real processes and a small memory budget."""
 
 import os
 import queue
@@ -54,10 +54,8 @@ EYES = """
     eyes.after(0.0, lambda _: print("runs", flush=True))
     eyes.run()
 """
-MOST = 120 << 20
-"""Bytes of central's process, of which 40 MiB are Python and its libraries; 400 MiB are asked
-for.
-"""
+MEMORY_LIMIT = 120 << 20
+"""Bytes of central's process. Python and its libraries take 40 MiB; the clients ask for 400 MiB."""
 
 
 @pytest.fixture
@@ -67,13 +65,13 @@ def daemon(tmp_path: Path) -> Iterator[Central]:
 
 
 def peak(daemon: Central) -> int:
-    """The most that a process has had of the machine's memory."""
+    """The peak memory of central's process."""
     lines = Path(f"/proc/{daemon.process.pid}/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) << 10
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
-def test_a_receiver_that_stands_still_costs_only_what_is_meant_for_it(daemon: Central) -> None:
+def test_stopped_receiver_loses_only_its_own_messages(daemon: Central) -> None:
     with program(EYES, daemon.address) as eyes, connect("user", daemon.address) as user:
         eyes.hear("runs")
         eyes.send_signal(signal.SIGSTOP)
@@ -88,11 +86,11 @@ def test_a_receiver_that_stands_still_costs_only_what_is_meant_for_it(daemon: Ce
         eyes.send_signal(signal.SIGCONT)
         assert user.query(LOOK, b"x", timeout=20.0) == 1
         assert user.status("load")["memory"]["messages and tasks"][0] < 1 << 20
-    assert peak(daemon) < MOST
+    assert peak(daemon) < MEMORY_LIMIT
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="counts as Linux does")
-def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) -> None:
+def test_client_that_reads_no_replies_does_not_slow_others(daemon: Central) -> None:
     with connect("user", daemon.address) as user, ExitStack() as lines:
         user.set_variable(MAP, bytes(1 << 20))
         for number in range(10):
@@ -103,13 +101,13 @@ def test_who_asks_and_reads_nothing_costs_the_others_nothing(daemon: Central) ->
             line.send(pack_item(Hello(1, PROTOCOL_VERSION, "deaf", f"run {number}")))
             line.send(pack([(GetVariable(2 + one, "map"), b"") for one in range(40)]))
         for _ in range(20):
-            assert len(user.get_variable(MAP)) == 1 << 20  # and is heard each time
-    assert peak(daemon) < MOST
+            assert len(user.get_variable(MAP)) == 1 << 20  # and is answered each time
+    assert peak(daemon) < MEMORY_LIMIT
 
 
-def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path: Path) -> None:
-    """The names of informs that wait are given up when who declared them has left; what is dropped
-    is counted.
+def test_unhandled_message_names_make_room_for_new_ones(tmp_path: Path) -> None:
+    """Names of waiting informs are forgotten once their declaring module has left. Dropped messages
+    are counted.
     """
     line: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
     with central(tmp_path, "--no-inputs") as daemon, line:
@@ -142,8 +140,8 @@ def test_ten_thousand_names_that_nobody_handles_do_not_keep_others_out(tmp_path:
 
 
 @pytest.fixture
-def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
-    """A central whose turns the test takes itself, and to which lines within the process lead."""
+def stepped_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
+    """A central whose turns the test takes itself, with in-process connections."""
     monkeypatch.setattr(shell, "BYTES_PER_TURN", 1000)
     server = Daemon(Core("epoch"), f"ipc://{tmp_path}/c.sock", gate=OpenGate())
     server.socket.bind("inproc://turns")
@@ -151,7 +149,7 @@ def turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
     server.close()
 
 
-def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
+def connect_raw(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     line = server._context.socket(zmq.DEALER)
     line.setsockopt(zmq.LINGER, 0)
     line.setsockopt(zmq.SNDHWM, 0)
@@ -160,38 +158,36 @@ def line_to(server: Daemon, name: str) -> "zmq.Socket[bytes]":
     return line
 
 
-def test_nobody_waits_behind_what_another_has_sent_in_big_packets(turns: Daemon) -> None:
-    """ZeroMQ looks for lines on which something new has come only each hundred frames, unless it is
-    asked.
-    """
-    with line_to(turns, "flood") as flood, line_to(turns, "user") as user:
+def test_big_packets_of_one_client_do_not_delay_others(stepped_daemon: Daemon) -> None:
+    """ZeroMQ polls idle connections for new input only every hundred frames, unless it is asked."""
+    with connect_raw(stepped_daemon, "flood") as flood, connect_raw(stepped_daemon, "user") as user:
         for _ in range(100):
             flood.send(pack_item(Send(0, "nothing"), bytes(2000)))
         while not user.poll(0):
-            turns._receive()
-            turns._flush()
+            stepped_daemon._receive()
+            stepped_daemon._flush()
         user.recv()
-        for _ in range(3):  # now ZeroMQ knows that nothing more has come from there
-            turns._receive()
+        for _ in range(3):  # now ZeroMQ considers that connection idle
+            stepped_daemon._receive()
         user.send(pack_item(Ask(2, "status")))
         for _ in range(3):
-            turns._receive()  # a turn that takes in a big packet has answered those before
+            stepped_daemon._receive()  # a turn with a big packet answers earlier requests
         assert user.poll(0)
         assert flood.poll(0)
-        assert turns._has_arrived(), "the flood had ended"
+        assert stepped_daemon._has_arrived(), "the flood had ended"
 
 
-def test_nobody_waits_while_central_hears_the_last_words_of_those_who_go(turns: Daemon) -> None:
-    with line_to(turns, "user") as user:
-        turns._drain()
+def test_central_answers_while_it_drains_goodbyes(stepped_daemon: Daemon) -> None:
+    with connect_raw(stepped_daemon, "user") as user:
+        stepped_daemon._drain()
         assert user.poll(0)
 
 
-def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
+def test_listener_cycle_is_refused_at_tap_depth(tmp_path: Path) -> None:
     move, check = Query("move", int, reply=int), Inform("check", int)
     errors: queue.Queue[str] = queue.Queue()
 
-    def again(task: Any, to: int) -> None:
+    def query_again(task: Any, to: int) -> None:
         try:
             task.query(move, to)
         except Refused as refused:
@@ -199,7 +195,7 @@ def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
 
     with central(tmp_path, "--tap-depth", "2") as daemon:
         robot = Module("robot", central=daemon.address)
-        robot.handles(check)(again)
+        robot.handles(check)(query_again)
         robot.handles(move, resource="legs")(lambda _, to: to)
         with robot.running(), connect("user", daemon.address) as user:
             user.tap(Condition.AFTER_HANDLED, move, check)
@@ -207,14 +203,14 @@ def test_a_circle_of_listeners_ends_with_an_error(tmp_path: Path) -> None:
             assert "--tap-depth" in errors.get(timeout=30)
 
 
-# --- Who sends more than central reads, and dies, does not take central with it; and a line that ta
+# --- dead connections ------------------------------------------------------------------------------
 
 
 FLOOD = """
 import os, signal, sys, zmq
 to_central = zmq.Context().socket(zmq.DEALER)
 to_central.connect(sys.argv[1])
-while to_central.poll(300, zmq.POLLOUT):  # until nothing more is taken
+while to_central.poll(300, zmq.POLLOUT):  # until its queue is full
     to_central.send(bytes(1000))
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -232,25 +228,23 @@ print(flood.returncode)
 """
 
 
-def test_a_module_that_floods_a_busy_central_and_is_killed(tmp_path: Path) -> None:
-    """The queue of the dead was full, so ZeroMQ had stopped to read, and aborted the process at its
-    next heartbeat.
+def test_central_survives_a_killed_flooding_client(tmp_path: Path) -> None:
+    """Its queue was full, so ZeroMQ had stopped reading, and aborted the process at its next
+    heartbeat.
     """
     command = [sys.executable, "-c", CENTRAL, f"ipc://{tmp_path}/central.sock", FLOOD]
-    lived = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (lived.returncode, lived.stdout) == (0, f"{-signal.SIGKILL}\n"), lived.stderr
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stdout) == (0, f"{-signal.SIGKILL}\n"), result.stderr
 
 
-def test_a_line_that_takes_nothing_for_five_seconds_is_dead() -> None:
-    """The kernel asks every second, so it can tell; this is what it was told."""
+def test_tcp_connection_times_out_after_five_seconds() -> None:
+    """The kernel probes every second; this checks the options that it received."""
     with RealCentral("tcp://127.0.0.1:*") as central, connect("user", central.address):
-        assert (5000, 1, 1) in patience_of_lines_at(int(central.address.rpartition(":")[2]))
+        assert (5000, 1, 1) in socket_timeouts_at(int(central.address.rpartition(":")[2]))
 
 
-def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
-    """Of the TCP sockets of this process that stand at a port: milliseconds; and seconds until, and
-    between, probes.
-    """
+def socket_timeouts_at(port: int) -> list[tuple[int, ...]]:
+    """Timeout in ms, and seconds until and between probes, of this process's TCP sockets on a port."""
     options = socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL
     found = []
     for file in Path("/proc/self/fd").iterdir():
@@ -265,7 +259,7 @@ def patience_of_lines_at(port: int) -> list[tuple[int, ...]]:
     return found
 
 
-# --- Central is busy for long with one event, such as the kill of a very large tree: that is nobody
+# --- one very long event --------------------------------------------------------------------------
 
 
 WALK, STEP = Goal("walk"), Command("step")
@@ -292,9 +286,10 @@ TASKS = 2_000
 
 
 @pytest.mark.soak
-def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path: Path) -> None:
-    """Central stands still for a while, and here is stopped, too, as on a slower day: who has no
-    patience is told; what is handled goes on, and who handles stays.
+def test_kill_of_very_large_tree_loses_no_module(tmp_path: Path) -> None:
+    """Central is busy, and here also stopped, as on a slow machine.
+
+    A client without patience gets CentralLost; handlers continue, and no module is lost.
     """
     with central(tmp_path) as daemon, program(DIGGER, daemon.address) as digger:
         digger.hear("ready")
@@ -304,7 +299,7 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
         ):
             dig, walk = user.command(DIG), user.goal(WALK)
             digger.hear("digging")
-            fill(user, walk)
+            fill_tree(user, walk)
             assert user.query(DEPTH, timeout=60) == 7
             daemon.signal(signal.SIGSTOP)
             with pytest.raises(CentralLost):
@@ -320,8 +315,8 @@ def test_the_kill_of_a_very_large_tree_costs_no_living_module_its_place(tmp_path
     assert not daemon.facts(facts.Failed)
 
 
-def fill(user: Client, walk: SentTask[None]) -> None:
-    """What ``command`` does, but without waiting for each."""
+def fill_tree(user: Client, walk: SentTask[None]) -> None:
+    """Send commands as ``command`` does, without waiting for each."""
     connection = user._connection()
     connection.declare(STEP)
     for _ in range(TASKS):

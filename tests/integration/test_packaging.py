@@ -1,7 +1,7 @@
 """The wheel and the source distribution that ``python -m build`` makes work in a fresh virtual
 environment.
 
-What they depend on is taken from the environment of the tests, so that nothing is downloaded.
+Their dependencies come from the environment of the tests, so nothing is downloaded.
 """
 
 import os
@@ -26,7 +26,7 @@ for package in {PACKAGES}:
     assert "fresh" in folder.parts, folder
     assert (folder / "py.typed").exists(), folder
     for path in sorted(folder.rglob("*.py")):
-        if path.stem != "__main__" and path.parent.name != "peers":  # of which none need be installed
+        if path.stem != "__main__" and path.parent.name != "peers":  # optional tools
             importlib.import_module(".".join([package, *path.relative_to(folder).with_suffix("").parts]))
             print(path.relative_to(folder.parent))
 """
@@ -98,7 +98,7 @@ def files(package: str) -> set[str]:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
+def test_source_distribution_contains_all_sources(dist: Path) -> None:
     (archive,) = dist.glob("tca_central-*.tar.gz")
     with tarfile.open(archive) as opened:
         names = {name.partition("/")[2] for name in opened.getnames()}
@@ -106,19 +106,19 @@ def test_the_source_distribution_holds_all_sources(dist: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_was_installed_can_be_imported(python: Path, tmp_path: Path) -> None:
+def test_installed_wheel_contains_importable_modules(python: Path, tmp_path: Path) -> None:
     imported = set(run(python, "-c", EVERY_MODULE, cwd=tmp_path).split())
-    here = {name for package in PACKAGES for name in files(package)}
-    unwanted = ("__main__.py", *(name for name in here if "/peers/" in name))
+    source_files = {name for package in PACKAGES for name in files(package)}
+    unwanted = ("__main__.py", *(name for name in source_files if "/peers/" in name))
     assert imported == {
-        name for name in here if name.endswith(".py") and not name.endswith(unwanted)
+        name for name in source_files if name.endswith(".py") and not name.endswith(unwanted)
     }
     installed = python.parents[1] / sysconfig.get_path("purelib", vars={"base": ""}).lstrip("/")
-    assert [name for name in here if not (installed / name).exists()] == []
+    assert [name for name in source_files if not (installed / name).exists()] == []
 
 
 @pytest.mark.slow
-def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> None:
+def test_readme_commands_work_with_the_installed_wheel(python: Path, tmp_path: Path) -> None:
     """``pip install .`` builds the wheel that is installed here; the other lines run as they are
     printed.
     """
@@ -129,13 +129,11 @@ def test_the_printed_lines_of_the_readme_work(python: Path, tmp_path: Path) -> N
         1:4
     ]
     with central(tmp_path, command=(str(tca), "central")) as daemon:
-        said = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
-    assert said == printed
+        output = run(python, "-c", program, cwd=tmp_path, TCA_CENTRAL=daemon.address)
+    assert output == printed
     assert rows_of(run(tca, "tree", daemon.journal, cwd=tmp_path)) == rows_of(tree)
 
 
 def rows_of(tree: str) -> list[str]:
-    """Each task of a drawn tree with its state: its times, and the columns that they need, differ
-    each time.
-    """
+    """Each task of a drawn tree with its state, without times and column widths, which vary."""
     return re.findall(r"^.*\{\d+\} +\w+", tree, re.MULTILINE)

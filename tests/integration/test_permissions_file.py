@@ -66,7 +66,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "robot.toml"
 
 
-def test_what_a_file_says(path: Path) -> None:
+def test_permissions_file_is_parsed_into_rules(path: Path) -> None:
     path.write_text(GOOD)
     arm, user = read_rules(path)
     assert (arm.keys, arm.modules) == (("arm", "arm-*"), ("arm",))
@@ -90,21 +90,21 @@ def test_what_a_file_says(path: Path) -> None:
         ("deny = 'x'\n[[allow]]\nkey = 'x'\n", 1, "'deny' has no meaning here"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_its_line(path: Path, text: str, line: int, words: str) -> None:
+def test_permissions_error_names_the_line(path: Path, text: str, line: int, words: str) -> None:
     path.write_text(text)
     where = rf", line {line}: " if line > 1 or "[[allow]]" in text else ""
     with pytest.raises(PermissionsError, match=rf"robot.toml{where}.*{words}"):
         read_rules(path)
 
 
-def test_all_that_is_wrong_is_told_at_once(path: Path) -> None:
+def test_permissions_error_lists_all_mistakes(path: Path) -> None:
     path.write_text("[[allow]]\nsned = 'x'\n[[allow]]\nkey = 3\n")
     with pytest.raises(PermissionsError) as caught:
         read_rules(path)
     assert str(caught.value).count("robot.toml, line") == 3
 
 
-def test_a_file_that_anybody_may_write_or_nobody_can_read_is_refused(path: Path) -> None:
+def test_missing_or_world_writable_permissions_are_refused(path: Path) -> None:
     with pytest.raises(PermissionsError, match="No such file"):
         read_rules(path)
     path.write_text(ALL)
@@ -113,7 +113,7 @@ def test_a_file_that_anybody_may_write_or_nobody_can_read_is_refused(path: Path)
         read_rules(path)
 
 
-def test_central_does_not_start_with_a_wrong_file(tmp_path: Path, path: Path) -> None:
+def test_central_does_not_start_with_invalid_permissions(tmp_path: Path, path: Path) -> None:
     path.write_text("[[allow]]\nkye = 'x'\n")
     with central(tmp_path / "run", "--permissions", str(path)) as daemon:
         assert daemon.process.wait(SOON) == 1
@@ -136,7 +136,7 @@ def changed(running: RealCentral, count: int) -> None:
     )
 
 
-def test_permissions_are_read_again_while_all_goes_on(
+def test_changed_permissions_apply_to_a_running_central(
     running: RealCentral, path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     a_map = Module("map", running.address)
@@ -168,7 +168,7 @@ def test_permissions_are_read_again_while_all_goes_on(
     assert len(refused) >= 3
 
 
-def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None:
+def test_sighup_makes_central_reload_permissions(tmp_path: Path, path: Path) -> None:
     path.write_text(LITTLE)
     with central(tmp_path / "run", "--permissions", str(path)) as daemon:
         with pytest.raises(Refused):
@@ -186,8 +186,8 @@ def test_a_signal_makes_central_look_at_once(tmp_path: Path, path: Path) -> None
         assert "permissions from" in daemon.stop()
 
 
-def test_central_ends_with_its_terminal(tmp_path: Path) -> None:
-    """Where there is one: a hangup is no signal to look again then."""
+def test_sighup_ends_central_when_its_terminal_is_closed(tmp_path: Path) -> None:
+    """With a terminal, a hangup means the end rather than a reload."""
     near, far = pty.openpty()
     command = [
         sys.executable,
@@ -206,5 +206,5 @@ def test_central_ends_with_its_terminal(tmp_path: Path) -> None:
         connect("user", f"ipc://{tmp_path}/central.sock").close()
         assert daemon.poll() is None
         os.close(near)
-        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to whom the terminal controls
-        assert daemon.wait(SOON) in (0, 120)  # Python could not write its last words
+        os.kill(daemon.pid, signal.SIGHUP)  # the kernel sends it to processes of the terminal
+        assert daemon.wait(SOON) in (0, 120)  # 120: Python could not flush its output

@@ -1,6 +1,4 @@
-"""Central is killed and comes back: nothing that it had taken is lost, and nothing is done
-twice.
-"""
+"""Central is killed and restarted: no accepted message is lost, and none is handled twice."""
 
 import errno
 import os
@@ -69,7 +67,7 @@ LEGS = """
 
 
 class Robot:
-    """A central that can be killed, and a module with a notebook of what it did."""
+    """A central that can be killed, and a module that records its work in a file."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -82,11 +80,11 @@ class Robot:
         self.central.kill()
 
     def restart(self, *options: str) -> str:
-        """Central comes back; its first line."""
+        """Restart central; return its first line."""
         self.central = Central(self.folder, *options)
         return self.central.first_line
 
-    def begun(self) -> Counter[int]:
+    def starts(self) -> Counter[int]:
         words = (
             [line.split() for line in self.notebook.read_text().splitlines()]
             if self.notebook.exists()
@@ -101,9 +99,9 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Robot]:
-    made = Robot(tmp_path)
-    yield made
-    made.close()
+    running = Robot(tmp_path)
+    yield running
+    running.close()
 
 
 @pytest.fixture
@@ -112,7 +110,7 @@ def user(robot: Robot) -> Iterator[Client]:
         yield client
 
 
-def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user: Client) -> None:
+def test_commands_run_exactly_once_through_central_restarts(robot: Robot, user: Client) -> None:
     steps = []
     for number in range(120):
         steps.append(user.command(STEP, number))
@@ -120,19 +118,17 @@ def test_commands_go_on_through_kills_and_none_is_done_twice(robot: Robot, user:
             robot.kill()
             assert "continues the unfinished run" in robot.restart()
     assert [step.result(timeout=20) for step in steps] == [2 * number for number in range(120)]
-    assert robot.begun() == Counter(range(120))
+    assert robot.starts() == Counter(range(120))
     user.close()
     robot.central.stop()
     good = tca("check", str(robot.central.journal))
     assert good.returncode == 0, good.stdout
 
 
-def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(
-    robot: Robot, user: Client
-) -> None:
+def test_result_of_handler_is_accepted_after_central_restart(robot: Robot, user: Client) -> None:
     user.set_variable(SPEED, 3)
     step = user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     after = user.command(STEP, 5)
     user.status()
     robot.kill()
@@ -141,26 +137,22 @@ def test_a_handler_goes_on_while_central_is_away_and_its_result_is_taken(
     assert step.result(timeout=20) == -2
     assert after.result(timeout=20) == 10
     assert user.get_variable(SPEED) == 3
-    assert robot.begun() == Counter([-1, 5])
+    assert robot.starts() == Counter([-1, 5])
 
 
-def test_whether_the_handler_of_a_dead_module_was_done_is_uncertain(
-    robot: Robot, user: Client
-) -> None:
+def test_task_of_dead_module_is_uncertain_after_central_restart(robot: Robot, user: Client) -> None:
     step = user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     robot.kill()
     robot.legs.kill()
     robot.legs.wait()
     robot.restart()
     with pytest.raises(TaskFailed) as failed:
         step.result(timeout=20)
-    assert (failed.value.failure, robot.begun()[-1]) == ("uncertain", 1)
+    assert (failed.value.failure, robot.starts()[-1]) == ("uncertain", 1)
 
 
-def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
-    robot: Robot, user: Client
-) -> None:
+def test_recovery_counts_a_zombie_process_as_lost(robot: Robot, user: Client) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.legs.kill()
@@ -176,29 +168,29 @@ def test_a_program_has_ended_also_if_nobody_asks_for_its_exit_code(
     assert {names[lost.connection] for lost in run.lost_connections()} == {"legs"}
 
 
-def test_nothing_starts_before_somebody_says_so(robot: Robot, user: Client) -> None:
+def test_resume_hold_starts_no_task_until_resumed(robot: Robot, user: Client) -> None:
     user.command(STEP, 1).result(timeout=20)
     robot.kill()
     robot.restart("--resume", "hold")
     step = user.command(STEP, 2)
-    assert user.query(WHERE, timeout=20) == 7  # who asks is answered
+    assert user.query(WHERE, timeout=20) == 7  # queries are answered
     with pytest.raises(Timeout):
         step.result(timeout=0.3)
-    assert robot.begun()[2] == 0
-    said = tca("status", "--central", robot.central.address).stdout
-    assert "central was restarted, and starts no tasks yet" in said
+    assert robot.starts()[2] == 0
+    output = tca("status", "--central", robot.central.address).stdout
+    assert "no task starts since central was restarted" in output
     assert tca("resume", "--central", robot.central.address).stdout == "tasks start again\n"
     assert step.result(timeout=20) == 4
 
 
-def test_a_run_that_has_ended_is_not_gone_on_with(tmp_path: Path) -> None:
+def test_ended_run_is_not_continued(tmp_path: Path) -> None:
     with central(tmp_path) as first, connect("user", first.address) as user:
         epoch = user.status()["epoch"]
-    with central(tmp_path) as again, connect("user", again.address) as user:
+    with central(tmp_path) as restarted, connect("user", restarted.address) as user:
         assert user.status()["epoch"] != epoch
 
 
-def test_without_a_name_the_journal_of_the_address_is_gone_on_with(
+def test_unnamed_journal_of_the_address_is_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -230,10 +222,8 @@ def broken_run(tmp_path: Path) -> Path:
     return robot.central.journal
 
 
-def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
-    broken_run: Path, tmp_path: Path
-) -> None:
-    """The journal has more then; --resume facts puts that aside."""
+def test_truncated_inputs_leave_a_recoverable_run(broken_run: Path, tmp_path: Path) -> None:
+    """The journal then extends beyond the inputs; --resume facts accepts that."""
     inputs, before = (broken_run / "00000001.tcai").read_bytes(), 1 << 30
     for cut in range(len(inputs) - 1, 200, -len(inputs) // 40):
         copy = tmp_path / "copy"
@@ -248,7 +238,7 @@ def test_any_cut_of_the_inputs_leaves_a_run_that_can_go_on(
     assert before < 10, "the last cut leaves little"
 
 
-def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path) -> None:
+def test_journal_beyond_its_inputs_stops_recovery(broken_run: Path) -> None:
     journal = broken_run / "00000001.tcaj"
     (broken_run / "00000001.tcai").write_bytes((broken_run / "00000001.tcai").read_bytes()[:-200])
     before = journal.read_bytes()
@@ -263,7 +253,7 @@ def test_a_journal_that_says_something_else_stops_the_recovery(broken_run: Path)
     assert journal.read_bytes() + aside == before
 
 
-def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_anything_leaves(
+def test_skipped_task_numbers_are_synced_before_any_reply(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_central.shell.recovery.this_boot", lambda: "another")
@@ -281,28 +271,30 @@ def test_numbers_that_are_passed_over_after_a_power_cut_are_on_the_disk_before_a
         folder.open(server, Sync.BATCH)
         assert ".tcai" in on_disk
         lost = folder.central.tree.newest
-        asked = RequestReceived(
+        event = RequestReceived(
             server.now(), ConnectionId(b"new"), Hello(1, PROTOCOL_VERSION, "user", "run")
         )
-        folder.central.handle(asked)
+        folder.central.handle(event)
         point = Point(TaskId(lost), Moment.END_ACHIEVING)
-        asked = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
-        told = [one.header for one in folder.central.handle(asked) if isinstance(one, Transmit)]
-        assert [one.refusal for one in told if isinstance(one, Refused)] == [Refusal.UNKNOWN], (
-            "it may have been done"
-        )
+        event = RequestReceived(server.now(), ConnectionId(b"new"), AwaitPoint(2, point))
+        transmitted = [
+            one.header for one in folder.central.handle(event) if isinstance(one, Transmit)
+        ]
+        assert [one.refusal for one in transmitted if isinstance(one, Refused)] == [
+            Refusal.UNKNOWN
+        ], "the task may have been done"
     finally:
         server.close()
         folder.close()
 
 
-def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown(
+def test_check_rerun_shows_the_first_difference(
     broken_run: Path,
 ) -> None:
     same = tca("check", "--rerun", str(broken_run))
     assert same.returncode == 0, same.stderr
     assert re.fullmatch(
-        r"[\d,]+ inputs since the run began lead to the same [\d,]+ entries in this version\n",
+        r"[\d,]+ inputs .* lead to the same [\d,]+ entries in this version\n",
         same.stdout,
     )
     journal = broken_run / "00000001.tcaj"
@@ -320,12 +312,10 @@ def test_a_run_is_handled_again_by_todays_core_and_the_first_difference_is_shown
     )
 
 
-def test_the_journal_has_what_an_image_includes(
+def test_image_taken_in_recovery_is_covered_by_the_journal(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A central that is killed as soon as it has taken one, in coming back, has written what it did
-    until then.
-    """
+    """A central that is killed right after the image has already written the journal up to it."""
     monkeypatch.setattr(images, "EVENTS_BETWEEN", 2)
     run = RunFolder(broken_run)
     server = Daemon(run.central, f"ipc://{broken_run.parent}/again.sock")
@@ -333,21 +323,19 @@ def test_the_journal_has_what_an_image_includes(
     assert server.log
     assert server.log.images
     server.log.images.update(run.central)
-    server.log.images.close()  # it is there; and nothing more is written
+    server.log.images.close()  # the image exists; nothing more is written
     run.close()
     server.log = None
     server.close()
-    again = recover(broken_run, unfinished_segments(broken_run))
-    assert again.inputs == 0
+    restarted = recover(broken_run, unfinished_segments(broken_run))
+    assert restarted.inputs == 0
     written = [fact for entry in open_log(broken_run) for fact in entry.facts]
     assert sum(isinstance(fact, facts.CentralRestarted) for fact in written) == 1
     assert any(isinstance(fact, facts.ModuleLeft) for fact in written)
 
 
-def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path) -> None:
-    """Also where the first turn finds that much is due. Else slots that wait for work would come
-    back after 45 s.
-    """
+def test_client_waiting_for_restart_is_greeted_at_once(tmp_path: Path) -> None:
+    """Also when much is due in the first turn. Otherwise idle slots would return only after 45 s."""
     server = Daemon(core.Central("epoch"), f"ipc://{tmp_path}/c.sock")
     server._next_beat = 0.0
     serving = Thread(target=server.serve)
@@ -363,18 +351,18 @@ def test_whoever_came_while_central_came_back_is_greeted_at_once(tmp_path: Path)
     assert is_greeted
 
 
-def test_entries_that_the_journal_lacked_follow_those_that_it_has(broken_run: Path) -> None:
+def test_truncated_journal_is_completed_on_recovery(broken_run: Path) -> None:
     journal = broken_run / "00000001.tcaj"
     whole = journal.read_bytes()
     journal.write_bytes(whole[: len(whole) // 2])
-    with central(broken_run.parent) as again, connect("user", again.address, patience=20):
-        assert "continues" in again.first_line
+    with central(broken_run.parent) as restarted, connect("user", restarted.address, patience=20):
+        assert "continues" in restarted.first_line
     checked = tca("check", str(broken_run))
     assert checked.returncode == 0, checked.stdout
 
 
 @pytest.mark.parametrize("jump", [-86_400, 31_536_000])
-def test_a_wall_clock_that_has_jumped_changes_nothing(
+def test_wall_clock_jump_does_not_change_central_time(
     broken_run: Path, monkeypatch: pytest.MonkeyPatch, jump: float
 ) -> None:
     run = recover(broken_run, unfinished_segments(broken_run))
@@ -385,44 +373,40 @@ def test_a_wall_clock_that_has_jumped_changes_nothing(
     assert restarted.away == pytest.approx(min(max(jump, 0), time.monotonic()), abs=60)
 
 
-def test_without_inputs_a_new_run_begins_and_the_old_one_is_over(
-    robot: Robot, user: Client
-) -> None:
+def test_restart_without_inputs_starts_a_new_run(robot: Robot, user: Client) -> None:
     user.command(STEP, -1)
-    until(lambda: robot.begun()[-1] == 1, "the step has begun")
+    until(lambda: robot.starts()[-1] == 1, "the step has begun")
     user.command(STEP, 5)
     user.status()
     robot.kill()
-    said = robot.restart("--no-inputs")
-    assert "starts a new run" in said
+    output = robot.restart("--no-inputs")
+    assert "starts a new run" in output
     Path(f"{robot.notebook}.go").touch()
     robot.central.stop()
     assert "goes on" not in robot.restart()
     robot.central.stop()
-    assert robot.begun()[5] == 0
+    assert robot.starts()[5] == 0
 
 
 @pytest.mark.parametrize("sync", [Sync.NONE, Sync.BATCH])
-def test_numbers_that_may_have_been_given_are_never_given_again(
-    broken_run: Path, sync: Sync
-) -> None:
-    """Neither after inputs were lost that nobody had synced, nor after some were left out."""
+def test_task_numbers_are_never_reused_after_lost_inputs(broken_run: Path, sync: Sync) -> None:
+    """Neither after unsynced inputs were lost, nor after some were skipped."""
     newest = []
     for _ in range(2):
         folder = RunFolder(broken_run, accept=True)
         server = Daemon(folder.central, f"ipc://{broken_run}/c.sock")
         folder.open(server, sync)
         newest.append(folder.central.tree.newest)
-        server.log = None  # it is killed
+        server.log = None  # as after a kill
         server.close()
         folder.close()
     assert newest[1] > newest[0] > 1_000_000
 
 
-def test_nothing_leaves_before_what_led_to_it_is_recorded(
+def test_no_packet_leaves_before_its_input_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A turn whose write fails lets no packet out."""
+    """A turn whose write fails sends no packet."""
     folder = RunFolder(tmp_path / "journal")
     server = Daemon(folder.central, f"ipc://{tmp_path}/c.sock")
     folder.open(server, Sync.BATCH)
@@ -444,13 +428,13 @@ def test_nothing_leaves_before_what_led_to_it_is_recorded(
     folder.close()
 
 
-def test_a_folder_in_the_place_of_a_file_is_named(broken_run: Path) -> None:
+def test_recovery_error_names_a_folder_in_place_of_a_file(broken_run: Path) -> None:
     (broken_run / "00000002.tcai").mkdir()
     with pytest.raises(CentralError, match=r"00000002\.tcai: Is a directory: name another folder"):
         RunFolder(broken_run)
 
 
-def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(
+def test_damaged_inputs_header_stops_recovery(
     broken_run: Path,
 ) -> None:
     inputs = broken_run / "00000001.tcai"
@@ -462,5 +446,5 @@ def test_a_damaged_head_of_the_inputs_does_not_lose_the_run_without_a_word(
     folder = RunFolder(broken_run, is_fresh=True)
     assert folder.run is None
     folder.close()
-    inputs.write_bytes(whole[:20])  # central ended while it began it
+    inputs.write_bytes(whole[:20])  # central died while it created the file
     assert unfinished_segments(broken_run) == []

@@ -1,5 +1,5 @@
-"""Rocks that the scanner does not see, on real processes: each rung of the ladder (paper, figure
-3), by the journal.
+"""Rocks that the scanner does not see, in real processes. Each level of recovery (paper, figure 3)
+is checked in the journal.
 """
 
 import subprocess
@@ -28,10 +28,10 @@ TALL = "1.1 0.9 0.25 1.9"
 """Taller than a leg is raised; the leg swings around it."""
 
 BROAD = "1.4 0.3 0.7 1.9"
-"""Too broad for a leg to go around, until the feet stand otherwise."""
+"""Too broad for a leg to go around until the feet are shuffled."""
 
 HUGE = "3.2 0.0 2.4 1.9"
-"""No leg gets past it: the walk is given up there."""
+"""No leg passes it: the walk is given up there."""
 
 UNCHECKED = ("--without", "stability", "--without", "footfall")
 
@@ -90,7 +90,7 @@ Walks = Callable[[str], Walk]
 
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
-    """The walk with a rock; each is walked once."""
+    """Walk to a rock, once for each rock."""
     known: dict[str, Walk] = {}
 
     def get(rock: str) -> Walk:
@@ -103,7 +103,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Walks:
 
 @pytest.fixture(scope="module")
 def given_up(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    """A walk to the huge rock, without checks: so it breaks rules before it is given up."""
+    """A walk to the huge rock without checks. It breaks rules before it is given up."""
     return walk_with(tmp_path_factory.mktemp("huge"), HUGE, options=UNCHECKED)
 
 
@@ -125,7 +125,7 @@ def assert_walked(walk: Walk) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("backend", ["kinematic", "pybullet"])
-def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None:
+def test_leg_is_raised_over_a_low_rock(backend: str, tmp_path: Path) -> None:
     if backend == "pybullet":
         pytest.importorskip("pybullet")
     done = walk_with(tmp_path, LOW, metres="1", backend=backend)
@@ -137,7 +137,7 @@ def test_over_a_low_rock_the_leg_is_raised(backend: str, tmp_path: Path) -> None
 
 
 @pytest.mark.soak
-def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
+def test_step_is_replanned_around_a_tall_rock(walked: Walks) -> None:
     done = walked(TALL)
     assert_walked(done)
     assert done.recoveries.keys() == {"raise leg", "replan move"}
@@ -148,7 +148,7 @@ def test_around_a_tall_rock_the_step_is_planned_anew(walked: Walks) -> None:
     tried = [name for name in names_under(done, failing) if name in LADDER]
     assert tried == ["raise leg", "raise leg", "replan move"]
     step = done.history.tasks[failing.parent]
-    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned anew
+    assert (step.name, len(step.handlings)) == ("take steps", 2)  # planned, and planned again
 
 
 def names_under(walk: Walk, task: Task) -> list[str]:
@@ -156,7 +156,7 @@ def names_under(walk: Walk, task: Task) -> list[str]:
 
 
 @pytest.mark.soak
-def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked: Walks) -> None:
+def test_feet_are_shuffled_when_replanning_fails(walked: Walks) -> None:
     done = walked(BROAD)
     assert_walked(done)
     assert done.recoveries.keys() >= {"raise leg", "replan move", "shuffle feet"}
@@ -165,26 +165,26 @@ def test_where_no_way_is_found_the_feet_are_shuffled_and_the_walk_goes_on(walked
     assert first in (
         "move body",
         "move leg",
-    )  # the body, if at all, goes first: to where any leg can be lifted
+    )  # the body may move first, so that any leg can be lifted
     assert set(moves) == {"move leg"}
     (arc,) = done.named("traverse arc")
     assert len(arc.handlings) == 1 + len(
         shuffled
-    )  # begun again each time, from the standard configuration
+    )  # restarted each time, from the standard configuration
 
 
 @pytest.mark.soak
-def test_when_nothing_helps_the_walk_is_given_up_and_the_user_is_told(given_up: Walk) -> None:
+def test_walk_is_given_up_when_no_recovery_helps(given_up: Walk) -> None:
     assert given_up.code == 1
     assert given_up.recoveries.keys() >= set(LADDER)
-    said = " ".join(given_up.output.split())
-    assert "the walk failed: traverse path {" in said
-    assert "walk given up" in said
+    text = " ".join(given_up.output.split())
+    assert "the walk failed: traverse path {" in text
+    assert "walk given up" in text
     (path,) = given_up.named("traverse path")
     assert path.state in (TaskState.KILLED, TaskState.FAILED)
 
 
-def test_the_rungs_are_tried_from_the_leg_up(given_up: Walk) -> None:
+def test_recoveries_are_tried_from_the_leg_up(given_up: Walk) -> None:
     assert len(given_up.named("give up")) == 1
     firsts = [min(one.id for one in given_up.named(name)) for name in LADDER]
     assert firsts == sorted(firsts)
@@ -192,38 +192,38 @@ def test_the_rungs_are_tried_from_the_leg_up(given_up: Walk) -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("rock", [TALL, BROAD])
-def test_past_a_rock_too_each_move_is_checked(walked: Walks, rock: str) -> None:
-    check_that_moves_are_checked(walked(rock).history)
+def test_each_move_is_checked_past_a_rock(walked: Walks, rock: str) -> None:
+    assert_moves_checked(walked(rock).history)
 
 
-def test_a_stability_check_precedes_every_move_and_a_footfall_check_follows_each_of_a_leg(
+def test_each_move_is_checked_under_faults(
     faulty: Walk,
 ) -> None:
-    check_that_moves_are_checked(faulty.history)
+    assert_moves_checked(faulty.history)
 
 
-def check_that_moves_are_checked(history: History) -> None:
+def assert_moves_checked(history: History) -> None:
     before, after = STABILITY.count(history), FOOTFALL.count(history)
     assert (before.bad, after.bad) == ([], [])
     assert before.number >= 8
     assert after.number >= 4
 
 
-def test_a_walk_says_itself_which_rules_it_has_broken(given_up: Walk) -> None:
+def test_walk_output_names_the_broken_rules(given_up: Walk) -> None:
     lines = given_up.output.splitlines()
     broken = {line.partition(": ")[2].partition(": ")[0] for line in lines if "broken: " in line}
     assert broken == {str(STABILITY), str(FOOTFALL)}
 
 
 @pytest.mark.soak
-def test_a_sequential_walk_is_not_planned_ahead(tmp_path: Path) -> None:
+def test_sequential_walk_breaks_the_planned_ahead_rule(tmp_path: Path) -> None:
     done = walk(tmp_path, "--backend", "kinematic", "--distance", "12", "--mode", "sequential")
     assert_walked(done)
     assert f"broken: {PLANNED_AHEAD}" in " ".join(done.output.split())
 
 
 @pytest.mark.soak
-def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> None:
+def test_bare_walk_succeeds_without_monitors_and_recovery(tmp_path: Path) -> None:
     done = walk(tmp_path, "--backend", "kinematic", "--distance", "1", "--bare")
     assert_walked(done)
     assert not {"stability layer", "error recovery"} & done.history.modules.keys()
@@ -231,7 +231,7 @@ def test_the_same_modules_walk_without_monitors_and_recovery(tmp_path: Path) -> 
 
 
 @pytest.mark.soak
-def test_without_recovery_the_same_rock_ends_the_walk(tmp_path: Path) -> None:
+def test_bare_walk_fails_at_a_low_rock(tmp_path: Path) -> None:
     done = walk(
         tmp_path, "--backend", "kinematic", "--distance", "1", "--bare", "--rock", *LOW.split()
     )
@@ -254,10 +254,8 @@ FAULTS = {
 }
 
 
-def test_whatever_goes_wrong_the_robot_walks_on(faulty: Walk) -> None:
-    """Each fault is followed by its recovery, and what the run was is within the rules of
-    task-level control.
-    """
+def test_walk_recovers_from_every_fault(faulty: Walk) -> None:
+    """Each fault is followed by its recovery, and the run keeps the rules of task-level control."""
     assert_walked(faulty)
     assert {name for name in FAULTS.values() if name} <= faulty.recoveries.keys()
     assert "1 of 1 amplifier trip" in faulty.output

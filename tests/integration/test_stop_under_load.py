@@ -1,4 +1,4 @@
-"""Whoever stops what a robot does is heard at once, whatever others send meanwhile."""
+"""Kills and locks take effect at once, even under heavy load."""
 
 import math
 import time
@@ -37,7 +37,7 @@ KILLS = 100
 
 
 @pytest.mark.soak
-def test_kills_and_locks_are_quick_in_a_flood(tmp_path: Path) -> None:
+def test_kills_and_locks_are_quick_under_flood(tmp_path: Path) -> None:
     with (
         central(tmp_path) as daemon,
         ExitStack() as programs,

@@ -1,5 +1,5 @@
-"""Processes that stand still and are not dead: modules, which count as lost, and central, which
-blames nobody.
+"""Stopped but living processes: a stopped module counts as lost, and a stopped central loses no
+module.
 """
 
 import os
@@ -79,7 +79,7 @@ PARENT = """
 """
 
 
-def eyes_at(address: str) -> Module:
+def make_eyes(address: str) -> Module:
     eyes = Module("eyes", address)
     eyes.resource("camera")
     eyes.handles(LOOK)(lambda _: "clear")
@@ -87,8 +87,8 @@ def eyes_at(address: str) -> Module:
     return eyes
 
 
-def silent(daemon: Central) -> list[str]:
-    """Which modules were lost for their silence, by the journal."""
+def modules_lost_for_silence(daemon: Central) -> list[str]:
+    """Modules that were lost for their silence, by the journal."""
     return [fact.module for fact in daemon.facts(facts.ModuleLeft) if "silent" in fact.why]
 
 
@@ -102,10 +102,12 @@ def running(folder: Path, *options: str, bind: str = "") -> Iterator[tuple[Centr
         yield daemon, daemon.first_line.removeprefix("central: listening on ")
 
 
-def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") -> None:
-    """A module is stopped while it handles a command, is lost, and serves again once it goes on."""
+def check_module_lost_and_rejoined(
+    folder: Path, seconds: int, *options: str, bind: str = ""
+) -> None:
+    """Stop a module while it handles a command: it is lost, and serves again once it resumes."""
     why = f"its process was silent for {seconds} s"
-    with running(folder, *options, bind=bind) as (daemon, address), eyes_at(address).running():
+    with running(folder, *options, bind=bind) as (daemon, address), make_eyes(address).running():
         with program(LEGS, address) as legs, connect("user", address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
@@ -133,21 +135,21 @@ def stop_and_go_on(folder: Path, seconds: int, *options: str, bind: str = "") ->
             if "refused" in line or "nothing done" in line
         ]
         assert log == [f"central: nothing done for module 'legs': {late.strip()}"]
-        assert silent(daemon) == ["legs"]
+        assert modules_lost_for_silence(daemon) == ["legs"]
 
 
-def test_a_module_that_is_stopped_is_lost_and_comes_back_when_it_goes_on(tmp_path: Path) -> None:
-    stop_and_go_on(tmp_path, 3, "--lost-after", "3")
+def test_stopped_module_is_lost_and_rejoins_when_resumed(tmp_path: Path) -> None:
+    check_module_lost_and_rejoined(tmp_path, 3, "--lost-after", "3")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
-def test_five_seconds_are_too_many(tmp_path: Path, bind: str) -> None:
-    stop_and_go_on(tmp_path, 5, bind=bind)
+def test_stopped_module_is_lost_after_default_timeout(tmp_path: Path, bind: str) -> None:
+    check_module_lost_and_rejoined(tmp_path, 5, bind=bind)
 
 
-def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
-    with central(tmp_path, "--lost-after", "3") as daemon, eyes_at(daemon.address).running():
+def test_stopped_script_loses_its_lock(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "3") as daemon, make_eyes(daemon.address).running():
         with program(CLIENT, daemon.address) as script, connect("other", daemon.address) as other:
             script.hear("has it")
             script.send_signal(signal.SIGSTOP)
@@ -155,8 +157,8 @@ def test_a_script_that_is_stopped_keeps_no_lock(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path: Path) -> None:
-    """Its first words have come, the line of its pulse never does."""
+def test_client_without_first_heartbeat_is_lost(tmp_path: Path) -> None:
+    """Its hello has arrived, but its heartbeat connection never does."""
     with central(tmp_path, "--lost-after", "2") as daemon, connect("user", daemon.address) as user:
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         with context, context.socket(zmq.DEALER) as early:
@@ -175,28 +177,28 @@ def test_a_process_that_was_stopped_before_its_pulse_was_there_is_lost(tmp_path:
                 lambda: {module.name for module in user.modules()} == {"user"}, "it is lost", SOON
             )
         daemon.stop()
-        assert silent(daemon) == ["early"]
+        assert modules_lost_for_silence(daemon) == ["early"]
 
 
 @pytest.mark.soak
-def test_a_handler_that_keeps_pythons_lock_is_not_dead(tmp_path: Path) -> None:
+def test_handler_holding_the_gil_is_not_lost(tmp_path: Path) -> None:
     with central(tmp_path) as daemon:
         with program(LOADER, daemon.address), connect("user", daemon.address) as user:
             user.wait_until_handled(LOAD, timeout=SOON)
             assert user.command(LOAD, 8.0).wait(timeout=SOON) is Outcome.DONE
         daemon.stop()
-        assert silent(daemon) == []
+        assert modules_lost_for_silence(daemon) == []
 
 
 @pytest.mark.soak
-def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path: Path) -> None:
-    with central(tmp_path) as daemon, eyes_at(daemon.address).running():
+def test_resumed_module_does_not_report_central_silent(tmp_path: Path) -> None:
+    with central(tmp_path) as daemon, make_eyes(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             user.command(STEP)
             legs.hear("steps")
             legs.send_signal(signal.SIGSTOP)
-            threading.Event().wait(12)  # longer than anybody's patience
+            threading.Event().wait(12)  # longer than any patience
             legs.send_signal(signal.SIGCONT)
             legs.hear("was told")
             user.wait_until_handled(STEP, timeout=SOON)
@@ -206,9 +208,9 @@ def test_who_stood_still_himself_does_not_complain_of_a_silent_central(tmp_path:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("bind", ["", TCP])
-def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> None:
+def test_resumed_central_loses_no_module(tmp_path: Path, bind: str) -> None:
     with running(tmp_path, "--lost-after", "2", bind=bind) as (daemon, address):
-        with eyes_at(address).running(), program(LEGS, address) as legs:
+        with make_eyes(address).running(), program(LEGS, address) as legs:
             with connect("user", address, patience=3.0) as user:
                 user.wait_until_handled(STEP, timeout=SOON)
                 step = user.command(STEP)
@@ -220,16 +222,16 @@ def test_a_central_that_was_stopped_blames_nobody(tmp_path: Path, bind: str) -> 
                 daemon.signal(signal.SIGCONT)
                 assert user.query(LOOK, timeout=SOON) == "clear"
                 with pytest.raises(Timeout):
-                    step.wait(timeout=4.5)  # in which a silence would be noticed
+                    step.wait(timeout=4.5)  # long enough to notice a silence
                 step.kill()
                 assert step.wait(timeout=SOON) is Outcome.KILLED
         daemon.stop()
-        assert silent(daemon) == []
+        assert modules_lost_for_silence(daemon) == []
 
 
 @pytest.mark.soak
-def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> None:
-    with central(tmp_path, "--lost-after", "0") as daemon, eyes_at(daemon.address).running():
+def test_stopped_module_is_never_lost_when_lost_after_is_0(tmp_path: Path) -> None:
+    with central(tmp_path, "--lost-after", "0") as daemon, make_eyes(daemon.address).running():
         with program(LEGS, daemon.address) as legs, connect("user", daemon.address) as user:
             user.wait_until_handled(STEP, timeout=SOON)
             step = user.command(STEP)
@@ -244,10 +246,8 @@ def test_with_lost_after_0_a_stopped_module_is_waited_for(tmp_path: Path) -> Non
 
 
 @pytest.mark.soak
-def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_path: Path) -> None:
-    """The kernel closes them only when the last process that has them ends; a child has no
-    pulse.
-    """
+def test_killed_module_is_lost_though_child_keeps_its_sockets(tmp_path: Path) -> None:
+    """The kernel closes sockets only when their last process ends. A child sends no heartbeats."""
     with central(tmp_path, "--lost-after", "3") as daemon, connect("user", daemon.address) as user:
         with program(PARENT, daemon.address) as parent:
             child = int(parent.stdout.readline())
@@ -260,11 +260,11 @@ def test_a_module_that_is_killed_and_whose_child_keeps_its_sockets_is_lost(tmp_p
             finally:
                 os.kill(child, signal.SIGKILL)
         daemon.stop()
-        assert silent(daemon) == ["parent"]
+        assert modules_lost_for_silence(daemon) == ["parent"]
 
 
-def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
-    """Central, which stands still, has yet to be told of the message."""
+def test_timeout_holds_at_first_use_of_a_message(tmp_path: Path) -> None:
+    """The stopped central does not know the message yet."""
     with central(tmp_path) as daemon, connect("user", daemon.address) as user:
         daemon.signal(signal.SIGSTOP)
         with pytest.raises(Timeout, match=r"query 'look' was not answered within 0.5 s"):
@@ -274,18 +274,18 @@ def test_a_timeout_holds_at_a_messages_first_use_too(tmp_path: Path) -> None:
             user.wait_until_handled(STEP, timeout=0.5)
         daemon.signal(signal.SIGCONT)
         user.modules()
-        with eyes_at(daemon.address).running():
+        with make_eyes(daemon.address).running():
             assert user.query(LOOK, timeout=SOON) == "clear"
         assert user.handlers(STEP) == []
         daemon.signal(signal.SIGSTOP)
         with pytest.raises(
             Timeout, match=r"not all handled within 0.1 s: query 'look', command 'step'"
         ):
-            user.wait_until_handled(LOOK, STEP, timeout=0.1)  # it knows these
+            user.wait_until_handled(LOOK, STEP, timeout=0.1)  # central knows these
         daemon.signal(signal.SIGCONT)
 
 
-def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path: Path) -> None:
+def test_stopped_central_is_distinguished_from_absent_one(tmp_path: Path) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=0.5) as user:
         daemon.signal(signal.SIGSTOP)
         stands_still = "does not answer: it accepts connections, but its process is stopped"
@@ -302,7 +302,7 @@ def test_a_central_that_stands_still_is_told_from_one_that_is_not_there(tmp_path
 REST, POSE = Command("rest"), Variable("pose", int)
 
 
-def test_a_task_whose_sender_believes_it_lost_is_not_done_when_central_goes_on(
+def test_abandoned_command_is_killed_when_central_resumes(
     tmp_path: Path,
 ) -> None:
     with central(tmp_path) as daemon, connect("user", daemon.address, patience=1.0) as user:

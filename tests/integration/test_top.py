@@ -1,4 +1,4 @@
-"""``tca top`` in a real terminal, beside a real central and real modules."""
+"""``tca top`` in a real terminal, with a real central and real modules."""
 
 import json
 import signal
@@ -46,12 +46,12 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield daemon.address
 
 
-def test_a_screen_that_is_refreshed_until_q_is_pressed(address: str) -> None:
+def test_top_refreshes_until_q_is_pressed(address: str) -> None:
     with top_in_terminal(address, "--every", "0.2") as screen:
         screen.shows("central at ipc://")
         screen.shows(r"map +█+░* +\d+% +[\d.]+ ")  # a rate
         screen.shows("rates of the last 0")
-        screen.shows(r"legs.*where|'legs' in 'step'")  # who waits for a reply
+        screen.shows(r"legs.*where|'legs' in 'step'")  # a waiting requester
         screen.type(b"q")
         assert screen.ends() == 0
 
@@ -59,7 +59,7 @@ def test_a_screen_that_is_refreshed_until_q_is_pressed(address: str) -> None:
 @pytest.mark.parametrize(
     ("end", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 128 + signal.SIGTERM)]
 )
-def test_an_interrupted_screen_leaves_the_terminal_as_it_was(
+def test_interrupted_top_restores_the_terminal(
     address: str, end: signal.Signals, code: int
 ) -> None:
     with top_in_terminal(address) as screen:
@@ -68,7 +68,7 @@ def test_an_interrupted_screen_leaves_the_terminal_as_it_was(
         assert screen.ends() == code
 
 
-def test_a_central_that_goes_away_and_comes_back(
+def test_top_shows_central_going_away_and_returning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address, folders = (
@@ -88,17 +88,17 @@ def test_a_central_that_goes_away_and_comes_back(
             assert screen.ends() == 0
 
 
-def test_one_frame_for_scripts(address: str) -> None:
-    told = json.loads(CliRunner().invoke(top, ["--once", "--json", "--central", address]).stdout)
-    assert {line["module"] for line in told["resources"]} == {"legs", "map"}
-    assert {line["message"] for line in told["messages"]} == {"step", "where"}
+def test_top_once_prints_one_plain_frame(address: str) -> None:
+    report = json.loads(CliRunner().invoke(top, ["--once", "--json", "--central", address]).stdout)
+    assert {line["module"] for line in report["resources"]} == {"legs", "map"}
+    assert {line["message"] for line in report["messages"]} == {"step", "where"}
     shown = CliRunner().invoke(top, ["--once", "--central", address])
     assert shown.exit_code == 0
     assert "rates of the whole run" in shown.stdout
     assert "\x1b" not in shown.stdout
 
 
-def test_wrong_usage_is_one_line(
+def test_top_usage_error_is_one_line(
     address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_tools.live.shared._PATIENCE", 0.2)

@@ -58,7 +58,7 @@ def tasks(history: History, name: str) -> list[int]:
     return sorted(task.id for task in history.tasks.values() if task.name == name)
 
 
-def test_the_robot_walks_five_metres_and_says_where_the_pictures_are(
+def test_robot_walks_five_metres_and_names_its_pictures(
     walked: tuple[str, Path],
 ) -> None:
     output, folder = walked
@@ -74,46 +74,44 @@ def test_the_robot_walks_five_metres_and_says_where_the_pictures_are(
     assert (folder / "robot.json").exists()
 
 
-def test_the_task_tree_is_that_of_the_papers_figure_2(history: History) -> None:
+def test_task_tree_of_the_walk_matches_figure_2(history: History) -> None:
     (path,) = tasks(history, "traverse path")
     arcs = tasks(history, "traverse arc")
     assert [history.tasks[arc].parent for arc in arcs] == [path, path]
     for arc in arcs:
-        assert named(history, arc) == ["acquire image", "take steps"]
+        assert child_names(history, arc) == ["acquire image", "take steps"]
         for number, steps in enumerate(chain := steps_of(history, arc)):
-            names = [name for name in named(history, steps) if name != "acquire image"]
+            names = [name for name in child_names(history, steps) if name != "acquire image"]
             assert names[:3] == ["move leg", "move body", "achieved position?"]
             assert names[3:] == (["take steps"] if number + 1 < len(chain) else [])
 
 
-def named(history: History, task: int) -> list[str]:
+def child_names(history: History, task: int) -> list[str]:
     return [history.tasks[child].name for child in history.tasks[task].children]
 
 
-def test_planning_the_next_step_overlaps_walking_this_one(history: History) -> None:
+def test_next_step_is_planned_while_walking_the_current_one(history: History) -> None:
     for arc in tasks(history, "traverse arc"):
         chain = steps_of(history, arc)
         assert len(chain) >= 4
         for now, following in pairwise(chain):
             body = history.tasks[
-                history.tasks[now].children[named(history, now).index("move body")]
+                history.tasks[now].children[child_names(history, now).index("move body")]
             ].reached
-            begun, planned = (
+            started, planned = (
                 history.tasks[now].reached[Moment.START_ACHIEVING],
                 history.tasks[following].reached,
             )
             assert (
-                begun
+                started
                 <= planned[Moment.START_HANDLING]
                 < planned[Moment.END_HANDLING]
                 < body[Moment.END_HANDLING]
             )
 
 
-def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, Path]) -> None:
-    """``tca check`` on real processes' journal, in which a module was replaced while they
-    walked.
-    """
+def test_walk_keeps_all_rules_and_properties(walked: tuple[str, Path]) -> None:
+    """Checks a journal of real processes, in which a module was replaced during the walk."""
     wanted = [
         "at most 1 planned ahead of take steps",
         "at most 2 handled by controller",
@@ -130,12 +128,12 @@ def test_the_run_kept_all_rules_and_the_properties_of_a_walk(walked: tuple[str, 
     assert "the story of take steps {" in broken.output
 
 
-def test_an_arc_is_planned_when_the_one_before_has_been_walked(history: History) -> None:
+def test_next_arc_is_planned_after_the_previous_is_walked(history: History) -> None:
     first, second = (history.tasks[arc].reached for arc in tasks(history, "traverse arc"))
     assert second[Moment.START_PLANNING] >= first[Moment.END_ACHIEVING]
 
 
-def test_the_controller_was_replaced_between_the_arcs_and_the_walk_went_on(
+def test_walk_continues_after_controller_replacement(
     walked: tuple[str, Path], history: History
 ) -> None:
     assert "the controller ended (0); starting another" in walked[0]
@@ -159,7 +157,7 @@ def steps_of(history: History, arc: int) -> list[int]:
     return chain[1:]
 
 
-def test_a_folder_with_something_else_is_not_touched(tmp_path: Path) -> None:
+def test_walk_refuses_a_folder_with_other_files(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("years of work")
     done = walk(tmp_path)
     assert done.returncode == 1

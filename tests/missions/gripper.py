@@ -1,4 +1,4 @@
-"""A small robot for the tests of servers: a gripper that writes down what its tasks do."""
+"""A small robot for the tests of servers: a gripper that records the actions of its tasks."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,11 +23,11 @@ class Gripper(Environment):
         self.notes: list[str] = []
 
     def note(self, task: PeriodicTask[Any] | OnceTask[Any], what: str) -> None:
-        """Write down what a task does, and when."""
+        """Record an action of a task, with its time."""
         self.notes.append(f"{task.task.time():.2f} {type(task).__name__} {what}")
 
     def read(self) -> list[str]:
-        """What was written since this was called last."""
+        """The records since the last call."""
         notes, self.notes = self.notes, []
         return notes
 
@@ -91,7 +91,7 @@ class Brake(PeriodicTask[Gripper]):
 
 
 class Robot:
-    """A gripper with its server, and a user of it."""
+    """A gripper with its server and a client."""
 
     def __init__(
         self, central: LocalCentral, user: Client, server: TaskServer, gripper: Gripper
@@ -109,14 +109,14 @@ class Robot:
         )
 
     def after(self, seconds: float) -> list[str]:
-        """What is written down until then."""
+        """Advance the clock; return the records since the last call."""
         self.central.advance(seconds)
         return self.gripper.read()
 
 
 @contextmanager
 def serving(*tasks: Any, **options: Any) -> Iterator[Robot]:
-    """A robot whose server runs, on a stepped clock."""
+    """Run a robot's server on a stepped clock."""
     gripper = Gripper()
     with LocalCentral(stepped=True) as central:
         server = TaskServer("gripper", gripper, tasks or (Turn, Grasp), central=central, **options)

@@ -1,4 +1,4 @@
-"""A small robot for the tests of missions: a rover whose tasks end when the test says so."""
+"""A small robot for the tests of missions: a rover whose tasks end when the test wants."""
 
 import threading
 from collections.abc import Iterator
@@ -84,7 +84,7 @@ TASKS = [Drive, Watch, Weigh]
 
 @contextmanager
 def rover() -> Iterator[tuple[LocalCentral, Rover]]:
-    """A central, and a rover that serves at 100 Hz."""
+    """Run a central, and a rover that serves at 100 Hz."""
     with LocalCentral() as central:
         environment = Rover()
         with TaskServer("rover", environment, tasks=TASKS, rate=100.0, central=central).running():
@@ -93,7 +93,7 @@ def rover() -> Iterator[tuple[LocalCentral, Rover]]:
 
 @contextmanager
 def mission_of_rover() -> Iterator[tuple[Mission, Rover]]:
-    """... and a mission."""
+    """Run a rover and a mission on it."""
     with (
         rover() as (central, environment),
         Mission("rover", name="test", central=central) as mission,

@@ -1,4 +1,4 @@
-"""While a task runs: followers hear its text and its overruns, and clients change its
+"""Changes of a running task: followers get its text and overruns, and clients change its
 parameters.
 """
 
@@ -25,7 +25,7 @@ from tca_wire.journal.facts import StateChanged
 
 
 class Spin(PeriodicTask[Gripper]):
-    """Turn until it is told to stop."""
+    """Turn until a parameter stops it."""
 
     speed: float = parameter(1.0, "In radians per second", minimum=0, maximum=9)
     arm: str = parameter("left", "Which arm", fixed=True)
@@ -38,7 +38,7 @@ class Spin(PeriodicTask[Gripper]):
 
 
 class Hold(OnceTask[Gripper]):
-    """Hold until it is let go."""
+    """Hold until a parameter releases it."""
 
     force: float = 1.0
     holds: bool = True
@@ -52,7 +52,7 @@ class Hold(OnceTask[Gripper]):
         self.env.note(self, "lets go")
 
 
-def test_a_parameter_is_changed_while_the_task_runs_and_the_others_stay() -> None:
+def test_update_changes_only_the_given_parameters() -> None:
     with serving(Spin, rate=1) as robot:
         sent = robot.send("Spin", speed=2.0, arm="right")
         robot.after(1.5)
@@ -64,7 +64,7 @@ def test_a_parameter_is_changed_while_the_task_runs_and_the_others_stay() -> Non
         assert sent.result().text == "at 5"
 
 
-def test_a_new_period_counts_at_once() -> None:
+def test_updated_period_applies_at_once() -> None:
     with serving(Spin, rate=1) as robot:
         sent = robot.send("Spin")
         robot.after(0.5)
@@ -77,7 +77,7 @@ def test_a_new_period_counts_at_once() -> None:
         ]
 
 
-def test_a_timeout_may_be_set_and_prolonged() -> None:
+def test_timeout_can_be_set_and_extended_by_update() -> None:
     with serving(Spin, rate=1) as robot:
         parameters = robot.server.definitions["Spin"].parameters
         sent = robot.send("Spin")
@@ -90,7 +90,7 @@ def test_a_timeout_may_be_set_and_prolonged() -> None:
             sent.result()
 
 
-def test_what_is_fixed_is_not_changed() -> None:
+def test_update_of_fixed_parameter_is_rejected() -> None:
     with serving(Spin, rate=1) as robot:
         parameters = robot.server.definitions["Spin"].parameters
         sent = robot.send("Spin", arm="right")
@@ -103,14 +103,14 @@ def test_what_is_fixed_is_not_changed() -> None:
         assert robot.after(1)[-1] == "1.00 Spin right at 4"
 
 
-def test_what_is_out_of_range_is_not_sent() -> None:
+def test_update_out_of_range_is_not_sent() -> None:
     with serving(Spin) as robot:
         sent = robot.send("Spin")
         with pytest.raises(BadData, match=r"`float` <= 9\.0"):
             sent.update(robot.server.definitions["Spin"].parameters(speed=10.0), timeout=5)
 
 
-def test_a_task_that_runs_once_hears_it_in_its_sleep() -> None:
+def test_once_task_receives_updates_while_it_sleeps() -> None:
     with serving(Hold) as robot:
         sent = robot.send("Hold")
         robot.after(0.5)
@@ -121,7 +121,7 @@ def test_a_task_that_runs_once_hears_it_in_its_sleep() -> None:
         assert sent.result().text == "with 3"
 
 
-def test_a_cancelled_task_terminates() -> None:
+def test_cancelled_run_is_terminated() -> None:
     with serving(Hold) as robot:
         sent = robot.send("Hold")
         robot.after(0.5)
@@ -130,7 +130,7 @@ def test_a_cancelled_task_terminates() -> None:
         assert sent.state == "cancelled"
 
 
-def test_followers_hear_the_text_and_overruns_not_too_often() -> None:
+def test_progress_updates_are_throttled() -> None:
     class Count(PeriodicTask[Gripper]):
         def initialise(self) -> None:
             self.number = 0
@@ -147,12 +147,14 @@ def test_followers_hear_the_text_and_overruns_not_too_often() -> None:
         sent.follow()
         robot.after(3)
         message = robot.server.definitions["Count"].message
-        told = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
-        assert [message.progress.decode(body) for body in told] == [
-            TaskStatus("step 1"), TaskStatus("step 3"),
-            TaskStatus("step 5"), TaskStatus("step 7"),
+        bodies = [fact.body for fact in robot.central.facts if isinstance(fact, StateChanged)]
+        assert [message.progress.decode(body) for body in bodies] == [
+            TaskStatus("step 1"),
+            TaskStatus("step 3"),
+            TaskStatus("step 5"),
+            TaskStatus("step 7"),
             TaskStatus("step 8", 2),
-        ]  # fmt: skip
+        ]
         assert list(sent.progress())[-1] == TaskStatus("step 8", 2)
 
 
@@ -167,7 +169,7 @@ class Fill(PeriodicTask[Environment]):
         return Status.RUNNING if self.speed < 2 else Status.COMPLETED
 
 
-def test_an_update_by_hand_needs_only_what_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_update_command_keeps_omitted_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
     with LocalCentral() as central, connect("user", central) as user:
         monkeypatch.setattr(
             shared, "connect", lambda name, _, patience: connect(name, central, patience=patience)
@@ -179,7 +181,7 @@ def test_an_update_by_hand_needs_only_what_changes(monkeypatch: pytest.MonkeyPat
             assert sent.result(10)["text"] == "tall at 2.5"
 
 
-def test_the_end_of_a_run_in_words() -> None:
+def test_task_end_repr_names_its_status() -> None:
     assert (
         repr(TaskEnd(Status.TIMEOUT | Status.TERMINATED, "late", 2))
         == "TaskEnd(status=TIMEOUT, text='late', overruns=2)"

@@ -1,4 +1,4 @@
-"""``tca console`` as people use it: in a terminal, and where something is wrong."""
+"""``tca console`` in a terminal, and its error messages."""
 
 import signal
 import sys
@@ -22,7 +22,7 @@ CONSOLE = [
 
 
 @pytest.mark.slow
-def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
+def test_console_runs_typed_tasks_in_a_terminal(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         robot = Rover()
         server = TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address)
@@ -40,7 +40,7 @@ def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
             screen.shows("gear=")
             screen.type(b"'fast', fails='never')\r")
             until(lambda: robot.done[-1] == "to 0", "the rover drives")
-            screen.process.send_signal(signal.SIGINT)  # the terminal does so when Ctrl-C is pressed
+            screen.process.send_signal(signal.SIGINT)  # as the terminal does on Ctrl-C
             frames = screen.shows(
                 r"(?s).*KeyboardInterrupt: status\(\) shows the tasks that still run"
             )
@@ -57,32 +57,32 @@ def test_tasks_are_typed_in_a_terminal(tmp_path: Path) -> None:
         assert robot.done[-1] == "watched"
 
 
-def test_what_can_be_typed() -> None:
+def test_console_names_run_tasks_and_print_help() -> None:
     with rover() as (central, robot), Mission("rover", central=central) as mission:
-        said: list[str] = []
-        typed = ConsoleNames(mission, said.append)
+        printed: list[str] = []
+        typed = ConsoleNames(mission, printed.append)
         assert {"Drive", "Watch", "Weigh", "mission", "index", "status", "help"} == set(typed.names)
         typed.index()
-        assert said == [
+        assert printed == [
             "Drive  Drive to a place.",
             "Watch  Wait until the rover has arrived.",
             "Weigh  Weigh a sample.",
         ]
-        said.clear()
+        printed.clear()
         typed.help("Weigh")
-        assert said[0].startswith("Weigh: Weigh a sample.\n\ngrams: list[int]")
-        said.clear()
+        assert printed[0].startswith("Weigh: Weigh a sample.\n\ngrams: list[int]")
+        printed.clear()
         typed.names["Watch"]()
         with pytest.raises(Exception, match="hit a rock"):
             typed.names["Drive"](fails="rock")
         typed.status()
-        assert [line.partition("{")[0] + line.partition("}")[2] for line in said] == [
+        assert [line.partition("{")[0] + line.partition("}")[2] for line in printed] == [
             "Watch()  runs",
             "Drive  failed: hit a rock",
         ]
         robot.arrived.set()
         typed.help()
-        assert "Ctrl-D leaves" in said[-1]
+        assert "Ctrl-D leaves" in printed[-1]
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def without_ipython(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_ipython")
-def test_without_ipython_it_says_what_to_install() -> None:
+def test_console_without_ipython_names_the_package() -> None:
     result = CliRunner().invoke(console, [])
     assert result.exit_code == 1
     assert (
@@ -101,7 +101,7 @@ def test_without_ipython_it_says_what_to_install() -> None:
     )
 
 
-def test_the_stub_file_is_written_and_nothing_else_is_overwritten(tmp_path: Path) -> None:
+def test_console_stub_overwrites_only_stub_files(tmp_path: Path) -> None:
     with RealCentral(f"ipc://{tmp_path}/central.sock") as central:
         with TaskServer("rover", Rover(), tasks=TASKS, central=central.address).running():
             words = ["rover", "--central", central.address, "--stub"]

@@ -1,4 +1,4 @@
-"""The environment that tasks share: its lock, and what it has of the server's life."""
+"""The environment that tasks share: its lock, and its life within the server's."""
 
 from contextlib import suppress
 
@@ -42,7 +42,9 @@ class LookOnce(OnceTask[Gripper]):
 
 
 @pytest.mark.parametrize(("task", "in_iterate"), [(Look, True), (LookOnce, False)])
-def test_who_holds_the_lock(task: type[Look | LookOnce], in_iterate: bool) -> None:
+def test_environment_lock_is_held_in_the_given_methods(
+    task: type[Look | LookOnce], in_iterate: bool
+) -> None:
     with serving(task) as robot:
         robot.send(task.__name__)
         assert robot.after(0) == [
@@ -52,7 +54,7 @@ def test_who_holds_the_lock(task: type[Look | LookOnce], in_iterate: bool) -> No
         ]
 
 
-def test_a_long_wait_for_the_environment_is_logged(
+def test_long_wait_for_the_environment_lock_is_logged(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(run, "_PATIENCE", 0.01)
@@ -71,18 +73,18 @@ def test_a_long_wait_for_the_environment_is_logged(
 
 
 class Sensing(Gripper):
-    """Hears where the robot is."""
+    """Receives the place of the robot."""
 
     def attach(self, module: Module) -> None:
         @module.handles(WHERE)
-        def heard(_: Task, place: float) -> None:
+        def record_place(_: Task, place: float) -> None:
             self.notes.append(f"at {place}")
 
     def close(self) -> None:
         self.notes.append("closed")
 
 
-def test_the_environment_handles_messages_until_the_server_has_ended() -> None:
+def test_environment_handles_messages_until_server_ends() -> None:
     env = Sensing()
     with LocalCentral(stepped=True) as central, connect("user", central) as user:
         server = TaskServer("gripper", env, [LookOnce], central=central)

@@ -1,5 +1,5 @@
-"""Tasks are found in a folder and in installed packages; one that can't be offered never stops the
-others.
+"""Task definitions come from a folder and from installed packages. An unusable one never affects
+the others.
 """
 
 import logging
@@ -51,7 +51,7 @@ def offered(*tasks: Any, **options: Any) -> list[str]:
     return list(TaskServer("gripper", Gripper(), tasks, **options).definitions)
 
 
-def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None:
+def test_task_file_in_the_folder_is_offered(folder: Path) -> None:
     with serving(Turn, folder=folder) as robot:
         assert list(robot.server.definitions) == ["Turn", "Wave"]
         sent = robot.send("Wave", times=3)
@@ -60,7 +60,7 @@ def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("class Bro ken:", "the tasks of {file} are left out: SyntaxError: "),
         (
@@ -88,27 +88,27 @@ def test_a_file_in_the_folder_is_all_that_a_new_task_needs(folder: Path) -> None
         ),
     ],
 )
-def test_what_is_wrong_with_a_file_is_logged(
-    folder: Path, caplog: pytest.LogCaptureFixture, text: str, says: str
+def test_unusable_task_file_is_logged_and_left_out(
+    folder: Path, caplog: pytest.LogCaptureFixture, text: str, message: str
 ) -> None:
     file = folder / "zzz.py"
     file.write_text(text)
     assert offered(folder=folder) == ["Wave"]
     assert [record.getMessage() for record in caplog.records if record.levelno >= logging.ERROR]
-    assert says.format(file=file, folder=folder) in caplog.text
+    assert message.format(file=file, folder=folder) in caplog.text
 
 
-def test_files_that_begin_with_an_underscore_are_left_alone(folder: Path) -> None:
+def test_task_files_with_leading_underscore_are_ignored(folder: Path) -> None:
     (folder / "_parts.py").write_text("raise ValueError")
     assert offered(folder=folder) == ["Wave"]
 
 
-def test_a_folder_that_is_not_there_is_an_error(folder: Path) -> None:
+def test_missing_task_folder_is_rejected(folder: Path) -> None:
     with pytest.raises(MisuseError, match=r"server 'gripper': folder .*/nowhere does not exist"):
         offered(folder=folder / "nowhere")
 
 
-def test_installed_packages_offer_tasks_for_their_environment(
+def test_entry_points_offer_tasks_for_their_environment(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     group = finding.ENTRY_POINTS
@@ -144,7 +144,7 @@ class Needy(Turn):
 
 
 @pytest.mark.parametrize(
-    ("tasks", "says"),
+    ("tasks", "message"),
     [
         ((Gripper,), "is not a task: give a class that inherits from PeriodicTask or OnceTask"),
         ((Bare,), "task Bare has no iterate(): define it"),
@@ -160,31 +160,31 @@ class Needy(Turn):
         ),
     ],
 )
-def test_a_task_that_the_program_itself_gives_must_be_one(tasks: Any, says: str) -> None:
+def test_invalid_task_definition_is_rejected(tasks: Any, message: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(*tasks)
-    assert says in str(wrong.value)
+    assert message in str(wrong.value)
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "message"),
     [
         ({"rate": 0}, "server 'gripper': rate must be more than 0 iterations a second, not 0"),
         ({"capacity": 2}, "server 'gripper': capacity must be 3 or more, not 2"),
     ],
 )
-def test_options_are_checked(options: Any, says: str) -> None:
+def test_invalid_server_option_is_rejected(options: Any, message: str) -> None:
     with pytest.raises(MisuseError) as wrong:
         offered(Turn, **options)
-    assert str(wrong.value) == says
+    assert str(wrong.value) == message
 
 
-def test_the_idle_task_is_offered_too() -> None:
+def test_idle_task_is_offered() -> None:
     assert offered(Turn, idle=Idle) == ["Turn", "Idle"]
     assert offered(Turn, Idle, idle=Idle) == ["Turn", "Idle"]
 
 
-def test_an_environment_that_is_none() -> None:
+def test_invalid_environment_is_rejected() -> None:
     with pytest.raises(
         MisuseError,
         match="environment must be an object of a class that inherits from Environment, not 3",

@@ -1,5 +1,5 @@
-"""Foreground and background: the newest takes the place of the one before, and the idle task that
-of nobody.
+"""Foreground and background: the newest run displaces the current one, and the idle task displaces
+none.
 """
 
 import logging
@@ -14,7 +14,7 @@ from tca_module import Outcome, SentTask, TaskFailed, TaskKilled
 
 
 def names(robot: Robot) -> list[str]:
-    """The runs that there are."""
+    """The names of all runs."""
     return [task.message.removeprefix("gripper.") for task in robot.user.tasks()]
 
 
@@ -22,7 +22,7 @@ def outcome(sent: SentTask[TaskEnd]) -> Outcome:
     return sent.wait(0)
 
 
-def test_the_newest_waits_until_the_one_before_has_terminated() -> None:
+def test_new_foreground_run_waits_until_the_old_one_terminated() -> None:
     with serving(Brake, Turn) as robot:
         brake = robot.send("Brake")
         robot.after(1)
@@ -39,7 +39,7 @@ def test_the_newest_waits_until_the_one_before_has_terminated() -> None:
             brake.result()
 
 
-def test_of_those_that_wait_the_newest_counts() -> None:
+def test_newest_waiting_foreground_run_starts() -> None:
     with serving(Brake, Turn, Grasp) as robot:
         robot.send("Brake")
         robot.after(1)
@@ -55,7 +55,7 @@ def test_of_those_that_wait_the_newest_counts() -> None:
         assert outcome(turn) is Outcome.KILLED
 
 
-def test_one_that_is_killed_while_it_waits_does_nothing() -> None:
+def test_killed_waiting_run_does_nothing() -> None:
     with serving(Brake, Turn) as robot:
         robot.send("Brake")
         robot.after(1)
@@ -65,7 +65,7 @@ def test_one_that_is_killed_while_it_waits_does_nothing() -> None:
         assert robot.after(5) == ["2.00 Brake stands"]
 
 
-def test_one_whose_thread_comes_late_takes_nobodys_place() -> None:
+def test_run_with_late_thread_does_not_displace_a_newer_one() -> None:
     may_begin = threading.Event()
 
     class Born(Turn):
@@ -88,7 +88,7 @@ def test_one_whose_thread_comes_late_takes_nobodys_place() -> None:
         assert robot.gripper.read() == []
 
 
-def test_a_long_wait_for_the_one_before_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+def test_long_wait_for_the_foreground_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     with serving(Brake, Turn) as robot:
         robot.send("Brake", seconds=11)
         robot.after(0)
@@ -99,11 +99,11 @@ def test_a_long_wait_for_the_one_before_is_logged(caplog: pytest.LogCaptureFixtu
         robot.after(12)
         texts = [status.text for status in said_of_turn.arrived()]
         assert texts[:2] == ["waits until gripper.Brake {1} has terminated", ""]
-    said = [record.getMessage() for record in caplog.records]
-    assert said == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == ["gripper.Turn {2} waits until gripper.Brake {1} has terminated"] * 2
 
 
-def test_background_tasks_run_beside_the_others() -> None:
+def test_background_runs_overlap_the_foreground_run() -> None:
     with serving() as robot:
         grasp = robot.send("Grasp", force=1, foreground=False)
         turn = robot.send("Turn", foreground=False)
@@ -112,7 +112,7 @@ def test_background_tasks_run_beside_the_others() -> None:
         assert {outcome(grasp), outcome(turn), outcome(front)} == {Outcome.DONE}
 
 
-def test_the_background_leaves_room_for_the_foreground() -> None:
+def test_background_runs_leave_a_slot_for_the_foreground() -> None:
     with serving(capacity=3) as robot:
         robot.send("Grasp", force=1, foreground=False)
         more = robot.send("Grasp", force=1, foreground=False)
@@ -126,13 +126,13 @@ def test_the_background_leaves_room_for_the_foreground() -> None:
             more.result()
 
 
-def test_nothing_is_idle_that_was_given_no_idle_task() -> None:
+def test_server_without_idle_task_stays_empty() -> None:
     with serving() as robot:
         robot.after(1)
         assert names(robot) == []
 
 
-def test_the_idle_task_runs_when_nothing_else_has_the_foreground() -> None:
+def test_idle_task_runs_while_the_foreground_is_free() -> None:
     with serving(idle=Idle) as robot:
         assert names(robot) == []
         robot.after(1)
@@ -146,7 +146,7 @@ def test_the_idle_task_runs_when_nothing_else_has_the_foreground() -> None:
         assert names(robot) == ["Grasp", "Idle"]
 
 
-def test_nobody_is_idle_between_two_steps_of_a_mission() -> None:
+def test_idle_task_does_not_start_between_mission_steps() -> None:
     with serving(idle=Idle) as robot:
         for _ in range(3):
             robot.send("Turn", steps=1)
@@ -154,7 +154,7 @@ def test_nobody_is_idle_between_two_steps_of_a_mission() -> None:
         assert names(robot) == []
 
 
-def test_the_idle_task_takes_nobodys_place() -> None:
+def test_idle_task_does_not_displace_the_foreground_run() -> None:
     with serving(idle=Idle) as robot:
         grasp = robot.send("Grasp", force=1)
         robot.after(0.5)
@@ -164,7 +164,7 @@ def test_the_idle_task_takes_nobodys_place() -> None:
         assert idle.result().text == "another task has the foreground"
 
 
-def test_an_idle_task_that_completes_does_so_once() -> None:
+def test_completed_idle_task_runs_once_per_idle_time() -> None:
     class Rest(OnceTask[Gripper]):
         def iterate(self) -> None:
             self.env.note(self, "brakes")
@@ -175,7 +175,7 @@ def test_an_idle_task_that_completes_does_so_once() -> None:
         assert robot.after(10)[-1] == "10.20 Rest brakes"
 
 
-def test_an_idle_task_that_fails_is_tried_again_later(caplog: pytest.LogCaptureFixture) -> None:
+def test_failed_idle_task_is_retried_after_five_seconds(caplog: pytest.LogCaptureFixture) -> None:
     class Rest(OnceTask[Gripper]):
         def iterate(self) -> None:
             self.env.note(self, "tries")

@@ -1,5 +1,5 @@
-"""Tasks whose iterate() does not return: the server and the mission say so, and Ctrl-C gets
-away.
+"""Tasks whose iterate() does not return: the server and the mission log it, and Ctrl-C ends the
+wait.
 """
 
 import logging
@@ -24,7 +24,7 @@ from tca_behaviours.missions import (
 from tca_module.testing import LocalCentral
 
 
-def test_a_task_that_times_out_in_order_is_not_named(caplog: pytest.LogCaptureFixture) -> None:
+def test_slow_termination_after_timeout_is_not_logged(caplog: pytest.LogCaptureFixture) -> None:
     class Sleep(OnceTask[Gripper]):
         def iterate(self) -> None:
             self.sleep(60)
@@ -81,7 +81,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture)
     caplog.set_level(logging.WARNING, "tca")
 
 
-def test_a_mission_says_once_that_it_waits_for_a_task_that_was_stopped(
+def test_mission_logs_once_that_stopped_task_does_not_return(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with (
@@ -97,26 +97,26 @@ def test_a_mission_says_once_that_it_waits_for_a_task_that_was_stopped(
 
 
 @pytest.mark.parametrize("task", ["Hang", "HangInStep"])
-def test_the_server_says_once_that_iterate_does_not_return(
+def test_server_logs_once_that_iterate_does_not_return(
     task: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tca_behaviours.missions.serving.run._RETURNS_WITHIN", 0.02)
 
-    def said() -> list[str]:
+    def server_warnings() -> list[str]:
         return [one.getMessage() for one in caplog.records if one.name == "tca.stuck"]
 
     with stuck() as (central, environment), Mission("stuck", central=central) as mission:
         handle = mission.start(task, task_timeout=0.01)
-        until(said, "it is said")
+        until(server_warnings, "it is said")
         environment.may_return.set()
         mission.first_ended([handle])
-        assert said() == [
+        assert server_warnings() == [
             f"stuck.{handle}: task_timeout of 0.01 s has passed and iterate() has not returned"
         ]
 
 
 class CtrlC:
-    """Somebody presses Ctrl-C when the task hangs."""
+    """A condition that raises KeyboardInterrupt once the task hangs."""
 
     def __init__(self, environment: Stuck) -> None:
         self.environment = environment
@@ -132,7 +132,7 @@ def hang_until_interrupted(mission: Mission, environment: Stuck) -> None:
     mission.run("Hang")
 
 
-def test_ctrl_c_waits_once_for_a_task_that_hangs(
+def test_ctrl_c_waits_once_for_a_hanging_task(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stopping_module, "_STOPS_WITHIN", 0.1)
@@ -148,7 +148,7 @@ def test_ctrl_c_waits_once_for_a_task_that_hangs(
     assert ends.startswith("the mission ends without waiting any longer for Hang {")
 
 
-def test_a_second_ctrl_c_ends_the_mission_at_once(
+def test_second_ctrl_c_ends_the_mission_at_once(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     waits: list[float] = []
@@ -169,7 +169,7 @@ def test_a_second_ctrl_c_ends_the_mission_at_once(
     assert ends.startswith("the mission ends without waiting any longer for Hang {")
 
 
-def test_a_task_that_does_not_stop_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_task_raises_timeout_when_the_task_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping_module, "_STOPS_WITHIN", 0.1)
     with (
         stuck() as (central, environment),

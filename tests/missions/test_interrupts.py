@@ -1,4 +1,4 @@
-"""Ctrl-C at the moment in which a task is sent."""
+"""Ctrl-C while a task is being sent."""
 
 import signal
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from tca_behaviours.missions.client import mission as client
 from tca_behaviours.missions.client.interrupts import delay_interrupt
 
 
-def test_a_task_that_is_sent_as_ctrl_c_is_pressed_has_stopped_when_the_call_returns(
+def test_ctrl_c_while_sending_stops_the_task(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     @contextmanager
@@ -40,7 +40,7 @@ def press_twice(reached: list[int]) -> None:
             reached.append(number)
 
 
-def test_a_second_ctrl_c_is_not_held() -> None:
+def test_second_ctrl_c_is_not_delayed() -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         reached: list[int] = []

@@ -1,6 +1,4 @@
-"""What becomes of runs when central was restarted, when their server ends, or when who started them
-is gone.
-"""
+"""Runs whose central restarts, whose server ends, or whose client leaves."""
 
 import signal
 import threading
@@ -40,22 +38,22 @@ class Roll(PeriodicTask[Environment]):
         return Status.RUNNING
 
     def terminate(self) -> None:
-        self.sleep(0.01)  # slowly
+        self.sleep(0.01)
         self.stands.set()
 
 
-def test_a_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_terminates_when_central_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Module, "running", partialmethod(Module.running, patience=0.5))
     with LocalCentral() as central:
         server = TaskServer("cart", Environment(), [Roll], rate=20, central=central)
         with server.running(), connect("user", central, linger=0) as user:
-            user.command(server.definitions["Roll"].message, {}).id  # noqa: B018 - it has arrived
+            user.command(server.definitions["Roll"].message, {}).id  # noqa: B018 - waits for its arrival
             assert Roll.rolls.wait(SOON)
             central.close()
             assert Roll.stands.wait(SOON)
 
 
-def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
+def test_run_forgotten_by_restarted_central_terminates() -> None:
     with serving(Brake, idle=Idle) as robot:
         assert robot.send("Brake").id
         robot.after(0.05)
@@ -65,7 +63,7 @@ def test_runs_that_a_restarted_central_has_forgotten_terminate() -> None:
         assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
 
 
-def test_a_run_goes_on_when_its_sender_leaves() -> None:
+def test_run_continues_when_its_client_leaves() -> None:
     with serving() as robot:
         with connect("mission", robot.central) as mission:
             turn = robot.server.definitions["Turn"]
@@ -75,15 +73,15 @@ def test_a_run_goes_on_when_its_sender_leaves() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("number", "says", "why"),
+    ("number", "output", "why"),
     [
         (signal.SIGINT, "stands\nover\n", "server 'cart' has ended"),
         (signal.SIGKILL, "", "module 'cart'"),
     ],
     ids=["ctrl-c", "killed"],
 )
-def test_a_server_that_ends_terminates_what_runs(
-    tmp_path: Path, number: signal.Signals, says: str, why: str
+def test_runs_fail_when_their_server_ends(
+    tmp_path: Path, number: signal.Signals, output: str, why: str
 ) -> None:
     with (
         central(tmp_path) as daemon,
@@ -96,7 +94,7 @@ def test_a_server_that_ends_terminates_what_runs(
         drive = user.command(user.declared("cart.Drive"), {})
         server.hear("drives")
         server.send_signal(number)
-        assert server.communicate(timeout=20)[0] == says
+        assert server.communicate(timeout=20)[0] == output
         with pytest.raises(TaskFailed, match=why) as failed:
             drive.result(20)
         assert failed.value.failure == "module lost"

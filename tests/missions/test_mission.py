@@ -38,7 +38,7 @@ from tca_module.testing import LocalCentral
 from tca_wire.journal import facts
 
 
-def test_a_call_runs_its_task_to_the_end() -> None:
+def test_mission_call_returns_the_task_end() -> None:
     with mission_of_rover() as (mission, robot):
         end = mission.Drive(x=2.0)
         assert Status.of(end.status) is Status.COMPLETED
@@ -46,9 +46,9 @@ def test_a_call_runs_its_task_to_the_end() -> None:
         assert mission.Weigh(grams=[2, 3]).text == "5 g"
 
 
-def test_a_task_in_the_background_is_waited_for() -> None:
+def test_background_task_can_be_waited_for() -> None:
     with mission_of_rover() as (mission, robot):
-        watch = mission.Watch()  # in the background unless told otherwise
+        watch = mission.Watch()  # in the background by default
         assert watch.end is None
         assert mission.Drive(foreground=True).text == ""
         assert mission.first_ended([watch], timeout=0.01) == []
@@ -60,7 +60,7 @@ def test_a_task_in_the_background_is_waited_for() -> None:
         assert watch.is_over
 
 
-def test_any_or_all_of_several() -> None:
+def test_wait_for_any_or_all_tasks() -> None:
     with mission_of_rover() as (mission, robot):
         watch, drive = mission.Watch(), mission.Drive(foreground=False)
         assert mission.wait_for_any_task([watch, drive]) is drive
@@ -81,7 +81,7 @@ def test_any_or_all_of_several() -> None:
         ("python", Status.FAILED, "ValueError: a slip", "handler error"),
     ],
 )
-def test_a_failure_is_an_exception_and_the_mission_goes_on(
+def test_failed_task_raises_and_the_mission_continues(
     fails: str, status: Status, text: str, failure: str
 ) -> None:
     with mission_of_rover() as (mission, _):
@@ -92,7 +92,7 @@ def test_a_failure_is_an_exception_and_the_mission_goes_on(
         assert mission.Drive(x=1).status
 
 
-def test_what_takes_too_long_fails_with_timeout() -> None:
+def test_task_over_its_timeout_raises_with_status_timeout() -> None:
     with mission_of_rover() as (mission, robot):
         with pytest.raises(MissionTaskFailed) as caught:
             mission.Drive(fails="never", task_timeout=0.02)
@@ -100,7 +100,7 @@ def test_what_takes_too_long_fails_with_timeout() -> None:
         assert robot.done[-1] == "stands at 0"
 
 
-def test_a_newer_task_in_the_foreground_takes_the_place_of_an_older_one() -> None:
+def test_displaced_foreground_task_is_interrupted() -> None:
     with mission_of_rover() as (mission, _):
         older = mission.start("Drive", x=1.0, fails="never")
         mission.Drive(x=2.0)
@@ -108,7 +108,7 @@ def test_a_newer_task_in_the_foreground_takes_the_place_of_an_older_one() -> Non
             mission.wait_for_task(older)
 
 
-def test_parameters_are_changed_while_a_task_runs() -> None:
+def test_update_task_changes_parameters_of_a_running_task() -> None:
     with mission_of_rover() as (mission, robot):
         drive = mission.start("Drive", x=1.0, fails="never")
         mission.update_task(drive, x=3.0, says="to the east")
@@ -133,15 +133,15 @@ def test_parameters_are_changed_while_a_task_runs() -> None:
         assert robot.done == ["to 1", "stands at 3"]
 
 
-def test_what_is_wrong_is_said_before_anything_is_sent(approve: Callable[..., None]) -> None:
+def test_mission_misuse_is_reported_before_sending(approve: Callable[..., None]) -> None:
     with rover() as (central, robot), Mission("rover", central=central) as mission:
 
-        def tell(case: str) -> str:
+        def message_of(case: str) -> str:
             with pytest.raises((UnknownTask, BadParameter, MisuseError)) as caught:
                 eval(case, globals(), {"mission": mission})
             return f"{caught.type.__name__}: {caught.value}"
 
-        approve("mistakes.txt", tell)
+        approve("mistakes.txt", message_of)
         assert robot.done == []
         assert not [
             fact
@@ -150,7 +150,7 @@ def test_what_is_wrong_is_said_before_anything_is_sent(approve: Callable[..., No
         ]
 
 
-def test_tasks_have_signatures_help_and_names() -> None:
+def test_mission_tasks_have_signature_help_and_name() -> None:
     with mission_of_rover() as (mission, _):
         assert {"Drive", "Watch", "Weigh", "wait_for_task"} <= set(dir(mission))
         assert str(inspect.signature(mission.Drive)).startswith(
@@ -168,14 +168,14 @@ def test_tasks_have_signatures_help_and_names() -> None:
 # --- conditions -----------------------------------------------------------------------------------
 
 
-def test_a_condition_interrupts_and_the_robot_is_left_safe() -> None:
+def test_verified_condition_interrupts_and_terminates_the_task() -> None:
     with mission_of_rover() as (mission, robot):
         watch = mission.Watch()
         mission.add_condition(ConditionIsCompleted(watch))
         mission.Drive(x=1.0)
 
         class Arrives:
-            """A condition of one's own; here it never holds, and makes the other one hold."""
+            """A custom condition that never holds, but makes the other one hold."""
 
             def is_verified(self) -> bool:
                 robot.arrived.set()
@@ -185,11 +185,11 @@ def test_a_condition_interrupts_and_the_robot_is_left_safe() -> None:
         with pytest.raises(ConditionVerified, match=r"Watch \{\d+\} has ended") as caught:
             mission.Drive(x=2.0, fails="never")
         assert len(caught.value.conditions) == 1
-        assert robot.done[-1] == "stands at 2"  # it had terminated when the exception came
+        assert robot.done[-1] == "stands at 2"  # terminated before the exception
         mission.Drive(x=3.0)  # conditions are cleared when one is verified
 
 
-def test_a_condition_that_holds_already_lets_nothing_start() -> None:
+def test_condition_that_already_holds_prevents_the_start() -> None:
     with mission_of_rover() as (mission, robot):
         watch = mission.Watch()
         mission.add_condition(ConditionIsCompleted(watch))
@@ -202,7 +202,7 @@ def test_a_condition_that_holds_already_lets_nothing_start() -> None:
 
 
 @pytest.mark.parametrize("stop_on_clear", [False, True])
-def test_a_cleared_condition_stops_its_task_unless_told_not_to(stop_on_clear: bool) -> None:
+def test_cleared_condition_stops_its_task_by_default(stop_on_clear: bool) -> None:
     with mission_of_rover() as (mission, robot):
         watch = mission.Watch()
         mission.add_condition(ConditionIsCompleted(watch, stop_on_clear=stop_on_clear))
@@ -212,7 +212,7 @@ def test_a_cleared_condition_stops_its_task_unless_told_not_to(stop_on_clear: bo
         mission.Drive()
 
 
-def test_thirty_rounds_with_conditions_leave_no_task() -> None:
+def test_repeated_rounds_with_conditions_leave_no_task() -> None:
     with mission_of_rover() as (mission, robot):
         for number in range(30):
             mission.add_condition(ConditionIsCompleted(mission.Watch()))
@@ -226,13 +226,13 @@ def test_thirty_rounds_with_conditions_leave_no_task() -> None:
 
 
 class When:
-    """A condition of one's own."""
+    """A custom condition."""
 
-    def __init__(self, is_so: Callable[[], bool]) -> None:
-        self.is_verified = is_so
+    def __init__(self, holds: Callable[[], bool]) -> None:
+        self.is_verified = holds
 
 
-def test_a_refused_start_does_not_verify_a_condition() -> None:
+def test_refused_start_does_not_verify_a_condition() -> None:
     with LocalCentral() as central:
         server = TaskServer("rover", Rover(), tasks=TASKS, capacity=3, central=central)
         with server.running(), Mission("rover", central=central) as mission:
@@ -244,7 +244,7 @@ def test_a_refused_start_does_not_verify_a_condition() -> None:
             mission.Drive(x=1.0)  # the condition was cleared
 
 
-def test_the_death_of_its_server_does_not_verify_a_condition() -> None:
+def test_server_loss_does_not_verify_a_condition() -> None:
     with LocalCentral() as central, ExitStack() as stack:
         server = TaskServer("rover", Rover(), tasks=TASKS, central=central)
         stack.enter_context(server.running())
@@ -262,7 +262,7 @@ def test_the_death_of_its_server_does_not_verify_a_condition() -> None:
     ("ends", "error"),
     [((), MissionTaskFailed), ((Status.TIMEOUT, Status.FAILED), ConditionVerified)],
 )
-def test_other_ends_verify_a_condition_by_choice(
+def test_condition_accepts_configured_end_statuses(
     ends: tuple[Status, ...], error: type[Exception]
 ) -> None:
     with mission_of_rover() as (mission, robot):
@@ -275,20 +275,20 @@ def test_other_ends_verify_a_condition_by_choice(
 # --- stopping -------------------------------------------------------------------------------------
 
 
-def test_stopped_tasks_have_left_things_safe() -> None:
+def test_stopped_tasks_are_terminated() -> None:
     with mission_of_rover() as (mission, robot):
         watch, drive = mission.Watch(), mission.start("Drive", x=4.0, fails="never")
         mission.stop_task(drive)
         assert robot.done == ["to 4", "stands at 4"]
         mission.stop_all_tasks()
         assert robot.done[-1] == "watched"
-        mission.stop_task(watch)  # it has ended: nothing happens
+        mission.stop_task(watch)  # already ended: no effect
         with pytest.raises(MissionTaskFailed, match="interrupted: the mission has stopped it"):
             mission.wait_for_task(watch)
 
 
 @pytest.mark.parametrize("leave_running", [False, True])
-def test_the_end_of_a_mission_stops_its_tasks_unless_told_otherwise(leave_running: bool) -> None:
+def test_mission_end_stops_its_tasks_by_default(leave_running: bool) -> None:
     with rover() as (central, robot):
         with Mission("rover", central=central, leave_running=leave_running) as mission:
             mission.Watch()
@@ -297,7 +297,7 @@ def test_the_end_of_a_mission_stops_its_tasks_unless_told_otherwise(leave_runnin
         assert robot.done == ([] if leave_running else ["watched"])
 
 
-def test_an_interrupted_mission_stops_its_tasks_and_counts_as_failed() -> None:
+def test_interrupted_mission_stops_its_tasks_and_fails() -> None:
     with rover() as (central, robot):
         mission = Mission("rover", name="trip", central=central)
         with pytest.raises(KeyboardInterrupt), mission:
@@ -314,7 +314,7 @@ def drive_until_interrupted(mission: Mission, robot: Rover) -> None:
 
 
 class Interrupts:
-    """Somebody presses Ctrl-C while the rover drives."""
+    """A condition that raises KeyboardInterrupt while the rover drives."""
 
     def __init__(self, robot: Rover) -> None:
         self.robot = robot
@@ -325,7 +325,7 @@ class Interrupts:
         return False
 
 
-def test_the_tasks_of_a_mission_in_a_handler_belong_to_its_task() -> None:
+def test_mission_tasks_in_a_handler_are_children_of_its_task() -> None:
     fetch, ended = Goal("fetch"), list[str]()
     with rover() as (central, robot), connect("user", central) as user:
         planner = Module("planner", central)
@@ -351,7 +351,7 @@ def test_the_tasks_of_a_mission_in_a_handler_belong_to_its_task() -> None:
         assert robot.done[-1] == "stands at 7"
 
 
-def test_missions_of_one_name_that_begin_together_do_not_mix() -> None:
+def test_concurrent_missions_of_one_name_stay_separate() -> None:
     with rover() as (central, _):
         ends: list[str] = []
 
@@ -371,14 +371,14 @@ def test_missions_of_one_name_that_begin_together_do_not_mix() -> None:
             assert user.tasks() == []
 
 
-def test_a_mission_refuses_the_goal_of_another_of_its_name() -> None:
+def test_mission_fails_a_foreign_goal_of_its_name() -> None:
     with rover() as (central, _), connect("user", central) as user:
         with Mission("rover", name="weigh", central=central):
             other = user.goal(Goal("mission weigh", MissionInfo), MissionInfo("rover"))
             assert other.wait(10) is Outcome.FAILED
 
 
-def test_a_mission_whose_goal_is_killed_ends() -> None:
+def test_mission_ends_when_its_goal_is_killed() -> None:
     with rover() as (central, robot), connect("operator", central) as operator:
         with Mission("rover", central=central) as mission:
             goal = next(task for task in operator.tasks() if task.message.startswith("mission "))
@@ -395,13 +395,13 @@ def test_a_mission_whose_goal_is_killed_ends() -> None:
 # --- servers --------------------------------------------------------------------------------------
 
 
-def test_without_a_server_a_mission_does_not_begin() -> None:
+def test_mission_without_a_server_does_not_open() -> None:
     with rover() as (central, _):
         with pytest.raises(
             NotOffered, match=r"server 'rovre' offers no tasks after 0 s: did you mean 'rover'?"
         ):
             Mission("rovre", central=central, patience=0).open()
-        with Mission(central=central) as mission:  # there is only one
+        with Mission(central=central) as mission:  # the only server
             assert mission.server == "rover"
         with TaskServer("other", Rover(), tasks=TASKS, central=central).running():
             with pytest.raises(MisuseError, match=r"several servers offer tasks: .*; name one"):
@@ -410,7 +410,7 @@ def test_without_a_server_a_mission_does_not_begin() -> None:
         Mission(central=empty, patience=0).open()
 
 
-def test_a_mission_waits_for_its_server() -> None:
+def test_mission_waits_for_its_server() -> None:
     with LocalCentral() as central:
         server = TaskServer("rover", Rover(), tasks=TASKS, central=central)
 
@@ -428,7 +428,7 @@ def test_a_mission_waits_for_its_server() -> None:
             assert user.handlers(user.declared("rover.Drive")) == []
 
 
-def test_tasks_that_nobody_offers_any_more_are_errors() -> None:
+def test_call_after_server_left_raises_not_offered() -> None:
     with LocalCentral() as central:
         with TaskServer("rover", Rover(), tasks=TASKS, central=central).running():
             mission = Mission("rover", central=central).open()
@@ -440,15 +440,15 @@ def test_tasks_that_nobody_offers_any_more_are_errors() -> None:
         mission.close()
 
 
-def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_for_it() -> None:
+def test_server_loss_fails_running_and_waiting_tasks() -> None:
     with LocalCentral() as central:
         rovers = TaskServer(
             "rover", Rover(), tasks=TASKS, central=central
-        )  # never started: it gives the message
-        module, begun = Module("rover", central, capacity=1), threading.Event()
+        )  # never started: only its message is used
+        module, started = Module("rover", central, capacity=1), threading.Event()
 
         def drive(task: Task, _: Any) -> TaskEnd:
-            begun.set()
+            started.set()
             while not task.cancelled:
                 pass
             return TaskEnd(Status.COMPLETED)
@@ -456,7 +456,7 @@ def test_a_server_that_leaves_is_an_error_for_what_it_did_and_for_what_waited_fo
         module.handles(rovers.definitions["Drive"].message)(drive)
         with module.running(), Mission("rover", central=central) as mission:
             working = mission.start("Drive")
-            assert begun.wait(10)
+            assert started.wait(10)
             waiting, another = mission.start("Drive"), mission.start("Drive")
             module.stop()
             with pytest.raises(

@@ -1,4 +1,4 @@
-"""Missions as processes of their own, that are killed; and what goes on afterwards."""
+"""Missions in their own processes, which are killed and resumed."""
 
 import contextlib
 import re
@@ -32,8 +32,8 @@ TRIP = """
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[tuple[str, Rover]]:
-    """A central behind a socket, and a rover that serves."""
+def running_rover(folder: Path) -> Iterator[tuple[str, Rover]]:
+    """Run a central behind a socket, and a rover that serves."""
     with RealCentral(f"ipc://{folder}/central.sock") as central:
         robot = Rover()
         with TaskServer("rover", robot, tasks=TASKS, rate=100.0, central=central.address).running():
@@ -41,10 +41,12 @@ def served(folder: Path) -> Iterator[tuple[str, Rover]]:
 
 
 @contextmanager
-def on_its_trip(
+def mission_process(
     address: str, robot: Rover, folder: Path, *, stays: bool = False
 ) -> Iterator[Process]:
-    """The mission in a process, when it drives its second way, and has noted both drives' tasks."""
+    """Run the mission in a process, until it drives back and has recorded both drives in its
+    checkpoint.
+    """
     process = program(TRIP.format(stays=stays), address, cwd=folder)
 
     def drives_back() -> bool:
@@ -67,11 +69,11 @@ def tasks_of(address: str) -> list[str]:
         return [task.message for task in user.tasks()]
 
 
-def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step(
+def test_killed_mission_stops_its_tasks_and_resumes_at_its_step(
     tmp_path: Path,
 ) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path) as process:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGKILL)
             until(lambda: {"stands at 2", "watched"} <= set(robot.done), "the rover is safe", SOON)
         until(lambda: tasks_of(address) == [], "nothing runs", SOON)
@@ -79,7 +81,7 @@ def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step
         with Mission(
             "rover", name="trip", central=address, checkpoint=tmp_path / "trip.steps"
         ) as mission:
-            assert mission.step("out", mission.Drive, x=1.0).status  # it is not done again
+            assert mission.step("out", mission.Drive, x=1.0).status  # not repeated
             with pytest.raises(
                 StepUncertain,
                 match=r"step 'back' was under way .*\(Drive \{\d+\} interrupted: .*module lost",
@@ -88,14 +90,12 @@ def test_a_mission_that_is_killed_leaves_nothing_running_and_resumes_at_its_step
             assert robot.done == []
             mission.repeatable_step("back", mission.Drive, x=2.0)
         assert robot.done == ["to 2", "stands at 2"]
-        assert not (
-            tmp_path / "trip.steps"
-        ).exists()  # a mission that has come to its end begins anew
+        assert not (tmp_path / "trip.steps").exists()  # a completed mission starts over
 
 
-def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path, stays=True) as process:
+def test_resumed_mission_finds_its_running_task_again(tmp_path: Path) -> None:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path, stays=True) as process:
             process.send_signal(signal.SIGKILL)
             process.wait()
         trip = Mission(
@@ -113,9 +113,9 @@ def test_tasks_that_are_to_outlive_their_mission_are_found_again(tmp_path: Path)
         assert robot.done.count("to 2") == 1
 
 
-def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
-    with served(tmp_path) as (address, robot):
-        with on_its_trip(address, robot, tmp_path) as process:
+def test_ctrl_c_stops_the_tasks_of_a_mission_process(tmp_path: Path) -> None:
+    with running_rover(tmp_path) as (address, robot):
+        with mission_process(address, robot, tmp_path) as process:
             process.send_signal(signal.SIGINT)
             assert "KeyboardInterrupt" in process.communicate(timeout=SOON)[1]
             assert process.returncode != 0
@@ -123,8 +123,8 @@ def test_ctrl_c_stops_the_tasks_of_a_mission(tmp_path: Path) -> None:
         assert tasks_of(address) == []
 
 
-def test_the_two_programs_of_the_page_run_as_they_are_printed(tmp_path: Path) -> None:
-    """A reader copies them from docs/missions.md."""
+def test_missions_page_programs_run_as_printed(tmp_path: Path) -> None:
+    """Readers copy them from docs/missions.md."""
     blocks = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "missions.md").read_text(), re.DOTALL
     )

@@ -1,4 +1,4 @@
-"""What central tells of tasks comes from anybody: a format that makes no sense harms nobody."""
+"""Task formats from other modules: a malformed one does no harm."""
 
 import inspect
 import json
@@ -30,7 +30,7 @@ def formatted(schema: Any) -> MessageInfo:
         {MISSION_TASK: {**GOOD, "parameters": 3}},
     ],
 )
-def test_what_is_no_mark_is_no_task(schema: Any) -> None:
+def test_schema_with_malformed_mark_offers_no_task(schema: Any) -> None:
     assert list(offered_tasks([formatted(schema)])) == []
 
 
@@ -44,7 +44,7 @@ def test_what_is_no_mark_is_no_task(schema: Any) -> None:
         {"properties": {"x": {"type": "array", "items": {"$ref": "#/$defs/B"}}}, "$defs": {"B": {"type": "array", "items": {"$ref": "#/$defs/B"}}}},
     ],
 )  # fmt: skip
-def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None:
+def test_task_with_malformed_parameters_can_be_shown(fields: dict[str, Any]) -> None:
     (task,) = offered_tasks([formatted({MISSION_TASK: GOOD, **fields})])
     assert str(task.signature).endswith("TaskEnd")
     assert isinstance(task.signature, inspect.Signature)
@@ -54,7 +54,7 @@ def test_a_task_with_any_parameters_can_be_shown(fields: dict[str, Any]) -> None
 
 @pytest.mark.parametrize("name", ["import", "Drive", "None"])
 @pytest.mark.parametrize("text", ['says "far"', "ends with \\", 'in """ quotes', "two\nlines"])
-def test_stub_is_python_whatever_a_server_calls_its_tasks(name: str, text: str) -> None:
+def test_stub_is_valid_python_for_hostile_names(name: str, text: str) -> None:
     shown = {"server": text, "task": name, "help": text, "parameters": ["x"]}
     schema = {MISSION_TASK: shown, "properties": {"x": {"type": "number", "default": float("nan")}}}
     names: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""A task of a mission that did not complete has failed, or was killed, for everybody who looks."""
+"""A run that did not complete has failed, or was killed, for clients, observers and the journal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,13 +32,13 @@ FAILURES: list[dict[str, Any]] = [
     {"fails": "never", "task_timeout": 0.02},
     {"fails": "initialise"},
 ]
-Told = list[tuple[str, str]]
+Ends = list[tuple[str, str]]
 
 
 @contextmanager
-def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
-    """Three drives that fail, one that is stopped, one that completes; and their ends, as an
-    observer is told.
+def mission_with_every_end() -> Iterator[tuple[LocalCentral, Mission, Ends]]:
+    """Three drives fail, one is stopped, and one completes; with their ends as an observer sees
+    them.
     """
     with (
         rover() as (central, _),
@@ -51,17 +51,17 @@ def every_end() -> Iterator[tuple[LocalCentral, Mission, Told]]:
                     mission.Drive(**parameters)
             mission.stop_task(mission.start("Drive", fails="never"))
             mission.Drive()
-            told = [
+            ends = [
                 (change.transition, change.state)
                 for _, change in zip(range(15), changes, strict=False)
             ]
-        yield central, mission, told[2::3]
+        yield central, mission, ends[2::3]
 
 
-def test_failed_tasks_are_failed_for_everybody() -> None:
-    with every_end() as (central, mission, told):
+def test_task_outcome_agrees_for_observer_client_and_journal() -> None:
+    with mission_with_every_end() as (central, mission, ends):
         outcomes = [task.sent.wait(0) for task in mission.ended]
-    assert told == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
+    assert ends == [("failed", "cancelled")] * 3 + [("killed", "cancelled"), ("completed", "done")]
     assert outcomes == [*[Outcome.FAILED] * 3, Outcome.KILLED, Outcome.DONE]
     run = History.until(central.entries)
     tasks = [task for task in run.tasks.values() if task.name == "rover.Drive"]
@@ -70,25 +70,25 @@ def test_failed_tasks_are_failed_for_everybody() -> None:
         TaskState.KILLED,
         TaskState.ACHIEVED,
     ]
-    assert [life_at(run, task).state for task in tasks] == [state for _, state in told]
+    assert [life_at(run, task).state for task in tasks] == [state for _, state in ends]
     assert checked(central.entries) == []
 
 
-def dealt_with(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """The exception handler of the mission does not kill the task, and returns."""
-    told = [
+def as_recovered(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+    """As if the mission's exception handler had recovered the failure."""
+    kept = [
         fact
         for fact in entry.facts
         if not (isinstance(fact, facts.Killed) and fact.task == failed.task)
     ]
     has_returned = any(
-        isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in told
+        isinstance(fact, facts.Returned) and fact.id == failed.handler for fact in kept
     )
-    return [*told, facts.Recovered(failed.task)] if has_returned else told
+    return [*kept, facts.Recovered(failed.task)] if has_returned else kept
 
 
-def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
-    """Its handler returns a status that is not COMPLETED."""
+def as_completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
+    """As if the handler had returned a status that is not COMPLETED."""
     end = msgspec.msgpack.encode(TaskEnd(Status.FAILED | Status.TERMINATED))
     returned = [
         fact for fact in entry.facts if isinstance(fact, facts.Returned) and fact.id == failed.task
@@ -99,11 +99,11 @@ def completed(entry: facts.Entry, failed: facts.Caught) -> list[facts.Fact]:
     ]
 
 
-@pytest.mark.parametrize("bend", [dealt_with, completed])
-def test_check_finds_a_failed_task_that_counts_as_done(
+@pytest.mark.parametrize("bend", [as_recovered, as_completed])
+def test_check_reports_a_failed_run_counted_as_done(
     bend: Callable[..., list[facts.Fact]],
 ) -> None:
-    with every_end() as (central, *_):
+    with mission_with_every_end() as (central, *_):
         pass
     failed = next(fact for fact in central.facts if isinstance(fact, facts.Caught))
     bent = [replace(entry, facts=bend(entry, failed)) for entry in central.entries]
@@ -132,9 +132,7 @@ def slip(_: Task) -> None:
     ("task", "timeout", "text"),
     [("Nap", 0.01, r"timeout: it ran"), ("Walk", 0.0, r"failed: in step \{\d+\}: on ice")],
 )
-def test_a_task_fails_at_its_timeout_and_with_what_it_sent(
-    task: str, timeout: float, text: str
-) -> None:
+def test_task_fails_at_timeout_or_with_its_subtask(task: str, timeout: float, text: str) -> None:
     with (
         LocalCentral() as central,
         TaskServer("dog", Environment(), [Nap, Walk], central=central).running(),

@@ -1,6 +1,4 @@
-"""The code on the pages on missions and task servers runs as it is printed, and does what they
-say.
-"""
+"""The code on the pages about missions and task servers runs as printed."""
 
 import functools
 import re
@@ -38,7 +36,7 @@ def block(page: str, beginning: str) -> str:
 
 
 class Cart(Environment):
-    """A cart that can't leave for some places; it begins to rain after some photographs."""
+    """A cart that can't reach some places. Rain starts after some photographs."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,7 +76,7 @@ class WaitForRain(PeriodicTask[Cart]):
 
 @pytest.fixture
 def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cart]:
-    """It serves at the central of all missions."""
+    """Serve the cart to all missions of the page."""
     monkeypatch.chdir(tmp_path)
     with LocalCentral() as central:
         cart = Cart()
@@ -103,7 +101,7 @@ def run_in_mission(beginning: str, **names: Any) -> None:
         run(beginning, mission=mission, **names)
 
 
-def test_the_imports_are_all_that_the_page_names() -> None:
+def test_missions_page_imports_every_name_it_uses() -> None:
     page = (DOCS / "missions.md").read_text()
     imported = set[str]()
     for words in re.findall(
@@ -119,32 +117,34 @@ def test_the_imports_are_all_that_the_page_names() -> None:
     assert imported <= {*offered, "parameter", "status_of"}
 
 
-def test_a_patrol_that_was_killed_is_interrupted_by_rain_all_the_same(
+def test_resumed_patrol_is_still_interrupted_by_rain(
     cart: Cart, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run(PATROL)
     assert (cart.photographs, cart.been[-1]) == ([6, 1, 6], 0)
-    Path("patrol.steps").write_bytes(cart.file_then)  # as if it had been killed in round 2
+    Path("patrol.steps").write_bytes(cart.file_then)  # as after a kill in round 2
     cart.photographs, cart.cut_off, cart.rains_after = [], set(), 2
     run(PATROL)
     assert (cart.photographs, cart.been[-1]) == ([6, 1], 0)
     assert capsys.readouterr().out == "it rains\nit rains\n"
 
 
-def test_a_task_is_updated_while_the_mission_waits(cart: Cart) -> None:
+def test_page_example_updates_a_task_while_waiting(cart: Cart) -> None:
     cart.cut_off = {6.0}
     run_in_mission("drive = mission.start(")
     assert cart.been == [2]
 
 
 @pytest.mark.parametrize(("answer", "been"), [("yes", []), ("no", [6])])
-def test_somebody_decides_what_became_of_a_step(cart: Cart, answer: str, been: list[float]) -> None:
+def test_page_example_asks_about_an_uncertain_step(
+    cart: Cart, answer: str, been: list[float]
+) -> None:
     Path("test.steps").write_text(UNDER_WAY)
     run_in_mission("try:\n    mission.step(", input=lambda _: answer)
     assert cart.been == been
 
 
-def test_the_short_pieces_run(cart: Cart) -> None:
+def test_short_page_examples_run(cart: Cart) -> None:
     run_in_mission("try:\n    mission.Drive(goal=3.0, task_timeout")
     run('with Mission("cart", checkpoint="delivery.steps")')
     assert cart.been == [3, 6, 0, 1, 2, 0]
@@ -153,7 +153,7 @@ def test_the_short_pieces_run(cart: Cart) -> None:
     run_in_mission("class TooFar:", cart=cart)
 
 
-def test_a_task_that_runs_once_and_the_test_of_a_task() -> None:
+def test_page_example_of_a_once_task_and_its_test_runs() -> None:
     names: dict[str, Any] = {**vars(tca_behaviours.missions), "__name__": __name__}
     for beginning in (
         "from tca_behaviours.missions import (\n    Environment,\n    Mission,",

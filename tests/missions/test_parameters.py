@@ -1,6 +1,4 @@
-"""Parameters: declared in the class, known to every sender by the format, checked before anything
-is sent.
-"""
+"""Parameters are declared in the class, published in the format, and checked before sending."""
 
 import json
 from typing import Annotated, Any
@@ -15,12 +13,12 @@ from tca_module import BadData, BadFormat
 
 
 def shape(robot: Robot, task: str) -> dict[str, Any]:
-    """The format of a task's data, as everybody sees it."""
+    """The published format of a task's data."""
     schema: dict[str, Any] = json.loads(robot.user.declared(f"gripper.{task}").data.schema)
     return schema
 
 
-def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
+def test_task_format_describes_its_parameters() -> None:
     with serving() as robot:
         turn = shape(robot, "Turn")
         assert turn["x-tca-mission"] == {
@@ -52,7 +50,7 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "parameters", "says"),
+    ("task", "parameters", "expected"),
     [
         ("Turn", {"angel": 1}, "field 'angel' is unknown: did you mean 'angle'?"),
         ("Turn", {"angle": 4}, "field 'angle' must be at most 3, not 4"),
@@ -62,15 +60,15 @@ def test_the_format_says_all_that_a_mission_wants_to_know() -> None:
         ("Grasp", {}, "field 'force' is missing"),
     ],
 )
-def test_a_sender_that_knows_only_the_name_is_told_what_is_wrong(
-    task: str, parameters: Any, says: str
+def test_invalid_parameter_is_rejected_before_sending(
+    task: str, parameters: Any, expected: str
 ) -> None:
     with serving() as robot:
         before = len(robot.central.facts)
         message = robot.user.declared(f"gripper.{task}")
         with pytest.raises(BadData) as wrong:
             robot.user.command(message, parameters)
-        assert says in str(wrong.value)
+        assert expected in str(wrong.value)
         assert len(robot.central.facts) == before
 
 
@@ -95,7 +93,7 @@ class Go(OnceTask[Gripper]):
         self.places.append(Place(9))
 
 
-def test_any_type_that_can_be_sent_can_be_a_parameter() -> None:
+def test_parameters_accept_any_sendable_type() -> None:
     with serving(Go) as robot:
         first = robot.send("Go", places=[Place(1, 2)], label="home")
         robot.after(0)
@@ -113,7 +111,7 @@ def test_any_type_that_can_be_sent_can_be_a_parameter() -> None:
         ]
 
 
-def test_a_task_may_inherit_parameters_and_give_them_other_defaults() -> None:
+def test_inherited_parameters_can_have_other_defaults() -> None:
     class Wiggle(Turn):
         angle = 0.5
         times: int = 2
@@ -154,7 +152,7 @@ class Unknown(Turn):
 
 
 @pytest.mark.parametrize(
-    ("task", "says"),
+    ("task", "expected"),
     [
         (
             OutOfRange,
@@ -179,13 +177,15 @@ class Unknown(Turn):
         ),
     ],
 )
-def test_what_can_be_no_parameter_is_refused(task: type[PeriodicTask[Any]], says: str) -> None:
+def test_invalid_parameter_declaration_is_rejected(
+    task: type[PeriodicTask[Any]], expected: str
+) -> None:
     with pytest.raises(BadFormat) as wrong:
         TaskServer("gripper", Gripper(), [task])
-    assert str(wrong.value).startswith(says)
+    assert str(wrong.value).startswith(expected)
 
 
-def test_a_task_for_any_environment() -> None:
+def test_task_for_any_environment_is_offered() -> None:
     class Say(OnceTask[Environment]):
         text: str
 
@@ -193,6 +193,6 @@ def test_a_task_for_any_environment() -> None:
             self.report(self.text)
 
     with serving(Say) as robot:
-        said = robot.send("Say", text="hello")
+        sent = robot.send("Say", text="hello")
         robot.after(0)
-        assert said.result().text == "hello"
+        assert sent.result().text == "hello"

@@ -1,4 +1,4 @@
-"""Periodic tasks keep time without drift, and overruns are counted and shown."""
+"""Periodic tasks do not drift, and overruns are counted and logged."""
 
 import logging
 
@@ -12,7 +12,7 @@ from tca_module.period import Period
 
 
 class Slow(PeriodicTask[Gripper]):
-    """Take so long for each step."""
+    """Take the given time for each step."""
 
     takes: list[float] = parameter([], "Seconds")
 
@@ -33,38 +33,36 @@ class Slow(PeriodicTask[Gripper]):
             [0.13, 0, 0, 0],
             [0, 0.13, 0.2, 0.3],
             1,
-        ),  # the late one begins at once, and the time is kept
-        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are left out
+        ),  # the late one starts at once, and the grid is kept
+        ([0.35, 0, 0], [0, 0.35, 0.4], 3),  # two are skipped
         ([0.1, 0, 0], [0, 0.1, 0.2], 0),
     ],
 )
-def test_overruns(
+def test_overruns_are_counted_and_logged_once(
     takes: list[float], begins: list[float], overruns: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     with serving(Slow) as robot, caplog.at_level(logging.WARNING, "tca.gripper"):
         sent = robot.send("Slow", takes=takes)
         assert robot.after(2) == [f"{begin:.2f} Slow steps" for begin in begins]
         assert sent.result().overruns == overruns
-        said = f"gripper.Slow {{1}} misses its period of 0.1 s: an iteration ended {takes[0]:g} s after it was due"
-        assert caplog.text.count(said) == (overruns > 0)
+        warning = f"gripper.Slow {{1}} misses its period of 0.1 s: an iteration ended {takes[0]:g} s after it was due"
+        assert caplog.text.count(warning) == (overruns > 0)
 
 
 @given(st.lists(st.floats(0, 0.5), max_size=50), st.floats(0.01, 0.2))
-def test_the_time_is_kept_whatever_iterations_take(takes: list[float], seconds: float) -> None:
+def test_period_keeps_its_grid_for_any_iteration_times(takes: list[float], seconds: float) -> None:
     period, now = Period(5.0, seconds), 5.0
     for number, each in enumerate(takes, 1):
-        begun, now = period.due, max(now, period.due) + each
+        start, now = period.due, max(now, period.due) + each
         due = period.next(now, seconds)
-        assert due > begun
-        assert (
-            due >= now - seconds - 1e-9
-        )  # a late one begins at once, and not more than one period late
+        assert due > start
+        assert due >= now - seconds - 1e-9  # a late one starts at once, at most one period late
         assert round((due - 5.0) / seconds, 6) == round((due - 5.0) / seconds)
-        assert due <= max(now, begun) + seconds + 1e-9
+        assert due <= max(now, start) + seconds + 1e-9
         assert round((due - 5.0) / seconds) >= number
 
 
-def test_a_new_period_counts_from_the_present_iteration() -> None:
+def test_changed_period_counts_from_the_current_iteration() -> None:
     period = Period(0.0, 0.1)
     assert period.next(0.0, 0.1) == 0.1
     assert period.next(0.1, 0.5) == 0.6

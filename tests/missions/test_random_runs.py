@@ -1,5 +1,7 @@
-"""Random lives of a task server: whatever is sent, killed and changed, the foreground is one
-task's, and what was initialised is terminated once.
+"""Random use of a task server.
+
+Under any sends, kills and updates, one run has the foreground, and each initialised run is
+terminated once.
 """
 
 from collections import Counter
@@ -15,8 +17,8 @@ from tca_module import Refused, Rejected, SentTask
 SECONDS = st.sampled_from([0.0, 0.05, 0.1, 0.25])
 
 
-class Noted:
-    """Writes down when a run begins and ends."""
+class Recorded:
+    """Records when a run begins and ends."""
 
     env: Gripper
     task: Any
@@ -39,7 +41,7 @@ class Noted:
             raise ValueError(self.dies_in)
 
 
-class Work(Noted, PeriodicTask[Gripper]):
+class Work(Recorded, PeriodicTask[Gripper]):
     left: int = 3
 
     def iterate(self) -> Status:
@@ -49,7 +51,7 @@ class Work(Noted, PeriodicTask[Gripper]):
         return Status.RUNNING if self.left > 0 else Status.COMPLETED
 
 
-class Sleep(Noted, OnceTask[Gripper]):
+class Sleep(Recorded, OnceTask[Gripper]):
     seconds: float = 0.3
 
     def iterate(self) -> None:
@@ -75,8 +77,8 @@ ACTS = st.lists(
 )
 
 
-def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
-    """Let one thing happen."""
+def carry_out(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
+    """Carry out one random act."""
     if isinstance(what, float):
         robot.central.advance(what)
         return
@@ -97,24 +99,24 @@ def act(robot: Robot, what: Any, sent: list[SentTask[Any]]) -> None:
                     )
                 )
         except (Refused, Rejected):
-            pass  # it has ended
+            pass  # already ended
 
 
 @given(ACTS)
-def test_random_lives(acts: list[Any]) -> None:
+def test_foreground_is_exclusive_in_random_runs(acts: list[Any]) -> None:
     sent: list[SentTask[Any]] = []
     with serving(Work, Sleep, idle=Idle, capacity=5) as robot:
         for what in acts:
-            act(robot, what, sent)
+            carry_out(robot, what, sent)
         robot.central.advance(20)
         assert [task.message for task in robot.user.tasks()] == ["gripper.Idle"]
         assert [type(run.served) for run in robot.server.runs] == [Idle]
-    has_it: str = ""
+    holder: str = ""
     for note in robot.gripper.notes:
         what, task, foreground = note.split()
         if foreground == "True":
-            assert has_it == ("" if what == "begins" else task), robot.gripper.notes
-            has_it = task if what == "begins" else ""
+            assert holder == ("" if what == "begins" else task), robot.gripper.notes
+            holder = task if what == "begins" else ""
     begun = Counter(note.split()[1] for note in robot.gripper.notes if note.startswith("begins"))
     ended = Counter(note.split()[1] for note in robot.gripper.notes if note.startswith("ends"))
     assert begun == ended

@@ -1,4 +1,4 @@
-"""What a run of a task does, from initialise to terminate, on every way out."""
+"""A run of a task, from initialise to terminate, with every kind of end."""
 
 import logging
 
@@ -20,7 +20,7 @@ from tca_module import Command, Failure, Module, Task, TaskFailed, TaskKilled
 DONE = Status.COMPLETED | Status.TERMINATED
 
 
-def test_a_periodic_task_keeps_its_rate() -> None:
+def test_periodic_task_iterates_at_its_period() -> None:
     with serving() as robot:
         sent = robot.send("Turn", task_period=0.2)
         assert robot.after(1) == [
@@ -33,13 +33,13 @@ def test_a_periodic_task_keeps_its_rate() -> None:
         assert sent.result() == TaskEnd(DONE)
 
 
-def test_the_rate_of_the_server_counts_where_nothing_else_is_said() -> None:
+def test_server_rate_is_the_default_period() -> None:
     with serving(rate=2) as robot:
         robot.send("Turn", steps=2)
         assert robot.after(1)[1:3] == ["0.00 Turn step 1", "0.50 Turn step 2"]
 
 
-def test_a_task_that_runs_once() -> None:
+def test_once_task_runs_iterate_and_terminate() -> None:
     with serving() as robot:
         sent = robot.send("Grasp", force=2)
         assert robot.after(2) == [
@@ -58,7 +58,7 @@ def test_a_task_that_runs_once() -> None:
         ("terminate", MISSION_TASK_FAILED, "the brake does not hold", Status.FAILED),
     ],
 )
-def test_a_failure_terminates(
+def test_failed_run_is_terminated(
     fails_in: str, failure: Failure[None], text: str, status: Status
 ) -> None:
     with serving() as robot:
@@ -70,7 +70,7 @@ def test_a_failure_terminates(
         assert status_of(failed.value.failure) is status
 
 
-def test_what_could_not_be_initialised_is_not_terminated(caplog: pytest.LogCaptureFixture) -> None:
+def test_run_that_failed_to_initialise_is_not_terminated(caplog: pytest.LogCaptureFixture) -> None:
     with serving() as robot, caplog.at_level(logging.CRITICAL, "tca.gripper"):
         sent = robot.send("Turn", fails_in="initialise")
         assert robot.after(1) == ["0.00 Turn initialises"]
@@ -82,7 +82,7 @@ def test_what_could_not_be_initialised_is_not_terminated(caplog: pytest.LogCaptu
 
 
 @pytest.mark.parametrize("task", ["Turn", "Grasp"])
-def test_a_timeout_terminates(task: str) -> None:
+def test_timed_out_run_is_terminated(task: str) -> None:
     with serving() as robot:
         sent = robot.send(
             task, task_timeout=0.25, **({"steps": 9} if task == "Turn" else {"force": 2})
@@ -93,7 +93,7 @@ def test_a_timeout_terminates(task: str) -> None:
         assert failed.value.failure == MISSION_TASK_TIMEOUT.name
 
 
-def test_a_task_in_time_is_left_alone_later() -> None:
+def test_run_within_its_timeout_completes() -> None:
     with serving() as robot:
         sent = robot.send("Grasp", force=2, task_timeout=1.5)
         robot.after(3)
@@ -101,7 +101,7 @@ def test_a_task_in_time_is_left_alone_later() -> None:
 
 
 @pytest.mark.parametrize("task", ["Turn", "Grasp"])
-def test_a_kill_terminates_at_once(task: str) -> None:
+def test_killed_run_is_terminated_at_once(task: str) -> None:
     with serving() as robot:
         sent = robot.send(task, **({"steps": 9} if task == "Turn" else {"force": 2}))
         robot.after(0.15)
@@ -112,14 +112,14 @@ def test_a_kill_terminates_at_once(task: str) -> None:
 
 
 @pytest.mark.parametrize("task", ["Turn", "Grasp"])
-def test_the_end_of_the_server_terminates(task: str) -> None:
+def test_server_end_terminates_the_run(task: str) -> None:
     with serving() as robot:
         robot.send(task, **({"steps": 9} if task == "Turn" else {"force": 2}))
         robot.after(0.15)
     assert robot.gripper.read() == [f"0.15 {task} terminates"]
 
 
-def test_an_interrupt_in_iterate_terminates() -> None:
+def test_keyboard_interrupt_in_iterate_terminates_the_run() -> None:
     class Broken(PeriodicTask[Gripper]):
         def iterate(self) -> Status:
             raise KeyboardInterrupt
@@ -132,7 +132,7 @@ def test_an_interrupt_in_iterate_terminates() -> None:
     assert robot.gripper.read() == ["0.00 Broken terminates"]
 
 
-def test_a_kill_cuts_no_wait_of_terminate_short() -> None:
+def test_kill_does_not_shorten_terminate() -> None:
     class Careful(PeriodicTask[Gripper]):
         def iterate(self) -> Status:
             return Status.COMPLETED
@@ -152,7 +152,7 @@ def test_a_kill_cuts_no_wait_of_terminate_short() -> None:
 STUCK = Failure("stuck", float)
 
 
-def test_a_failure_of_its_own_keeps_its_name_and_data() -> None:
+def test_custom_failure_keeps_its_name_and_data() -> None:
     class Bend(PeriodicTask[Gripper]):
         def iterate(self) -> Status:
             raise STUCK(0.5)
@@ -169,7 +169,7 @@ def test_a_failure_of_its_own_keeps_its_name_and_data() -> None:
 NAME = Command("name", result=str)
 
 
-def test_a_run_is_a_task_that_sends() -> None:
+def test_run_is_the_parent_of_its_subtasks() -> None:
     class Ask(OnceTask[Gripper]):
         def iterate(self) -> None:
             self.report(self.task.command(NAME).result())
@@ -228,7 +228,7 @@ class CarelessOnce(OnceTask[Gripper]):
         ),
     ],
 )
-def test_what_iterate_must_not_return(task: str, says: str, text: str) -> None:
+def test_invalid_iterate_result_fails_the_run(task: str, says: str, text: str) -> None:
     with serving(Careless, CarelessOnce) as robot:
         sent = robot.send(task, **({"says": says} if says else {}))
         robot.after(1)
@@ -237,7 +237,7 @@ def test_what_iterate_must_not_return(task: str, says: str, text: str) -> None:
         assert failed.value.text == text
 
 
-def test_what_is_killed_while_it_initialises_is_not_terminated() -> None:
+def test_run_killed_while_initialising_is_not_terminated() -> None:
     with serving(Careless) as robot:
         sent = robot.send("Careless", says="too late")
         robot.after(0.5)

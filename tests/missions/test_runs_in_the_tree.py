@@ -1,6 +1,4 @@
-"""A run is a task of the tree: exception handlers retry it, it holds locks, and its story is
-told.
-"""
+"""A run is a task of the tree: exception handlers retry it, and it holds locks."""
 
 from missions.gripper import Gripper, serving
 
@@ -11,7 +9,7 @@ AGAIN, PICK = ExceptionHandler("again"), Goal("pick")
 
 
 class Close(PeriodicTask[Gripper]):
-    """Close, with ever more force."""
+    """Close with a given force."""
 
     force: float = 1.0
     speed: float = 1.0
@@ -27,7 +25,7 @@ class Close(PeriodicTask[Gripper]):
 
 
 class Wait(PeriodicTask[Gripper]):
-    """Fail when it is told to."""
+    """Fail once a parameter says so."""
 
     speed: float = 1.0
     fails: bool = False
@@ -41,7 +39,7 @@ class Wait(PeriodicTask[Gripper]):
         return Status.COMPLETED if self.fails else Status.RUNNING
 
 
-def test_an_exception_handler_retries_a_run_with_other_parameters() -> None:
+def test_exception_handler_retries_a_run_with_new_parameters() -> None:
     with serving(Close) as robot:
         close, planner = robot.server.definitions["Close"], Module("planner", robot.central)
 
@@ -62,7 +60,7 @@ def test_an_exception_handler_retries_a_run_with_other_parameters() -> None:
             assert picked.wait(0) is Outcome.DONE
 
 
-def test_a_retried_run_keeps_the_parameters_that_were_changed() -> None:
+def test_retried_run_keeps_updated_parameters() -> None:
     with serving(Wait, rate=1) as robot:
         wait, planner = robot.server.definitions["Wait"], Module("planner", robot.central)
 
@@ -79,7 +77,7 @@ def test_a_retried_run_keeps_the_parameters_that_were_changed() -> None:
             assert robot.after(3) == ["1.00 Wait 4 7", "again", "1.00 Wait 4 7"]
 
 
-def test_a_run_holds_locks_until_it_ends() -> None:
+def test_run_holds_its_lock_until_it_ends() -> None:
     class Calibrate(OnceTask[Gripper]):
         def iterate(self) -> None:
             with self.task.lock("lens", module="camera"):

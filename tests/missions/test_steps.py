@@ -1,4 +1,6 @@
-"""Steps of missions: done once, whatever becomes of the program; and the file that says so."""
+"""Steps of missions are done once, also when the program dies; and the checkpoint file that records
+them.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,7 +19,7 @@ from tca_module.testing import LocalCentral
 
 
 class Trip:
-    """Runs of one program, one after the other."""
+    """Consecutive runs of one program."""
 
     def __init__(self, central: LocalCentral, robot: Rover, file: Path) -> None:
         self.central, self.robot, self.file = central, robot, file
@@ -37,25 +39,25 @@ def trip(tmp_path: Path) -> Iterator[Trip]:
 
 
 @contextmanager
-def crashes() -> Iterator[None]:
+def expect_crash() -> Iterator[None]:
     with pytest.raises(Crash):
         yield
 
 
-def test_a_completed_step_is_not_done_again_and_keeps_its_value(trip: Trip) -> None:
+def test_completed_step_is_skipped_and_keeps_its_value(trip: Trip) -> None:
     def look(number: int) -> tuple[int, str]:
         trip.robot.note(f"look {number}")
         return number, "seen"
 
     for _ in range(2):
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             assert Status.of(mission.step("out", mission.Drive, x=1.0).status) is Status.COMPLETED
             assert mission.step("look", look, 3) == (3, "seen")
             raise Crash
     assert trip.robot.done == ["to 1", "stands at 1", "look 3"]
 
 
-def test_a_mission_that_comes_to_its_end_begins_anew(trip: Trip) -> None:
+def test_completed_mission_starts_over(trip: Trip) -> None:
     for _ in range(2):
         with trip.mission() as mission:
             mission.step("out", mission.Drive, x=1.0)
@@ -63,9 +65,9 @@ def test_a_mission_that_comes_to_its_end_begins_anew(trip: Trip) -> None:
     assert not trip.file.exists()
 
 
-def test_a_step_that_failed_is_done_again(trip: Trip) -> None:
+def test_failed_step_is_repeated(trip: Trip) -> None:
     for fails in ("rock", ""):
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             try:
                 mission.step("out", mission.Drive, x=1.0, fails=fails)
             except MissionTaskFailed:
@@ -74,24 +76,24 @@ def test_a_step_that_failed_is_done_again(trip: Trip) -> None:
     assert trip.robot.done == ["to 1", "stands at 1"] * 2
 
 
-def die_in_a_step(trip: Trip, **parameters: Any) -> None:
-    """A run whose file is as it was when the step had begun: the process had died then."""
-    with crashes(), trip.mission() as mission:
+def crash_in_step(trip: Trip, **parameters: Any) -> None:
+    """Run a program that dies in a step: its checkpoint is restored to that moment."""
+    with expect_crash(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
 
         def drive() -> None:
             mission.Drive(**parameters)
-            die_in_a_step.file = trip.file.read_bytes()  # type: ignore[attr-defined]
+            crash_in_step.file = trip.file.read_bytes()  # type: ignore[attr-defined]
             raise Crash
 
         mission.step("out", drive)
-    trip.file.write_bytes(die_in_a_step.file)  # type: ignore[attr-defined]
+    trip.file.write_bytes(crash_in_step.file)  # type: ignore[attr-defined]
     trip.robot.done.clear()
 
 
-def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
-    with crashes(), trip.mission() as mission:
+def test_interrupted_step_is_uncertain(trip: Trip) -> None:
+    crash_in_step(trip, x=2.0)
+    with expect_crash(), trip.mission() as mission:
         mission.step("before", mission.Drive, x=1.0)
         with pytest.raises(
             StepUncertain, match=r"under way .* \(Drive \{\d+\} completed\): repeat it with"
@@ -99,32 +101,32 @@ def test_a_step_that_was_under_way_is_uncertain(trip: Trip) -> None:
             mission.step("out", list)
         assert [fate for _, fate in caught.value.outcomes] == ["completed"]
         mission.skip_step("out")
-        assert mission.step("out", list) is None  # it was skipped
+        assert mission.step("out", list) is None  # skipped
         raise Crash
     assert trip.robot.done == []
 
 
-def test_a_step_that_was_one_task_and_completed_is_done(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+def test_interrupted_step_is_done_when_its_only_task_completed(trip: Trip) -> None:
+    crash_in_step(trip, x=2.0)
     with trip.mission() as mission:
         assert Status.of(mission.step("out", mission.Drive, x=2.0).status) is Status.COMPLETED
     assert trip.robot.done == []
 
 
-def test_a_repeatable_step_is_done_again(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+def test_interrupted_repeatable_step_is_repeated(trip: Trip) -> None:
+    crash_in_step(trip, x=2.0)
     with trip.mission() as mission:
         assert mission.repeatable_step("out", list) == []
 
 
-def test_of_another_central_nothing_is_known(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+def test_step_of_another_epoch_is_uncertain(trip: Trip) -> None:
+    crash_in_step(trip, x=2.0)
     trip.file.write_text(trip.file.read_text().replace('"epoch":"local"', '"epoch":"another"'))
     with trip.mission() as mission, pytest.raises(StepUncertain, match="is unknown to central"):
         mission.step("out", mission.Drive, x=2.0)
 
 
-def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
+def test_step_names_must_be_unique_within_a_run(trip: Trip) -> None:
     with trip.mission() as mission:
         mission.step("round", list)
         with pytest.raises(
@@ -139,7 +141,7 @@ def test_steps_of_one_run_have_names_of_their_own(trip: Trip) -> None:
 
 
 def moment() -> datetime:
-    return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - one without a zone is what does not keep by itself
+    return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - without a zone its type would be lost
 
 
 def pair() -> tuple[int, bytes]:
@@ -158,13 +160,11 @@ def pair() -> tuple[int, bytes]:
         lambda: TaskEnd(132, "x"),
     ],
 )
-def test_a_resumed_step_has_the_value_of_the_first_run(
-    trip: Trip, function: Callable[[], Any]
-) -> None:
+def test_resumed_step_returns_the_stored_value(trip: Trip, function: Callable[[], Any]) -> None:
     values = []
     for again in (function, partial(pytest.fail, "it is done again")):
         again.__annotations__ = function.__annotations__
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             values.append(mission.step("look", again))
             raise Crash
     assert repr(values[0]) == repr(values[1])
@@ -175,9 +175,11 @@ def test_a_resumed_step_has_the_value_of_the_first_run(
     "function",
     [lambda: "\ud800", lambda: 2**64, lambda: (1, 2), lambda: {1, 2}, lambda: date.max, object],
 )
-def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[], Any]) -> None:
-    for _ in range(2):  # it does not count as done, and is not uncertain either
-        with crashes(), trip.mission() as mission:
+def test_step_value_that_cannot_be_stored_is_rejected(
+    trip: Trip, function: Callable[[], Any]
+) -> None:
+    for _ in range(2):  # neither done nor uncertain
+        with expect_crash(), trip.mission() as mission:
             with pytest.raises(
                 MisuseError, match="step 'look' does not count as done: its value can't be stored"
             ):
@@ -185,12 +187,12 @@ def test_a_value_that_would_change_is_refused(trip: Trip, function: Callable[[],
             raise Crash
 
 
-def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
-    die_in_a_step(trip, x=2.0)
+def test_torn_checkpoint_line_is_dropped(trip: Trip) -> None:
+    crash_in_step(trip, x=2.0)
     whole = trip.file.read_bytes()
     for torn in (b'{"step":"out","is":"do', b"\0\0\0\0\n", b'{"step":"out","is":"don\n'):
         trip.file.write_bytes(whole + torn)
-        with crashes(), trip.mission() as mission:
+        with expect_crash(), trip.mission() as mission:
             mission.step("before", mission.Drive, x=1.0)
             raise Crash
         assert trip.file.read_bytes() == whole
@@ -207,19 +209,19 @@ def test_a_torn_line_counts_as_never_written(trip: Trip) -> None:
         ('{"steps_of":"trip","version":2}\n{"step":"a","is":"task"}\n{"step":"a","is":"left"}\n', "line 2 of .* is damaged"),
     ],
 )  # fmt: skip
-def test_a_file_that_cannot_be_used_is_left_alone(trip: Trip, content: str, problem: str) -> None:
+def test_unusable_checkpoint_file_is_not_changed(trip: Trip, content: str, problem: str) -> None:
     trip.file.write_text(content)
     with pytest.raises(MisuseError, match=problem):
         trip.mission().open()
     assert trip.file.read_text() == content
 
 
-def test_a_file_serves_one_mission_at_a_time(trip: Trip) -> None:
+def test_checkpoint_file_serves_one_mission_at_a_time(trip: Trip) -> None:
     with trip.mission(), pytest.raises(MisuseError, match="is in use by another running mission"):
         trip.mission().open()
 
 
-def test_a_checkpoint_that_is_no_file_is_an_error(tmp_path: Path) -> None:
+def test_checkpoint_must_be_the_path_of_a_file(tmp_path: Path) -> None:
     with rover() as (central, _):
         for file, why in (
             (tmp_path, "Is a directory"),

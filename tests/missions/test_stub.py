@@ -1,4 +1,4 @@
-"""The file for editors and type checkers: a user's program with it passes mypy, and runs."""
+"""The stub file for editors and type checkers: a program that uses it passes mypy, and runs."""
 
 import subprocess
 import sys
@@ -38,7 +38,7 @@ def fly(mission: RoverMission) -> None:
 
 @pytest.mark.soak
 @pytest.mark.slow
-def test_a_program_that_uses_the_stub_file_passes_mypy_and_one_with_slips_does_not(
+def test_mypy_accepts_correct_and_rejects_wrong_stub_use(
     tmp_path: Path,
 ) -> None:
     with mission_of_rover() as (mission, _):
@@ -69,5 +69,5 @@ def test_a_program_that_uses_the_stub_file_passes_mypy_and_one_with_slips_does_n
         ("left-arm", "LeftArmMission"),
     ],
 )
-def test_the_class_is_named_after_the_server(server: str, name: str) -> None:
+def test_stub_class_is_named_after_the_server(server: str, name: str) -> None:
     assert class_name(server) == name

@@ -1,6 +1,4 @@
-"""The whole robot in one process, on a clock that is stepped: the same seed comes out the same
-every time.
-"""
+"""The whole robot in one process, on a stepped clock, so each seed always gives the same run."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -23,16 +21,14 @@ WALKING: tuple[MakeModule, ...] = tuple(
     each.make_module for each in (vision, controller, planner, task_manager)
 )
 LONG = 2000.0
-"""Seconds within which no cup must be left."""
+"""Seconds within which all cups must be gone."""
 
 
 @contextmanager
 def office(
     world: OfficeWorld, layers: tuple[MakeModule, ...] = LAYERS
 ) -> Iterator[tuple[LocalCentral, Client]]:
-    """All modules at work in a lab that is open, and somebody who uses them; the caller steps the
-    clock.
-    """
+    """Run all modules in an open lab, and a client; the caller steps the clock."""
     modules = [simulator.make_module(world, 1.0), *(make(1.0) for make in (*WALKING, *layers))]
     with ExitStack() as stack:
         central = stack.enter_context(LocalCentral(stepped=True))
@@ -44,15 +40,15 @@ def office(
         yield central, user
 
 
-def keep_free(
+def run_until_clean(
     world: OfficeWorld,
     look: Callable[[Client, LabScene], None],
     layers: tuple[MakeModule, ...] = LAYERS,
 ) -> tuple[LocalCentral, LabScene]:
-    """Let the robot work until no cup is left; *look* is called every second."""
+    """Run until no cup is left; *look* is called every second."""
     with office(world, layers) as (central, user):
         keeping = user.goal(KEEP_FLOOR_FREE)
-        central.until_quiet()  # else the user's question and what the goal sends are in a race
+        central.until_quiet()  # else the client's query races with the goal's messages
         while has_cups_left(scene := user.query(SCENE)):
             assert scene.time < LONG
             look(user, scene)

@@ -1,6 +1,4 @@
-"""A shift on a stepped clock: what must hold of cups and goals at any time, and what each layer is
-for.
-"""
+"""A shift on a stepped clock: invariants of cups and goals, and the effect of each layer."""
 
 import random
 import re
@@ -8,7 +6,7 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from office.stepped import LAYERS, keep_free, office, the
+from office.stepped import LAYERS, office, run_until_clean, the
 
 from robots.office_sim.layers import battery, grasps, vanished_cups
 from robots.office_sim.layers.battery import RECHARGE, TRIES
@@ -20,20 +18,18 @@ from tca_module import Client, TaskFailed
 SHIFT = 150.0
 SEEDS = [1, 3, pytest.param(4, marks=pytest.mark.soak)]
 NOTICED = 6.0
-"""Seconds within which there is no goal for a vanished cup any more: three pictures, a poll, a
-grasp.
-"""
+"""Seconds within which the goal of a vanished cup must end: three pictures, a poll, a grasp."""
 
 
 class ShiftObserver:
-    """Looks every second whether what must hold does."""
+    """Checks the invariants every second."""
 
     def __init__(self) -> None:
         self.most_goals = 0
         self._gone_for: Counter[int] = Counter()
 
     def look(self, user: Client, scene: LabScene) -> None:
-        """Raises AssertionError if not."""
+        """Raise AssertionError if an invariant is broken."""
         assert len(the(scene, CupState.HAND)) <= 1
         assert 0 < scene.battery <= 1
         goals = [goal.data(COLLECT_CUP).spot for goal in user.tasks(COLLECT_CUP)]
@@ -48,11 +44,9 @@ class ShiftObserver:
 
 @cache
 def shift(seed: int) -> tuple[str, LabScene, int]:
-    """A whole shift: what happened at central and in the lab, and how many goals there were at
-    most.
-    """
+    """A whole shift: its transcript, its last scene, and the greatest number of goals."""
     observer = ShiftObserver()
-    central, scene = keep_free(OfficeWorld(seed, SHIFT), observer.look)
+    central, scene = run_until_clean(OfficeWorld(seed, SHIFT), observer.look)
     return central.transcript(), scene, observer.most_goals
 
 
@@ -68,7 +62,7 @@ def test_each_cup_ends_in_the_bin_or_is_taken(seed: int) -> None:
 
 
 def test_goals_are_cancelled_when_their_cups_vanish() -> None:
-    """One that waits for its turn, too: nothing is under way for it then."""
+    """Also a goal that waits for its turn and has no running task."""
     transcript, scene, _ = shift(1)
     cancelled = re.findall(r"killed: collect cup \{(\d+)\}: cup \d+ is out of view", transcript)
     assert 2 <= len(cancelled) <= len(the(scene, CupState.TAKEN))
@@ -83,7 +77,7 @@ def test_goals_are_cancelled_when_their_cups_vanish() -> None:
 
 @pytest.mark.soak
 def test_office_seed_is_reproducible() -> None:
-    runs = [keep_free(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
+    runs = [run_until_clean(OfficeWorld(2, 60.0), lambda *_: None) for _ in range(2)]
     assert runs[0][1] == runs[1][1]
     assert runs[0][0].transcript() == runs[1][0].transcript()
 
@@ -99,7 +93,7 @@ def test_office_goals_added_during_others_run_in_order() -> None:
 
 
 def test_cup_in_hand_comes_to_the_charger_and_then_the_bin() -> None:
-    _, scene = keep_free(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
+    _, scene = run_until_clean(OfficeWorld(9, 30.0, battery=0.35), ShiftObserver().look)
     told = [line.split("  ")[-1] for line in scene.happened]
     grasped = told.index("cup 1 is in the hand")
     charged = next(number for number, line in enumerate(told) if "is being charged" in line)
@@ -108,7 +102,7 @@ def test_cup_in_hand_comes_to_the_charger_and_then_the_bin() -> None:
 
 @pytest.mark.parametrize("is_removed", [True, False])
 def test_robot_waits_for_a_blocked_charger_with_a_limit(*, is_removed: bool) -> None:
-    """A box stands on the charger, and the robot comes with a cup in its hand."""
+    """A box blocks the charger while the robot arrives with a cup in its hand."""
     world = OfficeWorld(9, 30.0, battery=0.35)
     box = world.floor.charger.around(0.2)
     world.floor.tables.append(box)
@@ -146,7 +140,7 @@ def test_office_rules_hold_in_any_lab() -> None:
         world = OfficeWorld(
             seed, rng.choice([60.0, 150.0, 300.0]), battery=rng.choice([1.0, rng.uniform(0.3, 0.6)])
         )
-        _, scene = keep_free(world, ShiftObserver().look)
+        _, scene = run_until_clean(world, ShiftObserver().look)
         assert len(the(scene, CupState.BIN)) + len(the(scene, CupState.TAKEN)) == len(scene.cups)
 
 
@@ -178,8 +172,8 @@ def test_cup_of_a_killed_goal_is_put_down_and_collected_later() -> None:
 
 @pytest.mark.parametrize("without", [vanished_cups, battery, grasps])
 def test_office_robot_does_not_import_its_layers(without: object) -> None:
-    """Without one it works on, but not as well: it drives to cups that are gone, stands still, or
-    stops at a slip.
+    """Without a layer the robot continues, but worse: it drives to vanished cups, stops, or fails
+    at a slip.
     """
     layers = tuple(make for make in LAYERS if make.__module__ != getattr(without, "__name__", ""))
     assert len(layers) == len(LAYERS) - 1

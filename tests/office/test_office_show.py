@@ -1,4 +1,4 @@
-"""The picture; and the whole thing with real processes."""
+"""The picture, and the complete demonstration with real processes."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -16,7 +16,7 @@ PAGE = Path(__file__).parents[2].joinpath("docs/office.md").read_text()
 
 
 def count(svg: str, look: str) -> int:
-    """How often something is drawn, but for the legend."""
+    """Number of drawn elements of a kind, without the legend."""
     return svg.count(f'class="{look}"') - 1
 
 

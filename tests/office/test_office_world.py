@@ -1,4 +1,4 @@
-"""The lab without any program: cups, people, the robot's hand and battery; and ways through it."""
+"""The lab without any program: cups, people, the robot's hand and battery, and paths."""
 
 import itertools
 

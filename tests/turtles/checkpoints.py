@@ -1,4 +1,4 @@
-"""In which order the three turtles must come to their checkpoints, whatever the link does."""
+"""The order in which the three turtles must reach their checkpoints, with any network link."""
 
 IN_TURN = [
     ("turtle1", (1.0, 1.0)),
@@ -10,4 +10,4 @@ IN_TURN = [
 ]
 
 EXPECTED = [(event, turtle, goal) for turtle, goal in IN_TURN for event in ("left for", "came to")]
-"""The missions make each wait for the one before: no turtle leaves before the last one has come."""
+"""Each turtle waits for its predecessor: none leaves before the last one has arrived."""

@@ -1,5 +1,5 @@
-"""A network in one thread and of no time: it loses, delays, doubles and reorders datagrams as a
-seed has it.
+"""A simulated network in one thread and without time: its seed decides which datagrams it loses,
+delays, duplicates and reorders.
 """
 
 import heapq
@@ -12,7 +12,7 @@ from robots.turtle_sim.sync.statuses import Statuses
 
 
 class LossyNetwork:
-    """Robots with their tables, and what is on its way between them."""
+    """Robots with their status tables, and the datagrams in transit between them."""
 
     def __init__(self, names: list[str], seed: int, loss: float = 0.5) -> None:
         self.chance, self.loss = random.Random(seed), loss

@@ -1,4 +1,4 @@
-"""Links of real sockets on the loopback, half of whose datagrams are thrown away."""
+"""Links over real loopback sockets that drop half of their datagrams."""
 
 import socket
 from collections.abc import Iterator

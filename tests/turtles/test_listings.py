@@ -1,5 +1,5 @@
-"""The table of docs/turtle.md: each listing of the paper has its counterpart here, as short or
-shorter, and a test.
+"""The table of docs/turtle.md: each listing of the paper has a test and a counterpart that is no
+longer than it.
 """
 
 import ast
@@ -57,8 +57,9 @@ ROWS = rows()
 
 
 def code_lines(place: str) -> int:
-    """Lines of code of a file, of the body of one of its functions, or of one of its classes
-    (`file: name`): no empty ones, comments or docstrings.
+    """Lines of code of a file, or of one of its functions or classes (`file: name`).
+
+    Blank lines, comments and docstrings do not count.
     """
     file, _, name = place.partition(": ")
     text = next(path for path in (TURTLE / file, ROOT / file) if path.exists()).read_text()
@@ -143,5 +144,5 @@ def test_listings_page_names_counterparts() -> None:
 def test_listings_page_names_exist(name: str) -> None:
     first, _, attribute = name.partition(".")
     owner = getattr(tca_behaviours.missions, first, None) or getattr(charts, first)
-    made = owner() if owner is Environment else owner  # what it has once it is made
+    made = owner() if owner is Environment else owner  # the attributes of an instance
     assert not attribute or hasattr(made, attribute)

@@ -1,4 +1,6 @@
-"""Tasks that leave the way to a navigator; here it is a module that drives the turtle by itself."""
+"""Tasks that leave navigation to a navigator, here a module that drives the turtle without the
+tasks' help.
+"""
 
 import math
 from collections.abc import Iterator
@@ -16,8 +18,8 @@ NO_WAY = Failure("no way")
 
 @contextmanager
 def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
-    """The navigator lets the turtle jump, after a second of planning; there is no way to places
-    below the x axis.
+    """A town whose navigator moves the turtle after a second of planning. Places below the x axis
+    have no path.
     """
     with town(Pose(5.0, 5.0), tasks=[MoveBase, MoveGoal]) as there:
         told, navigator = list[Target](), Module("navigator", there.central)
@@ -35,7 +37,7 @@ def town_with_navigator() -> Iterator[tuple[Town, list[Target]]]:
         @navigator.handles(MOVE_BASE_SIMPLE, resource="simple")
         def move_base_simple(_: Task, target: Target) -> None:
             told.append(target)
-            if len(told) > 1:  # the first is lost
+            if len(told) > 1:  # the first one is lost
                 jump(target)
 
         with navigator.running():

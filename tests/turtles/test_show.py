@@ -1,5 +1,5 @@
-"""The whole thing, with real processes: central, the turtle's task server, the mission, the
-pictures.
+"""The complete demonstration with real processes: central, the turtle's task server, the mission,
+the pictures.
 """
 
 import os
@@ -61,7 +61,7 @@ def test_three_turtles_meet_over_a_link_that_loses_half(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_three_turtles_run_under_tca_run(tmp_path: Path) -> None:
-    """As the page says; in the turtles' own time."""
+    """Runs as the page says, in real time."""
     with ExitStack() as stack:
         for turtle in MISSIONS:
             robot = start(
@@ -93,9 +93,7 @@ def start(module: str, *arguments: str, log: Path, central: str = "") -> subproc
 
 
 def checkpoints(said: str) -> Iterator[tuple[str, str, tuple[float, float]]]:
-    """That a turtle leaves for a place, and that it has come there and says so, in the order of all
-    turtles.
-    """
+    """Departures of turtles to places, and arrivals that they report, in their common order."""
     goals = dict[str, tuple[float, float]]()
     for turtle, task, x, y in re.findall(
         r"s  (turtle\d): (\w+)\((?:goal_x=([\d.]+), goal_y=([\d.]+))?", said

@@ -1,4 +1,4 @@
-"""The simulator as a module: on a stepped clock, so the same commands draw the same lines."""
+"""The simulator as a module on a stepped clock, so equal commands draw equal lines."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The table of statuses: what a lossy network does to it, and what it does about that."""
+"""The table of statuses, and its protection against a lossy network."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ NAMES = ["a", "b", "c"]
 
 
 def exchange(one: Statuses, other: Statuses) -> None:
-    """Nothing is lost between these two."""
+    """Exchange all datagrams between two tables without loss."""
     tables = {one.name: one, other.name: other}
     (raw,) = (datagram for partner, datagram in one.due() if partner == other.name)
     sender, receiver = one.name, other.name
@@ -47,7 +47,7 @@ def test_statuses_converge_and_then_traffic_stops(
     quiet_from = network.sent
     network.run(lambda: network.now > 0.1 * len(changes) + 20.0)
     assert network.sent == quiet_from
-    assert quiet_from - sent < 50  # what was on its way, with its answers
+    assert quiet_from - sent < 50  # delayed datagrams, with their acknowledgements
 
 
 def test_three_datagrams_suffice_without_loss() -> None:
@@ -64,7 +64,7 @@ def test_three_datagrams_suffice_without_loss() -> None:
 
 
 def test_statuses_never_overtake_their_causes() -> None:
-    """b reacts to a; c hears of b only, and knows of a's status, too."""
+    """b reacts to a. c hears b only, but also learns a's status."""
     a, b, c = (Statuses(name, [other for other in NAMES if other != name]) for name in NAMES)
     exchange(a, c)
     a.set(1)
@@ -102,7 +102,7 @@ def test_unknown_silent_and_misnamed_partners_are_distinguished() -> None:
 
 
 @given(st.binary(max_size=60))
-@example(b"\x93\xa4\x00\x00\x00\x80")  # a name that is no text
+@example(b"\x93\xa4\x00\x00\x00\x80")  # a name that is not a string
 def test_damaged_datagram_changes_nothing(raw: bytes) -> None:
     a = Statuses("a", ["b"])
     try:
@@ -126,6 +126,6 @@ def test_own_status_is_never_changed_by_partners(
     for datagram in datagrams:
         a.receive("b", msgspec.msgpack.encode(datagram))
         assert a.known["a"].status == 7
-        assert a.known["a"] >= datagram.known.get("a", a.known["a"])  # so it is believed
+        assert a.known["a"] >= datagram.known.get("a", a.known["a"])  # so it is accepted
     a.set(8)
     assert a.known["a"].status == 8

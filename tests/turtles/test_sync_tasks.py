@@ -1,4 +1,4 @@
-"""SetStatusSync and WaitForStatusSync: a turtle's task server, and the links of its partners."""
+"""SetStatusSync and WaitForStatusSync on a turtle's task server, with the links of its partners."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,8 +20,8 @@ from tca_module import Outcome, TaskFailed
 
 @contextmanager
 def team() -> Iterator[tuple[Town, StatusLink, StatusLink]]:
-    """The town of a turtle "a", its link, and that of its partner "b"; there is a "c" that never
-    comes.
+    """A town of turtle "a", with its link and that of its partner "b". A third partner "c" never
+    appears.
     """
     addresses = free_team("a", "b", "c")
     with (

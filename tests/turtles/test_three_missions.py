@@ -1,4 +1,4 @@
-"""The three missions over a network that loses half of what is sent: without processes, for many
+"""The three missions over a network that loses half of all datagrams, without processes, for many
 seeds.
 """
 
@@ -15,11 +15,11 @@ from tca_behaviours.missions import Mission
 
 Step = tuple[str, dict[str, Any]]
 PERIOD = 0.1
-"""Seconds between two looks at a status."""
+"""Seconds between two checks of a status."""
 
 
 class Recorder:
-    """Takes what a mission does as a list; the three have no branches."""
+    """Records the actions of a mission; the three missions have no branches."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
@@ -29,42 +29,42 @@ class Recorder:
 
 
 class Agent:
-    """Plays one mission on a network; how long it is on its way, the seed decides."""
+    """Plays one mission on a network; the seed decides its travel times."""
 
     def __init__(
-        self, name: str, network: LossyNetwork, happened: list[tuple[str, str, Any]]
+        self, name: str, network: LossyNetwork, visits: list[tuple[str, str, Any]]
     ) -> None:
-        self.name, self.network, self.happened = name, network, happened
+        self.name, self.network, self.visits = name, network, visits
         self.table = network.tables[name]
         recorder = Recorder()
         MISSIONS[name](cast("Mission", recorder))
         self.steps = recorder.steps
-        network.at(network.chance.uniform(0.0, 5.0), self.go_on)
+        network.at(network.chance.uniform(0.0, 5.0), self.next_step)
 
-    def go_on(self) -> None:
+    def next_step(self) -> None:
         if self.steps:
             task, parameters = self.steps.pop(0)
             getattr(self, task)(**parameters)
 
     def SetStatusSync(self, status: int) -> None:  # noqa: N802 - as the task is called
         self.table.set(status)
-        self.go_on()
+        self.next_step()
 
     def WaitForStatusSync(self, partner: str, status: int) -> None:  # noqa: N802
         if self.table.status(partner) == status:
-            self.go_on()
+            self.next_step()
         else:
             self.network.at(PERIOD, lambda: self.WaitForStatusSync(partner, status))
 
     def GoTo(self, goal_x: float, goal_y: float) -> None:  # noqa: N802
-        self.happened.append(("left for", self.name, (goal_x, goal_y)))
+        self.visits.append(("left for", self.name, (goal_x, goal_y)))
         self.network.at(
             self.network.chance.uniform(0.0, 5.0), lambda: self.arrive((goal_x, goal_y))
         )
 
     def arrive(self, goal: tuple[float, float]) -> None:
-        self.happened.append(("came to", self.name, goal))
-        self.go_on()
+        self.visits.append(("came to", self.name, goal))
+        self.next_step()
 
 
 @given(st.integers(0, 10**9))
@@ -78,7 +78,7 @@ def test_three_missions_keep_order_at_any_datagram_loss(loss: float) -> None:
 
 
 def play(seed: int, loss: float) -> None:
-    network, happened = LossyNetwork(list(MISSIONS), seed, loss), list[tuple[str, str, Any]]()
-    agents = [Agent(name, network, happened) for name in MISSIONS]
+    network, visits = LossyNetwork(list(MISSIONS), seed, loss), list[tuple[str, str, Any]]()
+    agents = [Agent(name, network, visits) for name in MISSIONS]
     network.run(lambda: not any(agent.steps for agent in agents))
-    assert happened == EXPECTED
+    assert visits == EXPECTED

@@ -1,4 +1,4 @@
-"""The turtle's tasks, each by itself."""
+"""The turtle's tasks, one at a time."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The turtles' world: arcs, walls, pens, and time that passes only when somebody lets it."""
+"""The turtles' world: arcs, walls, pens, and time that only the test advances."""
 
 import math
 

@@ -1,6 +1,4 @@
-"""A turtle with its simulator and its task server, on a stepped clock: what a second holds is the
-same in every run.
-"""
+"""A turtle with its simulator and its task server, on a stepped clock, so every run is the same."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -52,7 +50,7 @@ class Town:
         return sent.result(timeout=5)
 
     def until_over(self, sent: SentTask[Any], at_most: float = 100.0) -> None:
-        """Let time pass until a task has ended."""
+        """Advance until a task has ended."""
         until = self.central.now() + at_most
         self.central.until_quiet()
         while sent.info() is not None:
@@ -66,9 +64,7 @@ def carry_out(
     at_most: float = 10_000.0,
     opened: Mission | None = None,
 ) -> Any:
-    """Carry out a mission, in a thread of its own, and let time pass meanwhile. Returns what it
-    returns.
-    """
+    """Carry out a mission in its own thread while time passes. Returns its result."""
 
     def run() -> Any:
         with opened or Mission("turtle", name="test", central=there.central) as made:
@@ -83,7 +79,7 @@ def carry_out(
 
 
 def started(there: Town) -> list[str]:
-    """The tasks that were started, in their order."""
+    """All started tasks, in order."""
     names = [f"{there.server.module.name}.{task}" for task in there.server.definitions]
     sent = [
         fact.message
@@ -109,12 +105,12 @@ def town(
             "turtle", environment or TurtleEnvironment(), tasks, folder=TASKS, central=central
         )
         with server.running(), connect("test", central) as user:
-            central.advance(0.1)  # the turtle has told where it is
+            central.advance(0.1)  # the turtle has sent its pose
             yield Town(central, world, server, user)
 
 
 class Enough:
-    """A condition that a mission knows nothing of: so many tasks were started."""
+    """A condition outside the mission's code that holds once a number of tasks has started."""
 
     def __init__(self, there: Town, tasks: int) -> None:
         self.there, self.tasks = there, tasks
@@ -126,7 +122,7 @@ class Enough:
 def bounded(
     there: Town, tasks: int, endless: Callable[[Mission], object]
 ) -> Callable[[Mission], None]:
-    """The first tasks of an endless mission; some more may begin before it is ended."""
+    """End an endless mission after its first tasks; a few more may start before the end."""
 
     def carry_out(mission: Mission) -> None:
         mission.add_condition(Enough(there, tasks))
@@ -137,5 +133,5 @@ def bounded(
 
 
 def until_known(link: StatusLink, robot: str, status: int) -> None:
-    """Wait until a link has heard that a robot has a status."""
+    """Wait until a link knows the status of a robot."""
     until(lambda: link.status(robot) == status, f"the status {status} of {robot}", 30.0)

@@ -1,4 +1,4 @@
-"""The arm's closed forms, and motions within their limits."""
+"""The arm's closed-form kinematics, and motions within their limits."""
 
 import itertools
 import math
@@ -73,7 +73,7 @@ def differences(rows: list[Joints]) -> list[Joints]:
 
 
 def check_limits(group: Group, joints: list[Joints], share: float = 1.0) -> None:
-    """Differences of what the drives would follow."""
+    """Check speeds and accelerations by differences of the drives' set points."""
     speeds = differences(joints)
     changes = differences(speeds)
     for rows, limits in (

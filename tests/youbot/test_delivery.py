@@ -1,5 +1,5 @@
-"""Figure 7 of the paper as real runs on a stepped clock: what was ahead, replaced, wasted; and what
-never is.
+"""Figure 7 of the paper as runs on a stepped clock: early work that is kept, replaced, wasted, or
+never started.
 """
 
 import itertools
@@ -39,7 +39,7 @@ TO_C = [
 
 
 def delivered(name: str) -> CarriedObject:
-    """One of the schedules."""
+    """Run one of the schedules."""
     schedule = SCHEDULES[name]
     lid = schedule.lid
     return read_delivery(deliver(lid, make_coordinator(has_preview=schedule.has_preview)).entries)
@@ -114,9 +114,7 @@ def test_journal_equals_the_plain_one_when_likelihoods_are_0() -> None:
 
 
 def test_early_slow_arm_move_speeds_up_when_its_state_is_entered() -> None:
-    """With the continuous policy it gets faster as the base comes nearer, and is never stopped for
-    that.
-    """
+    """With the continuous policy the arm speeds up as the base approaches, without a stop."""
     coordinator = Coordinator(make_delivery(), policy=Continuous(from_=0.0, to=2.0))
     central = deliver(Lid(), coordinator)
     first_arm = next(

@@ -1,5 +1,5 @@
-"""The robot's modules on a stepped clock: moves with progress, new speeds, cancels, kills; what
-perception believes.
+"""The robot's modules on a stepped clock: moves with progress, new speeds, cancels, kills, and
+perception.
 """
 
 import importlib.util
@@ -38,7 +38,7 @@ NO_PHYSICS = pytest.mark.skipif(
 def robot(
     backend: Physics = "kinematic", lid: Lid | None = None
 ) -> Iterator[tuple[LocalCentral, Client]]:
-    """Simulator, base, arm, gripper and perception, and somebody who uses them."""
+    """Run simulator, base, arm, gripper and perception, and a client."""
     simulated = make_robot(backend)
     with (
         closing(simulated),
@@ -107,7 +107,7 @@ def test_unknown_pose_fails_with_a_reason() -> None:
 
 
 def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointReadings]:
-    """What is measured after each move of a delivery."""
+    """Measurements after each move of a delivery."""
     found = []
     with robot(backend, lid) as (central, user):
         user.command(OFFER_OBJECT).wait(timeout=5)

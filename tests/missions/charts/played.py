@@ -1,6 +1,4 @@
-"""A mission whose tasks the test ends, and a machine that runs on it until the test has nothing
-more to say.
-"""
+"""A mission whose tasks the test ends, and a machine that runs on it until the script ends."""
 
 from contextlib import suppress
 from typing import Any, get_args
@@ -29,12 +27,12 @@ class PlayedTask:
 
 
 class EndOfPlay(Exception):
-    """The test has nothing more to say."""
+    """The script has ended."""
 
 
 class PlayedMission:
-    """Tasks end as the script says, a line for each wait: ``"GoTo failed"``, or several, with
-    ``+``.
+    """Tasks end as the script says. It has a line for each wait: ``"GoTo failed"``, or several,
+    joined by ``+``.
     """
 
     def __init__(self, *script: str) -> None:
@@ -83,7 +81,7 @@ class PlayedMission:
 
 
 class Played:
-    """A run of a machine, and what happened in it."""
+    """A run of a machine, with its events."""
 
     def __init__(
         self, machine: StateMachine, *script: str, on: PlayedMission | None = None

@@ -1,4 +1,4 @@
-"""A machine on a real server: it is a task of its mission, and whatever ends it stops what it has
+"""A machine on a real server: it is a task of its mission, and its end stops all tasks that it
 started.
 """
 
@@ -38,20 +38,20 @@ def patrol(**last: object) -> StateMachine:
 
 
 class When:
-    """A condition that does something once it is so: it is asked while the mission waits."""
+    """A condition that acts once *is_so* holds; it is evaluated while the mission waits."""
 
-    def __init__(self, is_so: Callable[[], bool], do: Callable[[], object]) -> None:
-        self.is_so, self.do = is_so, do
+    def __init__(self, holds: Callable[[], bool], do: Callable[[], object]) -> None:
+        self.holds, self.do = holds, do
 
     def is_verified(self) -> bool:
-        """Whether the mission is to be interrupted: if what is done says so."""
-        return self.is_so() and bool(self.do())
+        """Whether to interrupt the mission: the action's result, once the condition holds."""
+        return self.holds() and bool(self.do())
 
 
 WATCHED = ["to 1", "stands at 1", "to 2", "stands at 2", "to 3"]
 
 
-def test_a_machine_is_a_task_of_its_mission() -> None:
+def test_machine_is_a_task_of_its_mission() -> None:
     with mission_of_rover() as (mission, robot):
         mission.add_condition(When(lambda: "to 3" in robot.done, robot.arrived.set))
         assert isinstance(mission.central, LocalCentral)
@@ -70,21 +70,23 @@ def test_a_machine_is_a_task_of_its_mission() -> None:
             "rover.Drive",
             "rover.Drive",
         ]
-        _check_told(machine, mission.central.facts)
+        check_journal(machine, mission.central.facts)
 
 
-def _check_told(machine: facts.Received, told: list[Any]) -> None:
-    """Whoever reads the journal knows the machine, and which of its states were active."""
+def check_journal(machine: facts.Received, journal_facts: list[Any]) -> None:
+    """Check that the journal contains the machine and its active states."""
     formats = next(
         fact
-        for fact in told
+        for fact in journal_facts
         if isinstance(fact, facts.FormatDefined) and fact.message == machine.message
     )
     chart = read_machine(formats.data, machine.body)
     assert chart is not None
     assert chart == patrol().chart
     changes = [
-        fact for fact in told if isinstance(fact, facts.StateChanged) and fact.task == machine.id
+        fact
+        for fact in journal_facts
+        if isinstance(fact, facts.StateChanged) and fact.task == machine.id
     ]
     progress = [read_active(change.body) for change in changes]
     assert [(one.running, one.after) for one in progress] == [
@@ -115,7 +117,7 @@ def _check_told(machine: facts.Received, told: list[Any]) -> None:
         ),
     ],
 )
-def test_a_machine_that_does_not_complete_fails_as_a_task_does(
+def test_incomplete_machine_raises_mission_task_failed(
     last: dict[str, object], status: Status, text: str
 ) -> None:
     with Sequence("short") as sm:
@@ -125,10 +127,10 @@ def test_a_machine_that_does_not_complete_fails_as_a_task_does(
         with pytest.raises(MissionTaskFailed) as caught:
             sm.run(mission)
         assert (Status.of(caught.value.status), caught.value.text) == (status, text)
-        assert mission.Drive(x=1).status  # the mission goes on
+        assert mission.Drive(x=1).status  # the mission continues
 
 
-def test_a_failure_may_lead_elsewhere() -> None:
+def test_failed_state_may_lead_to_another_state() -> None:
     with Sequence("short") as sm:
         sm.Drive(fails="rock").on(failed="home")
         sm.Drive(x=2.0)
@@ -153,7 +155,7 @@ def kill(user: Client) -> bool:
     ("error", "do"),
     [(KeyboardInterrupt, ctrl_c), (ConditionVerified, lambda _: True), (MissionTaskFailed, kill)],
 )
-def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks(
+def test_interrupted_machine_stops_all_its_tasks(
     error: type[BaseException], do: Callable[[Client], bool]
 ) -> None:
     with mission_of_rover() as (mission, robot), connect("user", mission.central) as user:
@@ -165,7 +167,7 @@ def test_ctrl_c_a_condition_or_a_kill_stops_all_its_tasks(
         assert not [task for task in user.tasks() if task.message.startswith("machine")]
 
 
-def test_a_server_that_leaves_ends_the_machine() -> None:
+def test_server_loss_fails_the_machine() -> None:
     with LocalCentral() as central:
         robot = Rover()
         server = ExitStack()
@@ -179,7 +181,7 @@ def test_a_server_that_leaves_ends_the_machine() -> None:
         assert sorted(robot.done[5:]) == ["stands at 3", "watched"]
 
 
-def test_what_the_server_does_not_offer_is_found_before_anything_begins() -> None:
+def test_unknown_task_or_parameter_is_reported_before_the_start() -> None:
     with Sequence("typo") as sm:
         sm.Drive(x=1.0)
         sm.Drive("home", y=2.0)

@@ -1,5 +1,5 @@
-"""Random machines: what is not refused runs, and keeps what soundness promises, however its tasks
-end.
+"""Random machines: each accepted machine runs and keeps the guarantees of soundness, however its
+tasks end.
 """
 
 from contextlib import suppress
@@ -24,7 +24,7 @@ MOST_ARE_REFUSED = settings(
 LABELS = [f"s{number}" for number in range(9)]
 
 
-class Bored(PlayedMission):
+class RandomEndings(PlayedMission):
     """Any task may end in any way."""
 
     def __init__(self, data: st.DataObject) -> None:
@@ -48,10 +48,12 @@ class Bored(PlayedMission):
         return super().first_ended(tasks, timeout)
 
 
-def write(
+def write_states(
     sm: StateMachine, data: st.DataObject, labels: list[str], depth: int, *, is_in_front: bool
 ) -> None:
-    """Some states; most have no transitions of their own, as few machines with many are sound."""
+    """Write some states. Most have no transitions of their own, as few machines with many are
+    sound.
+    """
     for _ in range(data.draw(st.integers(2, 3))):
         if not labels:
             return
@@ -72,9 +74,9 @@ def write(
                 if kind == "sequence"
                 else sm.concurrence(label, until=until) as state
             ):
-                write(sm, data, labels, depth - 1, is_in_front=is_in_front)
+                write_states(sm, data, labels, depth - 1, is_in_front=is_in_front)
         if state.parent is not None and state.parent.kind.is_concurrent:
-            is_in_front = False  # as one branch is, at most
+            is_in_front = False  # at most one branch has the foreground
         possible = ["completed"] if kind == "epsilon" else ENDINGS
         targets: Any = {
             e: data.draw(st.sampled_from(LABELS))
@@ -84,11 +86,11 @@ def write(
         state.on(**targets)
 
 
-def drawn(data: st.DataObject) -> StateMachine:
-    """A machine that is not refused."""
+def random_sound_machine(data: st.DataObject) -> StateMachine:
+    """A random sound machine."""
     try:
         with Sequence("random") as sm:
-            write(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
+            write_states(sm, data, list(reversed(LABELS)), 2, is_in_front=True)
     except UnsoundMachine:
         assume(False)
     return sm
@@ -96,9 +98,9 @@ def drawn(data: st.DataObject) -> StateMachine:
 
 @MOST_ARE_REFUSED
 @given(st.data())
-def test_sound_machines_run(data: st.DataObject) -> None:
-    sm = drawn(data)
-    mission: Any = Bored(data)
+def test_sound_machine_keeps_its_guarantees_in_any_run(data: st.DataObject) -> None:
+    sm = random_sound_machine(data)
+    mission: Any = RandomEndings(data)
     published = list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
@@ -115,7 +117,7 @@ def test_sound_machines_run(data: st.DataObject) -> None:
 
 
 def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
-    """The states that the statechart can enter, and the endings that it can have, by trying all."""
+    """The states that the statechart can enter and its possible endings, by exhaustive search."""
     entered, endings = set[MachineState](), set[Ending]()
     chart = Statechart(root, entered.add, lambda _: None)
     seen = set[tuple[MachineState, ...]]()
@@ -136,9 +138,7 @@ def explored(root: MachineState) -> tuple[set[MachineState], set[Ending]]:
 @pytest.mark.soak
 @MOST_ARE_REFUSED
 @given(st.data())
-def test_soundness_agrees_with_the_statechart(data: st.DataObject) -> None:
-    """Each state can be entered, and the machine can have the endings that it is said to have, and
-    no others.
-    """
-    sm = drawn(data)
+def test_soundness_agrees_with_exhaustive_search(data: st.DataObject) -> None:
+    """Each state can be entered, and exactly the computed endings are possible."""
+    sm = random_sound_machine(data)
     assert explored(sm.root) == (set(sm.root.all()), set(endings_of(sm.root)[sm.root]))

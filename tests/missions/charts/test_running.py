@@ -1,4 +1,4 @@
-"""Machines at work, on a mission whose tasks end as the test says."""
+"""Running machines, on a mission whose tasks end as scripted."""
 
 import pytest
 from missions.charts.played import Played, PlayedMission
@@ -18,7 +18,7 @@ def patrol() -> StateMachine:
     return sm
 
 
-def test_a_sequence_that_begins_again() -> None:
+def test_sequence_restarts_by_its_transition() -> None:
     run = Played(
         patrol(),
         "Wait completed",
@@ -29,13 +29,20 @@ def test_a_sequence_that_begins_again() -> None:
     )
     assert run.end == ("timeout", "Wait was not done in time")
     assert run.happened == [
-        "start Wait", "Wait completed",
-        "start Look(False)", "start Turn", "Turn completed",
-        "start GoTo(1)", "GoTo(1) completed",
-        "stop Look(False)", "Look(False) interrupted",  # and only then the next
-        "start GoTo(5)", "GoTo(5) completed",
-        "start Wait", "Wait timeout",
-    ]  # fmt: skip
+        "start Wait",
+        "Wait completed",
+        "start Look(False)",
+        "start Turn",
+        "Turn completed",
+        "start GoTo(1)",
+        "GoTo(1) completed",
+        "stop Look(False)",
+        "Look(False) interrupted",  # before the next task starts
+        "start GoTo(5)",
+        "GoTo(5) completed",
+        "start Wait",
+        "Wait timeout",
+    ]
     assert run.active == [
         ["Wait"],
         ["concurrence", "Look", "sequence", "Turn"],
@@ -49,7 +56,7 @@ def test_a_sequence_that_begins_again() -> None:
     ]
 
 
-def test_a_concurrence_ends_with_the_first_of_its_states() -> None:
+def test_concurrence_ends_with_its_first_state() -> None:
     run = Played(patrol(), "Wait completed", "Look completed")
     assert run.happened[3:] == [
         "start Turn",
@@ -58,14 +65,14 @@ def test_a_concurrence_ends_with_the_first_of_its_states() -> None:
         "Turn interrupted",
         "start GoTo(5)",
         "stop GoTo(5)",
-        "GoTo(5) interrupted",  # as the play is over: nothing is left running
+        "GoTo(5) interrupted",  # at the end of the script, nothing is left running
     ]
     run = Played(patrol(), "Wait completed", "Look failed + Turn completed")
     assert run.end == ("failed", "Look has failed")
     assert run.happened[3:] == ["start Turn", "Look(False) failed", "Turn completed"]
 
 
-def test_all_of_them() -> None:
+def test_concurrence_until_all_ends_with_its_last_state() -> None:
     with Concurrence("both", until="all") as sm:
         sm.Look(foreground=False)
         with sm.concurrence(until="all"):
@@ -81,7 +88,7 @@ def test_all_of_them() -> None:
     assert run.happened[-2:] == ["stop Turn", "Turn interrupted"]
 
 
-def test_a_machine_follows_written_transitions_only() -> None:
+def test_machine_follows_written_transitions_only() -> None:
     with StateMachine("fetch") as sm:
         sm.GoTo().on(completed="grasp", failed="Turn")
         sm.Turn().on(completed="GoTo")
@@ -111,7 +118,7 @@ def test_a_machine_follows_written_transitions_only() -> None:
     ]
 
 
-def test_a_branch_begins_again_without_the_others() -> None:
+def test_branch_restarts_without_the_others() -> None:
     with Sequence("robot") as sm:
         with sm.concurrence():
             look = sm.Look(foreground=False)
@@ -142,8 +149,8 @@ def test_a_branch_begins_again_without_the_others() -> None:
     ]
 
 
-def test_ways_out_of_containers() -> None:
-    """A state may lead past the containers around it, and a container begins again from inside."""
+def test_transitions_lead_out_of_containers() -> None:
+    """A state may lead out of its containers, and a container may restart from inside."""
     with Sequence("robot") as sm:
         with sm.concurrence("both"):
             sm.Look(foreground=False).on(completed="found")
@@ -164,18 +171,32 @@ def test_ways_out_of_containers() -> None:
     )
     assert run.end == ("completed", "found has completed")
     assert run.happened == [
-        "start Look(False)", "start Turn", "Turn timeout", "start Turn", "Turn failed",
-        "stop Look(False)", "Look(False) interrupted", "start Look(False)", "start Turn", "Turn completed",
-        "start GoTo", "GoTo failed", "stop Look(False)", "Look(False) interrupted",
-        "start Home", "Home completed", "start Sing", "Sing completed",
-    ]  # fmt: skip
+        "start Look(False)",
+        "start Turn",
+        "Turn timeout",
+        "start Turn",
+        "Turn failed",
+        "stop Look(False)",
+        "Look(False) interrupted",
+        "start Look(False)",
+        "start Turn",
+        "Turn completed",
+        "start GoTo",
+        "GoTo failed",
+        "stop Look(False)",
+        "Look(False) interrupted",
+        "start Home",
+        "Home completed",
+        "start Sing",
+        "Sing completed",
+    ]
     assert Played(sm, "Look completed", "Sing completed").happened[-2:] == [
         "start Sing",
         "Sing completed",
     ]
 
 
-def test_nothing_runs_on_after_an_error_in_one_branch() -> None:
+def test_error_in_one_branch_stops_all_tasks() -> None:
     with Concurrence("both") as sm:
         sm.Look(foreground=False)
         sm.Listen(foreground=False)
@@ -193,7 +214,7 @@ def test_nothing_runs_on_after_an_error_in_one_branch() -> None:
     ]
 
 
-def test_nothing_runs_on_after_ctrl_c() -> None:
+def test_ctrl_c_stops_all_tasks_of_the_machine() -> None:
     mission = PlayedMission("Wait completed", "Ctrl-C")
     with pytest.raises(KeyboardInterrupt):
         Played(patrol(), on=mission)
@@ -206,7 +227,7 @@ def test_nothing_runs_on_after_ctrl_c() -> None:
     assert not mission.running
 
 
-def test_tasks_start_and_stop_in_the_order_in_which_they_are_written() -> None:
+def test_tasks_start_in_written_and_stop_in_reverse_order() -> None:
     with Concurrence("both", until="all") as sm:
         with sm.sequence(), sm.sequence(), sm.sequence():
             sm.First(foreground=False)

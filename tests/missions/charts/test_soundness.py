@@ -1,4 +1,4 @@
-"""A machine that can't be run is refused when it is built, in words of the one who wrote it."""
+"""An unsound machine is refused when it is built, in the author's terms."""
 
 from collections.abc import Callable
 
@@ -92,16 +92,16 @@ def _same_label(sm: StateMachine) -> None:
     sm.Wait("home")
 
 
-def test_an_unsound_machine_is_refused_when_built(approve: Callable[..., None]) -> None:
-    def tell(write: str) -> str:
+def test_unsound_machine_is_rejected_when_built(approve: Callable[..., None]) -> None:
+    def message_of(write: str) -> str:
         with pytest.raises(UnsoundMachine) as refused, Sequence("robot") as sm:
             eval(write)(sm)
         return str(refused.value)
 
-    approve("unsound_machines.txt", tell)
+    approve("unsound_machines.txt", message_of)
 
 
-def test_refused_where_it_is_written() -> None:
+def test_machine_misuse_is_rejected_when_written() -> None:
     with Sequence("robot") as sm:
         goto = sm.GoTo().on(failed="GoTo")
         with pytest.raises(MisuseError, match="is given twice"):
@@ -131,6 +131,6 @@ def test_refused_where_it_is_written() -> None:
         Concurrence("robot", until="first")  # type: ignore[arg-type]
 
 
-def test_an_error_inside_is_not_hidden_by_another() -> None:
+def test_error_in_a_machine_block_is_not_masked() -> None:
     with pytest.raises(ZeroDivisionError), Sequence("robot"):
         raise ZeroDivisionError
