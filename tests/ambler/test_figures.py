@@ -41,7 +41,7 @@ def test_memory_growth_is_measured_within_one_process() -> None:
     memory = usage.at_end()
     assert memory.all == memory.central > 1.0
     assert memory.growth is not None
-    usage.look(3 * WARM_UP, {"central": os.getppid()})
+    usage.measure(3 * WARM_UP, {"central": os.getppid()})
     assert usage.at_end().growth == memory.growth  # the new process is too young
 
 

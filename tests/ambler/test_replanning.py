@@ -61,13 +61,13 @@ def test_leg_is_not_raised_beyond_its_limit() -> None:
 
 
 def test_felt_wall_lies_beyond_the_contact() -> None:
-    met = felt(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
+    met = obstacle_at(Contact(2, 1.0, 1.0, 0.5, 900.0, 0.0, 1.0))
     assert met.is_wall
     assert (met.x, met.y) == pytest.approx((1.0, 1.05 + OBSTACLE_RADIUS))
 
 
 def test_felt_rock_under_the_foot_is_no_foothold() -> None:
-    assert felt(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
+    assert obstacle_at(Contact(2, 1.4, 2.2, 0.3, 9000.0)) == Obstacle(
         1.4, 2.2, 0.3, FOOT_ROOM, is_wall=False
     )
 
@@ -156,7 +156,7 @@ def test_foot_without_a_way_stays_during_shuffle() -> None:
 
 
 def test_centring_moves_the_body_where_any_leg_can_be_lifted() -> None:
-    assert centring(a_stance()) is None
+    assert centring_move(a_stance()) is None
     badly = a_stance()
     badly = replace(badly, pose=replace(badly.pose, x=0.6))
     move = centring_move(badly)
