@@ -103,7 +103,7 @@ def in_at_least(share: float, cases: CasesOf, *, fewest: int = 1) -> CasesProper
             f"in_at_least() needs a share from 0 to 1, such as 0.9, not {share!r:.60}"
         )
     if not isinstance(fewest, int) or isinstance(fewest, bool) or fewest < 1:
-        raise BadProperty(f"fewest must be 1 or more, not {fewest!r:.60}")
+        raise BadProperty(f"fewest must be a whole number from 1, not {fewest!r:.60}")
     words = f"{words_of(_checked_function(cases))}, in at least {share * 100:g} % of cases"
     return CasesProperty(words, cases, share, fewest)
 

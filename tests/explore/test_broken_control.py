@@ -78,7 +78,7 @@ def no_release_by_killed_task(patch: Patch) -> None:
 
 
 def slot_used_twice(patch: Patch) -> None:
-    patch.setattr(ModuleResource, "take_slot", lambda self: next(iter(self.slots), None))
+    patch.setattr(ModuleResource, "acquire_slot", lambda self: next(iter(self.slots), None))
 
 
 def freed_slot_forgotten(patch: Patch) -> None:

@@ -177,7 +177,7 @@ def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.ok
     assert len(made) == result.states
     made.clear()
-    monkeypatch.setattr("tca_tools.explore.search.exploration.KEPT_BYTES", 10_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 10_000)
     assert_good(walking(never_stuck()))
     assert 0 < len(made) < result.states
 
@@ -385,7 +385,7 @@ def stuck() -> tca.Result:
 
 def test_stuck_tasks_and_waits_are_named() -> None:
     *_, reason, running, queued, handler_wait, user_wait = tca.report(stuck()).splitlines()[-6:]
-    assert reason == "  => nothing further need happen, and this is left:"
+    assert reason == "  => the run may end here, with this left:"
     assert (
         running.strip()
         == "walk {1} has not ended: start handling, start planning, start achieving; handled by planner"

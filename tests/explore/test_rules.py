@@ -207,7 +207,7 @@ def test_unskipped_exception_handler_is_found(
     monkeypatch.setattr(
         "tca_central.failing.failures.skip_exception_handler", lambda _central, _handler: None
     )
-    assert "nobody handles 'higher', and the search does not go on" in counterexample(
+    assert "no handler of 'higher', and the search does not continue" in counterexample(
         helped(*ALL_ENDS)
     )
 

@@ -103,7 +103,7 @@ def test_every_choice_of_script_is_explored() -> None:
 
 def test_hanging_handler_is_reported_as_stuck() -> None:
     result = tca.explore(scenario_of(lambda task: task.hang(), never_stuck()))
-    assert "planner in walk {1} never goes on" in tca.report(result)
+    assert "planner in walk {1} waits forever" in tca.report(result)
 
 
 def test_killed_handler_sees_cancelled() -> None:
@@ -305,7 +305,7 @@ def test_script_with_memory_of_runs_is_refused() -> None:
         task.command(STEP)
         task.query(WHERE)
 
-    with pytest.raises(tca.ScenarioError, match="does not do the same when it is run again"):
+    with pytest.raises(tca.ScenarioError, match="acts differently when it is run again"):
         tca.explore(scenario_of(remembers))
 
 

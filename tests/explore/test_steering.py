@@ -207,7 +207,7 @@ def test_suspended_subtree_starts_nothing() -> None:
         never_stuck(),
     )
     assert result.longest is not None
-    assert "somebody suspends walk {1}" in counterexample(
+    assert "the operator suspends walk {1}" in counterexample(
         scenarios.suspending(), never(suspended(STEP))
     )
 
@@ -301,7 +301,7 @@ def test_wait_with_timeout_may_time_out() -> None:
 
     assert_good(scenario, never_stuck())
     counterexample(scenario, never(achieved(STEP)))
-    assert "user no longer waits for end achieving of step {1}" in counterexample(
+    assert "user times out and no longer waits for end achieving of step {1}" in counterexample(
         scenario, never(killed(STEP))
     )
 

@@ -87,7 +87,7 @@ def test_monitor_beyond_listing_limit_is_detached_by_number(
     text = tca(attached)[1]
     numbers = [int(line.split()[0]) for line in text.splitlines() if "look" in line]
     assert numbers == [first.id, *(ref.id for ref in refs[:-1])]
-    assert text.endswith("these are only the first: there are 21 monitors\n")
+    assert text.endswith("only the first are listed: there are 21 monitors\n")
     assert tca(detach, "look")[2].startswith("there are 21 monitors, and central names only")
     last = refs[-1].id
     assert tca(detach, str(last))[:2] == (0, f"number {last}: detached\n")
@@ -207,7 +207,7 @@ def test_wiretap_missing_from_edited_program_is_stale(user: Client, tmp_path: Pa
                 gone = f"wiretap say move {{{check}}} of all move, which 'guard' had attached in an earlier run: detached\n"
                 assert tca(detach, "--stale") == (0, gone, "")
                 assert [*attachments("wiretaps")] == ["later"]
-                assert tca(detach, "--stale") == (0, "nothing is left of earlier runs\n", "")
+                assert tca(detach, "--stale") == (0, "nothing is left from earlier runs\n", "")
             process.communicate(timeout=SOON)
         until(
             lambda: "guard" not in {one["module"] for one in user.status("modules")},

@@ -128,10 +128,10 @@ def test_send_warns_about_an_unhandled_message(user: Client) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [
-        (["walkk", "3"], 1, "nobody has declared a message 'walkk': did you mean 'walk'?"),
-        (["xyz"], 1, "nobody has declared a message 'xyz': see 'tca messages', and start who declares it"),
+        (["walkk", "3"], 1, "no module has declared a message 'walkk': did you mean 'walk'?"),
+        (["xyz"], 1, "no module has declared a message 'xyz': see 'tca messages', and start the module that declares it"),
         (["walk"], 2, "goal 'walk' wants data (integer), but none were given"),
-        (["walk", "five"], 2, "goal 'walk' wants data of type integer: the data must be a whole number, and \"five\" is not"),
+        (["walk", "five"], 2, "goal 'walk' wants data of type integer: the data must be a whole number, not \"five\""),
         (["walk", "3", "4"], 2, "goal 'walk' takes one value (integer), but 2 were given"),
         (["move", "leg=1"], 2, "command 'move' wants data of type Move: field 'to' is missing: it must be an object with x, y"),
         (["move", "leg=1", "to.z=1", "to.x=1"], 2, "command 'move' wants data of type Move: field 'to.z' is unknown: the fields are x, y"),

@@ -166,7 +166,7 @@ def test_task_is_updated_and_cancelled(sent: SentTask[float]) -> None:
         (
             ["1", "width=1", "--no-wait", "--timeout", "1"],
             2,
-            "--no-wait and --timeout are given: leave one of them out",
+            "--no-wait and --timeout exclude each other: leave one of them out",
         ),
         (["walk", "width=1"], 1, "no living task is called 'walk': living tasks are grasp {1}"),
     ],

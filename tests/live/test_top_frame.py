@@ -258,7 +258,7 @@ def test_top_shows_the_fullest_memory_limit_and_refusals() -> None:
     }
     assert (
         frame(central_answer).memory
-        == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped for want of it"
+        == "memory 240 MiB, messages 200 MiB of 256 MiB, 1,200 refused or dropped when it was full"
     )
 
 

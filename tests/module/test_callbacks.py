@@ -179,7 +179,7 @@ def test_closed_file_is_no_longer_watched(clock: Clock, caplog: pytest.LogCaptur
     clock.advance(0.0, {77: False})
     assert watch.is_over
     assert not clock.callbacks.files
-    assert "is called no more: its file 77 was closed" in caplog.text
+    assert "is not called any more: file 77 is closed" in caplog.text
     clock.advance(0.0, {77: True})  # found before it was removed
     assert called == ["readable"]
 

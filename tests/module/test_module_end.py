@@ -111,7 +111,7 @@ def test_block_error_is_logged_while_handler_is_awaited(
 # --- A stopped or failed module whose block still runs --------------------------------------------
 
 
-ENDED = "module 'legs' ends, and handles nothing any more: "
+ENDED = "module 'legs' ends and handles no more messages: "
 
 
 class HandlerExit(BaseException):
@@ -241,7 +241,7 @@ def test_stop_of_module_is_logged(
     with caplog.at_level(logging.INFO, "tca.legs"), legs.running():
         legs.stop()
         until_withdrawn(user)
-    assert caplog.messages == ["module 'legs' has stopped, and handles nothing any more"]
+    assert caplog.messages == ["module 'legs' has stopped and handles no more messages"]
 
 
 @pytest.mark.parametrize(

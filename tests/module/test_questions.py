@@ -242,7 +242,7 @@ def test_multi_query_timeout_names_failed_and_late_modules(
             user.multi_query(HEALTH, timeout=0.3)
         assert found.value.failure == "handler error"
         text = str(found.value)
-        assert text.startswith("multi-query 'health' failed: handler error: nobody replied: ")
+        assert text.startswith("multi-query 'health' failed: handler error: no module replied: ")
         assert "eyes failed (handler error: ZeroDivisionError: division by zero)" in text
         assert "battery failed (handler error: KeyError: 7)" in text
         assert text.endswith("; legs has not answered")

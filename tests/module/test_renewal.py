@@ -275,7 +275,7 @@ A_REST = Send(0, "rest")
 
 
 def kill_of_request(number: int, request: int) -> Kill:
-    return Kill(number, TaskId(-request), "its sender has given it up, and does not know it")
+    return Kill(number, TaskId(-request), "its sender has given up waiting for its id")
 
 
 @pytest.fixture

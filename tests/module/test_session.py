@@ -51,7 +51,7 @@ from tca_wire.vocabulary import Refusal
 A_QUERY = Send(0, "stance")
 A_WAIT = AwaitPoint(0, Point(TaskId(4), Moment.END_ACHIEVING))
 STATUS, SWAP = Ask(0, "status"), SetVariable(0, "pose", swap=True)
-FORGOTTEN = "central was restarted meanwhile and has forgotten it"
+FORGOTTEN = "central was restarted and has forgotten it"
 TOO_LATE = Refused(2, Refusal.TOO_LATE, "no longer kept")
 
 

@@ -204,13 +204,13 @@ def test_woken_handler_learns_reason(robot: Robot) -> None:
     with robot.working(work) as working:
         robot.until_waiting("query")
         working.retry()
-        again = f"{working} was killed: it is to be handled again; query 'nobody' is not waited for any more"
+        again = f"{working} was killed: it is to be handled again; query 'nobody' is given up"
         assert reasons.get(timeout=SOON) == again
         for _ in range(2):
             begun.get(timeout=SOON)
         robot.until_waiting("query")
         working.kill("the floor is wet")
-        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is not waited for any more"
+        killed = f"{working} was killed: the floor is wet (by user); query 'nobody' is given up"
         assert reasons.get(timeout=SOON) == killed
         with pytest.raises(TaskKilled) as found:
             working.result(SOON)

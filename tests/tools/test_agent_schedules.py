@@ -212,7 +212,7 @@ def test_undone_preview_is_shown_with_its_restoring_task(tca: Tca, tmp_path: Pat
     )
     assert f"arm to {{{restoring}}} (restoring)" in tca("tree", log).stdout
     story = tca("tree", log, "--story", restoring).stdout
-    assert "undoes what was wasted ahead of the state 'free'" in story
+    assert "undoes wasted work ahead of the state 'free'" in story
 
 
 def test_preview_of_a_killed_run_counts_as_wasted(tca: Tca, tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_share_is_one_when_the_run_has_no_cases() -> None:
 
 @pytest.mark.parametrize("share", [-0.1, 90, True, "0.9"])
 def test_share_outside_0_to_1_is_refused(share: object) -> None:
-    with pytest.raises(BadProperty, match="takes a share from 0 to 1"):
+    with pytest.raises(BadProperty, match="needs a share from 0 to 1"):
         in_at_least(share, lambda _run: [])  # type: ignore[arg-type]
 
 
@@ -107,12 +107,12 @@ def test_share_is_not_judged_when_cases_are_too_few(journal: Path, tmp_path: Pat
 
 @pytest.mark.parametrize("fewest", [0, True, 2.5])
 def test_fewest_must_be_an_integer_of_one_or_more(fewest: object) -> None:
-    with pytest.raises(BadProperty, match="give 1 or more"):
+    with pytest.raises(BadProperty, match="fewest must be a whole number from 1, not"):
         in_at_least(0.9, lambda _run: [], fewest=fewest)  # type: ignore[arg-type]
 
 
 def test_in_all_cases_refuses_a_text() -> None:
-    with pytest.raises(BadProperty, match="give a function of the run"):
+    with pytest.raises(BadProperty, match="cases must be a function of the run"):
         in_all_cases("step begun")  # type: ignore[arg-type]
 
 

@@ -210,7 +210,7 @@ def test_holding_property_is_not_broken_by_lost_entries(tmp_path: Path, seed: in
     assert "BROKEN" not in output
     assert "good: never" not in output
     for text in holding:
-        assert f"no breach in what can be read: {text}" in output
+        assert f"no breach in the readable part: {text}" in output
 
 
 def with_unknown(place: int) -> bytes:
@@ -249,6 +249,6 @@ def test_unreadable_places_after_the_fifth_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "walk.tcaj"
     path.write_bytes(with_holes(entries, list(range(1, len(entries), 2))))
     output = run(path).stdout
-    assert output.count("can't be read: what was under way then is not known") == 5
-    assert "more places like these" in output
+    assert output.count("can't be read: the messages under way then are unknown") == 5
+    assert "more gaps" in output
     assert "BROKEN" not in output

@@ -280,23 +280,23 @@ def leave_retried_tasks_unheld(patch: Patch) -> None:
     [
         (
             skip_waiting_messages,
-            "taps_that_come_late_hold_what_waits_for_a_slot",
-            "move {3} went on, and wiretap {5} (check before handling) was not fired",
+            "taps_late_and_queued_messages",
+            "move {3} continued, but wiretap {5} (check before handling) was not fired",
         ),
         (
             skip_waiting_messages,
-            "taps_that_come_late_on_what_is_locked_out_or_suspended",
-            "move {2} went on, and wiretap {4} (check before handling) was not fired",
+            "taps_late_and_locked_or_suspended_messages",
+            "move {2} continued, but wiretap {4} (check before handling) was not fired",
         ),
         (
             forget_passed_over_messages,
             "taps_whose_listener_is_handled_late",
-            "move {2} went on, and wiretap {3} (check before handling) was passed over, though somebody handles it",
+            "move {2} continued, but wiretap {3} (check before handling) was passed over, though its listener has a handler",
         ),
         (
             leave_retried_tasks_unheld,
-            "taps_that_come_late_on_what_is_handled_once_more",
-            "move {1} was given to a handler once more before end handling of check {3}",
+            "taps_late_and_messages_handled_again",
+            "move {1} was given to a handler again before end handling of check {3}",
         ),
     ],
 )

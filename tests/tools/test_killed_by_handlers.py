@@ -48,7 +48,7 @@ def test_check_finds_a_wrong_undecided_exception_handler(
     undecided: int,
 ) -> None:
     """Task 4 fails, its exception handler 5 fails, too, and 6 is another exception handler."""
-    entries = [OPENED, *played("failures_that_nobody_could_decide_about").entries]
+    entries = [OPENED, *played("failures_undecided_by_all_handlers").entries]
     assert checked(entries) == []
     first = next(
         one for one in entries if any(isinstance(fact, facts.Unhandled) for fact in one.facts)

@@ -70,7 +70,7 @@ def test_lock_of_all_copies_is_not_a_capacity_bottleneck() -> None:
         "legs is locked while others wait",
         False,
     )
-    assert "map had it" in advice_of[Topic.LOCK].example
+    assert "map held it" in advice_of[Topic.LOCK].example
     assert advice_of[Topic.LOCK].saving > 30
     assert Topic.OVERLAP not in advice_of, "behind a lock nothing is planned"
     assert next(use for use in found.uses if use.name.startswith("legs")).locked > 10
@@ -224,7 +224,7 @@ def test_growing_queue_is_reported_with_its_rates(closes: bool) -> None:
     assert queue.length == pytest.approx(75, abs=3)
     (growth_advice,) = advice(run, Causes(run), None, [], [], [], 0.5)
     assert (growth_advice.topic, growth_advice.title) == (Topic.CAPACITY, "eye is a bottleneck")
-    assert "2.01 a second come, 1.25 are handled" in growth_advice.text
+    assert "2.01 arrive per second, 1.25 are handled" in growth_advice.text
     assert "let it handle 2 at a time instead of 1" in growth_advice.remedy
     assert contents(run).advice[0].title == growth_advice.title
 

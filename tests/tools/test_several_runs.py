@@ -36,7 +36,7 @@ def test_every_tool_shows_the_newest_of_two_runs_with_a_remark(
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
-        f"tca: {two_runs}: 2 runs lie there: this is the one that began last (00000002.tcaj);"
+        f"tca: {two_runs}: contains 2 runs; this is the one that started last (00000002.tcaj);"
         f" to see another, name it, as in '{two_runs}#1': 'tca log runs {two_runs}' lists them\n"
     )
     assert alone.stderr == ""
@@ -118,8 +118,8 @@ def test_missing_segments_are_reported(tmp_path: Path, capsys: pytest.CaptureFix
     (folder / "00000003.tcaj").unlink()
     (folder / "00000004.tcaj").unlink()
     assert printed_remarks(open_log(folder), capsys) == [
-        f"tca: {folder}: segment 1 is missing: what happened then is not known",
-        f"tca: {folder}: segments 3 to 4 are missing: what happened then is not known",
+        f"tca: {folder}: segment 1 is missing: the events of that time are unknown",
+        f"tca: {folder}: segments 3 to 4 are missing: the events of that time are unknown",
     ]
 
 
@@ -139,7 +139,7 @@ def test_copied_segment_is_left_out_and_reported(
     log = open_log(folder)
     assert [path.name for path in log.segments()] == ["00000001.tcaj", "00000002.tcaj"]
     assert printed_remarks(log, capsys) == [
-        f"tca: {folder}: 00000001 (copy).tcaj is a segment that the run has already, and left out"
+        f"tca: {folder}: 00000001 (copy).tcaj is a copy of a segment of the run: left out"
     ]
 
 
@@ -156,7 +156,7 @@ def test_report_remarks_on_a_cut_journal_once(tca: Tca, tmp_path: Path) -> None:
     cut = tmp_path / "cut.tcaj"
     cut.write_bytes(b"".join(map(record, walk()))[:-5])
     result = tca("report", cut, "-o", tmp_path / "out.html")
-    assert (result.exit_code, result.stderr.count("cut off, the last")) == (0, 1)
+    assert (result.exit_code, result.stderr.count("cut off: the last")) == (0, 1)
 
 
 @pytest.fixture
@@ -177,8 +177,8 @@ def test_every_tool_shows_the_first_run_of_a_joined_file(
     assert shown.exit_code == alone.exit_code
     assert shown.stdout.splitlines()[1:] == alone.stdout.splitlines()[1:]
     assert shown.stderr == (
-        f"tca: {path}, byte {place}: another run begins here; only what comes before it is shown:"
-        f" to see the rest, take it out of the file ('tail -c +{place + 1}')\n"
+        f"tca: {path}, byte {place}: another run starts here; only the entries before it are shown:"
+        f" to see the rest, extract it with 'tail -c +{place + 1}'\n"
     )
     assert alone.stderr == ""
 
@@ -199,7 +199,7 @@ def test_follow_of_a_joined_file_ends_at_the_second_run(
     assert len(list(log.follow(lambda: pytest.fail("there is nothing to wait for")))) == len(
         walking().entries
     )
-    assert "another run begins here" in printed_remarks(log, capsys)[0]
+    assert "another run starts here" in printed_remarks(log, capsys)[0]
 
 
 def test_stopped_reading_ends_its_thread(two_runs: Path) -> None:
@@ -232,7 +232,7 @@ def test_repeated_segment_in_a_file_is_read_once(
     log = open_log(path)
     assert [entry.number for entry in log] == [entry.number for entry in walking().entries]
     assert printed_remarks(log, capsys)[0].startswith(
-        f"tca: {path}, byte {len(whole)}: segment 1 of this run, once more, begins here; only what comes before"
+        f"tca: {path}, byte {len(whole)}: segment 1 of this run, again, starts here; only the entries before"
     )
 
 
@@ -260,7 +260,7 @@ def test_run_after_a_crash_continues_the_segment_numbers(
     ]
     (line,) = printed_remarks(log, capsys)
     assert (
-        "2 runs lie there: this is the one that began last (00000004.tcaj, 00000005.tcaj, " in line
+        "contains 2 runs; this is the one that started last (00000004.tcaj, 00000005.tcaj, " in line
     )
     (folder / "00000005.tcaj").unlink()
     assert "segment 2 is missing" in " ".join(open_log(folder).remarks)

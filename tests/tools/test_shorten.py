@@ -143,7 +143,7 @@ def test_run_of_short_lives_is_shortened_and_recovers(
     before, newest = numbers(tmp_path, ".tcas")
     assert min(numbers(tmp_path, ".tcai")) == before
     result = tca("log", "prune", tmp_path, "--keep-bytes", "1")
-    assert "of what had ended by" in result.stdout, result.output
+    assert " of tasks and messages that had ended by" in result.stdout, result.output
     if is_torn:
         os.truncate(tmp_path / f"{newest:08d}.tcas", 100)
     daemon = short_life(tmp_path)
@@ -272,7 +272,7 @@ def test_prune_keeps_the_newest_unclosed_run(
     result = tca("log", "prune", folder, *options)
     assert result.exit_code == 0
     assert remaining_files(folder) == [path.name for path in crashed]
-    assert "it may go on" in result.stdout
+    assert "unfinished: it may continue" in result.stdout
 
 
 def test_prune_keeps_the_last_run_despite_a_wrong_clock(tca: Tca, tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_page_names_other_runs_in_the_folder(open_page: OpenPage, tmp_path: Path
     other = Entry(0, 0.0, [facts.Opened(facts.JOURNAL_VERSION, "earlier", 1, 1.0, "0.1.0")])
     (folder / "00000000.tcaj").write_bytes(record(other))
     page = open_page(folder)
-    expect(page.locator("#problem")).to_contain_text("2 runs lie there")
+    expect(page.locator("#problem")).to_contain_text("contains 2 runs")
     expect(page.locator("#problem")).to_contain_text("segment 2 is missing")
     expect(page.locator("#status")).to_have_text("ended")
 

@@ -125,7 +125,7 @@ def test_back_button_returns_to_a_run_in_the_same_folder(
     expect_task(page, "walk")
     restart_after_a_kill(first, start)
     expect_task(page, "rest")
-    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, begun ")
+    expect(page.locator("#over")).to_contain_text("is shown now: arm/journal#2, started ")
     page.get_by_role("button", name="back to arm/journal#1").click()
     expect_task(page, "walk")
     expect(page.locator("#runs option:checked")).to_have_text("arm/journal#1")

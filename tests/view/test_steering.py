@@ -114,7 +114,7 @@ def test_page_kills_a_task_with_reason_and_key(
     ask(page, "kill", task.id, rows=3)
     page.locator("#steer input").fill("the battery is low")
     page.locator("#steer input").press("Enter")
-    expect(steering_result(page)).to_contain_text("told to end")
+    expect(steering_result(page)).to_contain_text("ends when its running handlers have returned")
     robot.go_on.set()
     assert task.wait(30) is Outcome.KILLED
     expect(page.locator("#task .lead").last).to_contain_text(
@@ -183,7 +183,10 @@ def test_page_refuses_to_steer_without_the_key(serve: Serve, robot: Robot, tmp_p
         assert post(address, wrong, X_TCA_Key=key)[0] == 400
     assert task.info() is not None
     reply = post(address, wish, X_TCA_Key=key, Origin=address.rstrip("/"))
-    assert reply == (200, "patrol {1}: killed") or "told to end" in reply[1]
+    assert (
+        reply == (200, "patrol {1}: killed")
+        or "ends when its running handlers have returned" in reply[1]
+    )
     assert (
         post(serve(robot.daemon.journal), wish, X_TCA_Key=key)[0] == 404
     )  # a server without steering

@@ -163,7 +163,7 @@ def test_journal_without_a_sound_first_entry_is_read() -> None:
 
 
 def test_damage_without_later_entries_is_named_by_its_byte() -> None:
-    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: there is no record here"):
+    with pytest.raises(JournalDamaged, match=f"walk, byte {len(BYTES)}: no record starts here"):
         read(BYTES + b"\xce and then garbage")
     with pytest.raises(JournalDamaged, match=f"walk, byte {ENDS[2]}: its checksum is wrong"):
         read(BYTES[: ENDS[2] + 12] + b"x" * 100)

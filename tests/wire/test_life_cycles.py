@@ -198,7 +198,7 @@ def test_life_cycle_survives_its_declaration() -> None:
     ],
 )
 def test_malformed_life_cycle_text_is_refused(text: str) -> None:
-    with pytest.raises(BadFormat, match="no table of a life cycle"):
+    with pytest.raises(BadFormat, match="not the table of a life cycle"):
         read_life_cycle(text)
 
 

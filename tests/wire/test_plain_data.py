@@ -171,8 +171,8 @@ def test_typed_text_is_json_where_it_fits_and_else_text() -> None:
     assert received(str | None, Bare("null")) is None
     assert received(Any, {"a": Bare("[1]"), "b": [Bare("[1")]}) == {"a": [1], "b": ["[1"]}
     assert received(Pose, Bare('{"x": 1}')) == Pose(1.0)
-    assert complaint(int, Bare("five")) == 'the data must be a whole number, and "five" is not'
-    assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, and [1] is not"
+    assert complaint(int, Bare("five")) == 'the data must be a whole number, not "five"'
+    assert complaint(Pose, Bare("[1]")) == "the data must be an object with x, y, not [1]"
 
 
 def test_misfit_is_named_by_its_field(approve: Callable[..., None]) -> None:

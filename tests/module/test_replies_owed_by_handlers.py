@@ -175,7 +175,7 @@ def test_handler_must_return_its_own_later_reply(legs: Module, user: Client) -> 
         ]
         for ask in asks:
             with pytest.raises(
-                QueryFailed, match=r"called reply_later\(\) and returned .*: return what that gave"
+                QueryFailed, match=r"called reply_later\(\) but returned .*: return the LaterReply"
             ):
                 ask()
     with pytest.raises(
