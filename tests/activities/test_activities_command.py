@@ -42,7 +42,7 @@ def test_activities_command_finds_or_asks_for_the_application(tmp_path: Path) ->
             assert command_error(daemon.address, "leg").endswith(
                 "no application 'leg': it knows 'arm', 'base'"
             )
-            assert "can't serve there" in command_error(
+            assert "can't serve on 192.0.2.1:0" in command_error(
                 daemon.address, "arm", "--host", "192.0.2.1"
             )
     assert "does not answer" in command_error(daemon.address)

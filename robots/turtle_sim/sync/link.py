@@ -8,7 +8,7 @@ from typing import Self
 
 from robots.turtle_sim.errors import BadTeam, DamagedDatagram
 from robots.turtle_sim.sync.statuses import LARGEST, Statuses
-from robots.turtle_sim.sync.team import Team
+from robots.turtle_sim.sync.team import Team, load_team
 
 REPEAT = 0.05
 """Seconds after which an unacknowledged datagram is sent again."""
@@ -40,6 +40,11 @@ class StatusLink:
         self._thread = threading.Thread(target=self._serve, name=f"link of {name}", daemon=True)
         self._is_closed = False
         self.sent = self.lost = 0  #: datagrams
+
+    @classmethod
+    def from_file(cls, name: str, team: str, *, loss: float = 0.0) -> Self:
+        """Create the link of the robot *name* with the team of a file. Raises BadTeam."""
+        return cls(name, load_team(team), loss=loss)
 
     def __enter__(self) -> Self:
         """Start to listen. Raises BadTeam if the address is not available."""
