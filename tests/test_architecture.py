@@ -408,6 +408,13 @@ def test_source_files_have_at_most_600_lines() -> None:
             assert len(path.read_text().splitlines()) <= 600, path
 
 
+def test_test_names_have_at_most_60_characters() -> None:
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        for node in nodes(path):
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                assert len(node.name) <= 60, f"{path}: {node.name}"
+
+
 def test_source_code_never_executes_its_input() -> None:
     """Except the explorer, which copies its runs by pickle: the bytes never leave the process."""
     never = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "yaml", "dbm"}
