@@ -169,8 +169,8 @@ class Connection(Waits):
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
         """Request the change of a task's state that *what* describes, without waiting for central.
 
-        A refusal is raised by the next call of the same sender, or by ``raise_send_errors``. A change that
-        came too late is only logged.
+        A refusal is raised by the next call of the same sender, or by ``raise_send_errors``. A
+        change that came too late is only logged.
         """
         with self.locked():
             session = self.session
