@@ -83,7 +83,7 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     if handler is None:
         central.agenda.mark_returned(task)
     else:
-        Recovery.of(task).handler = handler
+        Recovery.of(task).exception_handler = handler
 
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
@@ -116,12 +116,12 @@ def _continue_search(central: State, handler: Task | None) -> None:
         failing, recovery = trouble.failing, Recovery.of(trouble.failing)
         if failing.killed:
             return
-        is_deciding = recovery.handler is handler
+        is_deciding = recovery.exception_handler is handler
         next_handler = _call_handler(
             central, failing, trouble.failure, trouble, is_beside=not is_deciding
         )
         if is_deciding:
-            recovery.handler = next_handler
+            recovery.exception_handler = next_handler
             if next_handler is None:
                 central.agenda.mark_returned(failing)
         handler = _unhandled(central, failing, trouble.failure) if next_handler is None else None
@@ -137,7 +137,7 @@ def _call_handler(
 ) -> Task | None:
     """Call the nearest exception handler for a failure; with `below`, the nearest above it."""
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     passed: dict[tuple[int, str], None] = {}
     if exceptions:
         passed = trouble_of(exceptions[0]).passed
@@ -223,7 +223,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     If the failure is within an exception handler, and not by choice or left behind by a retry, kill
     that handler instead, and return it.
     """
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     undecided = exceptions[0] if exceptions else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = trouble_of(undecided).failing.lineage()
@@ -264,7 +264,7 @@ def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedF
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
     """End the top-level task, and report the failure to its sender."""
     *_, top = task.lineage()
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
@@ -370,15 +370,15 @@ def on_exception_handler_ended(central: State, handler: Task) -> None:
             _recover(central, failing, handler)
         elif trouble.decision is Decision.NONE:
             _continue_unresolved(central, failing, handler)
-    central.agenda.mark_handler_processed(failing)
+    central.agenda.mark_decision_processed(failing)
 
 
 def _recover(central: State, failing: Task, handler: Task) -> None:
     recovery = Recovery.of(failing)
     recovery.is_dealt_with = True
     central.facts.append(facts.Recovered(failing.id, handler.id))
-    if recovery.handler is handler:
-        recovery.handler = None
+    if recovery.exception_handler is handler:
+        recovery.exception_handler = None
         central.agenda.mark_returned(failing)
 
 
@@ -428,7 +428,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
     foreign_monitors = [
-        monitor for monitor in (task.watchers or {}).values() if monitor.is_foreign_monitor
+        monitor
+        for monitor in (task.background_monitors or {}).values()
+        if monitor.is_foreign_monitor
     ]
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
     starts += [
