@@ -15,7 +15,7 @@ from tca_wire.vocabulary import Due
 
 
 def on_restarted(central: State, event: Restarted) -> None:
-    """Mark every connection as broken, and hold tasks until they are back."""
+    """Mark every connection as broken, and start no task until they are back."""
     registry = central.registry
     if event.skipped:
         first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped

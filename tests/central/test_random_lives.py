@@ -80,10 +80,10 @@ def end_everything(life: Life) -> None:
     life.player.module("latecomer", "command later")
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
-    for watcher in life.watchers():
+    for monitor in life.monitors():
         # Other monitors end with their parents.
-        if not watcher.is_background or watcher.parent is life.central.tree.root:
-            life.request(headers.Kill, TaskId(watcher.id))
+        if not monitor.is_background or monitor.parent is life.central.tree.root:
+            life.request(headers.Kill, TaskId(monitor.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
         life.request(headers.Suspend, TaskId(task.id), True)
