@@ -109,7 +109,9 @@ def _check_state(task: Task) -> None:
         f"{task}: the order of requests"
     )
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
-    is_failing = task.retrying or (task.recovery is not None and task.recovery.handler is not None)
+    is_failing = task.retrying or (
+        task.recovery is not None and task.recovery.exception_handler is not None
+    )
     is_asked = task.slot is not None or task.killed or is_failing
     assert not asked or is_asked, f"{task}: requests of clients without a handler"
 
@@ -232,7 +234,10 @@ def _check_delivery(central: State, task: Task) -> None:
         f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
     )
     if task.reached & START_HANDLING:
-        watch, recovering = task.watch, task.recovery.handler if task.recovery is not None else None
+        watch, recovering = (
+            task.watch,
+            task.recovery.exception_handler if task.recovery is not None else None,
+        )
         is_decided = (
             (watch is not None and watch.is_on)
             or (recovering is not None and recovering.id in central.tree.tasks)
@@ -251,7 +256,7 @@ def _check_delivery(central: State, task: Task) -> None:
     may_start = not is_kept and all(
         task.ignores_parent or parent.reached & moment for moment in starts
     )
-    assert may_start == task.requested == (task.queues is not None), (
+    assert may_start == task.is_startable == (task.queues is not None), (
         f"{task}: may start, but is not requested"
     )
 
@@ -352,7 +357,7 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
     """Check that a locked resource admits only the holder, a reserved one only its owner's
     messages.
     """
-    assert resource.is_locked or not resource.locked_out_questions, (
+    assert resource.is_locked or not resource.locked_out_queries, (
         f"{name}: is not locked, but slots of it wait for themselves"
     )
     for claim in resource.claims:
@@ -513,11 +518,11 @@ def _check_budget(central: State) -> None:
         central.dispatcher.running.values(),
     )
     assert central.tree.bytes == sum(map(_task_size, tasks)), "bytes of tasks"
-    assert central.agenda.holds.edges == sum(len(task.followers or ()) for task in tasks), (
+    assert central.agenda.holds.edge_count == sum(len(task.followers or ()) for task in tasks), (
         "constraints"
     )
     waiters = sum(len(task.waiters or ()) for task in (*tasks, central.tree.root))
-    assert central.agenda.waits == waiters, "waits for tasks"
+    assert central.agenda.wait_count == waiters, "waits for tasks"
     resources = [one for module in registry.modules.values() for one in module.resources.values()]
     queued = {one for resource in resources for one in resource.queued()}
     queued |= {one for message in registry.messages.values() for one in message.waiting.values()}
@@ -536,7 +541,7 @@ def _check_budget(central: State) -> None:
     types = sum(type_size(message.format) for message in registry.messages.values())
     assert registry.bytes == types + RESOURCE_BYTES * len(resources), "bytes of declarations"
     handlers = sum(len(module.handlers) for module in registry.modules.values())
-    assert central.dispatcher.handlers == handlers, "handlers"
+    assert central.dispatcher.handler_count == handlers, "handlers"
     answers = sum(one.answer_bytes for one in connections)
     assert central.answers.bytes == answers == central.answers.walked_bytes(), "bytes of answers"
     assert answers <= central.budget.answers, "too many answers"

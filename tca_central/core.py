@@ -95,7 +95,7 @@ class Central(State):
             _output(agenda.taps_to_fire, self._fire_before),
             _output(agenda.tap_events, lambda event: taps.fire_after(self, *event)),
             _output(agenda.resumed_monitors, partial(monitors.proceed, self)),
-            _output(agenda.left_with_watchers, partial(monitors.end_watchers, self)),
+            _output(agenda.only_background_left, partial(monitors.end_background_monitors, self)),
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
             _output(agenda.unanswered, partial(changes.apply_defaults, self)),
@@ -155,10 +155,10 @@ class Central(State):
         cause: causes.Cause
         connection = self.registry.connections.get(event.connection)
         if isinstance(event, BadBytes):
-            cause = causes.Request(*_named(connection), 0, "")
+            cause = causes.Request(*_as_cause(connection), 0, "")
             self._refuse(event.connection, 0, Refusal.PROTOCOL, event.why)
         elif connection is not None:
-            cause = causes.ConnectionLost(*_named(connection))
+            cause = causes.ConnectionLost(*_as_cause(connection))
             joining.disconnect(self, connection, event.why, lost=True)
         else:
             return
@@ -209,7 +209,7 @@ class Central(State):
                 sending.record_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
         self._process_all()
-        module, place = _named(connection)
+        module, place = _as_cause(connection)
         self._report(
             effects, event.time, causes.Request(module, place, number, kind.name, self.origin)
         )
@@ -223,7 +223,7 @@ class Central(State):
             raise RequestError(
                 Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number"
             )
-        if kind.origin is not None and (origin := kind.origin(header)):
+        if kind.read_origin is not None and (origin := kind.read_origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.may_forge and not self.origin and origin in self.dispatcher.running:
                 header = msgspec.structs.replace(header, origin=0)  # another module handles it
@@ -364,11 +364,11 @@ class Central(State):
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
 
-        Exception handlers without a handler come first, because they end other tasks; then
-        monitors.
+        Stranded tasks come first (exception handlers whose message no module handles): giving them
+        up may end other tasks. Then monitors.
         """
         waiting = self.agenda.startable
-        startable = [task for task in waiting if task.requested and not task.killed]
+        startable = [task for task in waiting if task.is_startable and not task.killed]
         waiting.clear()
         first = startable if len(startable) < 2 else _most_urgent(startable)
         if len(first) < len(startable):
@@ -395,7 +395,7 @@ class Central(State):
         task.handling_id = self.new_id()
         recovery = Recovery.of(task)
         recovery.attempts += 1
-        recovery.handler = None
+        recovery.exception_handler = None
         claims.end_claims_of(self, task, "it is retried")
 
     def _on_ended(self, task: Task) -> None:
@@ -437,8 +437,8 @@ def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Call
     return waiting, handle_all
 
 
-def _named(connection: Connection | None) -> tuple[str, int]:
-    """Return the names of a connection that causes use."""
+def _as_cause(connection: Connection | None) -> tuple[str, int]:
+    """Return how causes name a connection: its module and its number."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
 
 
@@ -504,19 +504,18 @@ _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUnt
 class _Kind:
     """The core's knowledge of one class of request."""
 
-    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "needs_number", "origin")
+    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "needs_number", "read_origin")
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
-        origin = next((name for name in ("origin", "delivery") if name in fields), "")
-        """Reads a header's origin: the delivery whose handler sent it. None: it has no origin."""
+        field = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
         self.needs_number = header in _WAITS  # the number finds the answer
         # A wrong origin is removed; ``Lock`` itself refuses one, with a text that says more.
         self.may_forge = "origin" in fields and header is not headers.Lock
         self.names_tasks = bool(naming.NAMING[header])
-        self.origin: Callable[[ToCentral], int] | None = attrgetter(origin) if origin else None
+        self.read_origin: Callable[[ToCentral], int] | None = attrgetter(field) if field else None
         """Reads the delivery whose handler sends such a header; None if it has none."""
 
 

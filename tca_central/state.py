@@ -106,7 +106,7 @@ class TaskWait(Stored):
             )
 
 
-class RestartHold(Stored):
+class RestartPause(Stored):
     """The reasons why no task starts after a restart of central."""
 
     __slots__ = ("awaited", "grace", "until_resumed")
@@ -181,12 +181,12 @@ class State(Waits):
         "claims",
         "collectors",
         "dispatcher",
-        "hold",
         "is_disk_low",
         "lost",
         "memory",
         "observers",
         "registry",
+        "restart_pause",
         "taps",
         "tree",
         "unconfirmed",
@@ -222,7 +222,7 @@ class State(Waits):
         self.collectors: dict[int, Collector] = {}
         #: Connections that have not been sent the ids of unconfirmed tasks.
         self.unconfirmed: dict[Connection, None] = {}
-        self.hold = RestartHold()
+        self.restart_pause = RestartPause()
         #: Ranges of ids (first, last) that may have been given before the disk lost them.
         self.lost: list[tuple[int, int]] = []
         self.is_disk_low = False  #: whether new tasks are refused
@@ -237,9 +237,11 @@ class State(Waits):
         assert resource is not None
         # A prefetched message began when its slot was free, which may be before central knew.
         now = self.clock.now
-        began = max(delivery.since, slot.begins) if is_prefetched and slot.begins else now
-        slot.unbegun = delivery if is_prefetched and not slot.begins else None
-        delivery.since, slot.begins = began, 0.0
+        began = (
+            max(delivery.since, slot.next_began_at) if is_prefetched and slot.next_began_at else now
+        )
+        slot.maybe_unstarted = delivery if is_prefetched and not slot.next_began_at else None
+        delivery.since, slot.next_began_at = began, 0.0
         delivery.message.delivered += 1
         resource.delivered += 1
         fact = facts.Delivered(
@@ -431,7 +433,7 @@ class State(Waits):
         return (
             self.dispatcher.bytes
             + self.tree.bytes
-            + self.agenda.holds.edges * EDGE_BYTES
+            + self.agenda.holds.edge_count * EDGE_BYTES
             + self.budget.collected
         )
 
@@ -440,18 +442,18 @@ class State(Waits):
         """The bytes of all else that modules declare, attach, claim and wait for."""
         return (
             self.registry.bytes
-            + self.dispatcher.handlers * HANDLER_BYTES
+            + self.dispatcher.handler_count * HANDLER_BYTES
             + (len(self.attached) + len(self.taps)) * ATTACHED_BYTES
             + len(self.claims) * CLAIM_BYTES
-            + self.clock.timers * TIMER_BYTES
-            + self.agenda.waits * WAIT_BYTES
+            + self.clock.timer_count * TIMER_BYTES
+            + self.agenda.wait_count * WAIT_BYTES
             + self.budget.awaited
         )
 
-    def refuse_if_full(self, size: int) -> str:
-        """Return the reason to refuse a message of *size* bytes, "" if there is room.
+    def count_if_full(self, size: int) -> str:
+        """Return why there is no room for a message of *size* bytes, counted as a refusal.
 
-        Count a refusal.
+        "" if there is room.
         """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
@@ -461,15 +463,15 @@ class State(Waits):
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""
-        if why := self.refuse_if_full(size):
+        if why := self.count_if_full(size):
             raise RequestError(Refusal.OVERLOAD, why)
 
-    def is_refused_for_lack_of_memory(self, what: str, body: bytes) -> bool:
-        """Whether memory is too full for a task that central would send.
+    def refuse_own_task_if_full(self, what: str, body: bytes) -> bool:
+        """Refuse a task that central would send if memory is too full. Return whether it was.
 
         The refusal is recorded, with *what*.
         """
-        if why := self.refuse_if_full(len(body)):
+        if why := self.count_if_full(len(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )
@@ -552,17 +554,18 @@ class State(Waits):
         self.notify(connection, headers.TasksMade(confirmed))
 
     def living(
-        self, connection: Connection, number: int, task_id: TaskId, refused: str
+        self, connection: Connection, number: int, task_id: TaskId, not_done: str
     ) -> Task | None:
         """Return the task of that id.
 
-        If it has ended or was killed, ignore the request and return None.
+        If it has ended or was killed, ignore the request and return None. *not_done* says what the
+        request would have done.
         """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
             return task
         ended = f"task {task_id} has ended" if task is None else f"{task} was killed"
-        self.ignore(connection, number, f"{ended}: {refused}")
+        self.ignore(connection, number, f"{ended}: {not_done}")
         return None
 
     def ignore(self, connection: Connection, number: int, text: str) -> None:

@@ -40,22 +40,23 @@ class TaskRules(NamedTuple):
     """The moments that it reaches together when a handler gets it."""
     order: Order
     """Pairs: a moment, and the moments directly before it. One pass over them reaches all."""
-    no_later: dict[int, int]
-    """For each moment, the bits of all moments reached before or with it; 0 if reached at creation.
-    """
+    up_to: dict[int, int]
+    """For each moment, the bits of those that come with or before it; 0 if reached at creation."""
 
 
 def _rules(*, at_birth: int, delivery: int, order: Order) -> TaskRules:
-    """Build the rules; ``no_later`` follows from the others."""
+    """Build the rules; ``up_to`` follows from the others."""
 
-    def no_later(moment: int) -> int:
+    def moments_up_to(moment: int) -> int:
         found = moment | (delivery if moment & delivery else 0)
-        for last, before in reversed(order):
-            if found & last:
+        for later, before in reversed(order):
+            if found & later:
                 found |= before
         return found | (delivery if found & START_HANDLING else 0)
 
-    found = {moment: 0 if moment & at_birth else no_later(moment) for moment in map(int, MOMENTS)}
+    found = {
+        moment: 0 if moment & at_birth else moments_up_to(moment) for moment in map(int, MOMENTS)
+    }
     return TaskRules(at_birth, delivery, order, found)
 
 
@@ -124,10 +125,11 @@ class TapRule(NamedTuple):
     """The moment of the tapped task at which its listeners end."""
 
     @property
-    def target_is_alive(self) -> bool:
+    def is_before_end(self) -> bool:
         """Whether the listener is sent before the tapped task ends.
 
-        Polling and demon monitors that listen need this: they are its children.
+        A polling or demon monitor that listens becomes a child of the tapped task, so that must
+        still live.
         """
         return self.is_child or bool(self.lasts_until) or self.at == SENT
 
@@ -160,7 +162,8 @@ CONDITIONS = {
 }
 """One row per condition.
 
-*When* conditions need no ``holds_until``: a task ends only after its children.
+Conditions with ``is_child`` and without ``holds_until`` need none: a task ends only after its
+children.
 """
 
 LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)

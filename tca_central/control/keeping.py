@@ -35,7 +35,7 @@ def on_keep(central: State, connection: Connection, header: headers.Keep, _: byt
     central.accept(connection, header.number, header.task)
 
 
-def check_room(central: State) -> None:
+def check_retained_room(central: State) -> None:
     """Raise RequestError if no more tasks can be retained."""
     if central.memory.promises >= MOST_RETAINED:
         text = f"{MOST_RETAINED:,} tasks are kept already: release some first"
@@ -47,7 +47,7 @@ def keep(central: State, task: Task | TaskRecord | None, module: Module) -> None
     assert task is not None
     if task.id in module.keeps:
         return
-    check_room(central)
+    check_retained_room(central)
     Retention.of(task).by[module] = None
     module.keeps[task.id] = None
     central.memory.promises += 1

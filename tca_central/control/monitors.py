@@ -81,7 +81,7 @@ def start(central: State, task: Task) -> None:
             task, watch.options, watch.parts, is_foreign_monitor=watch.is_foreign_monitor
         )
         enlist_monitor(central, task)
-    watch.began = watch.since = central.clock.now
+    watch.watching_since = watch.periods_from = central.clock.now
     central.agenda.mark_started(task)
     central.accept_for_handler(task)
     central.agenda.tap_events.append((task, DELIVERED))
@@ -111,14 +111,14 @@ def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
         end_monitor(central, watch, "its end point is reached")
         return False
     watch.waits_for = awaited
-    central.agenda.wait(awaited, int(until.moment), watch)
+    central.agenda.add_waiter(awaited, int(until.moment), watch)
     return True
 
 
 def _test_later(central: State, watch: Watch) -> None:
     """Schedule a test for the next multiple of the period. Missed tests are not made up for."""
     period = watch.options.period
-    wait = period - (central.clock.now - watch.since) % period
+    wait = period - (central.clock.now - watch.periods_from) % period
     # This moment is the multiple itself, but for rounding. A wait of 0 would repeat for ever.
     if wait < period / 1000:
         wait += period
@@ -142,11 +142,11 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
     A suspended polling monitor delays the test until it is resumed. If its condition can't be asked
     it waits for the next period.
     """
-    if not watch.activations or (watch.task.message.is_outside_sequence and watch.task.suspended):
+    if not watch.tests_owed or (watch.task.message.is_outside_sequence and watch.task.suspended):
         return False
-    watch.since = central.clock.now
+    watch.periods_from = central.clock.now
     _test(central, watch)
-    watch.activations -= watch.condition is not None
+    watch.tests_owed -= watch.condition is not None
     return True
 
 
@@ -196,7 +196,7 @@ def on_condition_answered(
         else:
             raise_failure(central, task, failure)
     else:
-        watch.holds = holds = body not in (NIL, FALSE)
+        watch.last_result = holds = body not in (NIL, FALSE)
         central.facts.append(facts.MonitorTested(task.id, holds))
         if holds:
             _fire(central, watch, task.body if body == TRUE else body)
@@ -206,20 +206,20 @@ def on_condition_answered(
 
 def _fire(central: State, watch: Watch, body: bytes) -> None:
     options = watch.options
-    watch.count += 1
-    if watch.count % options.fire_every:
+    watch.times_met += 1
+    if watch.times_met % options.fire_every:
         return
     action = watch.parts[_ACTION]
     if action is not None:
         body = data_for(action, body)
-        if action.message_class.is_task and central.is_refused_for_lack_of_memory(
+        if action.message_class.is_task and central.refuse_own_task_if_full(
             f"action '{action.name}' of {watch.task}", body
         ):
             return
         make(central, action, body, watch.task, Role.ACTION, context=watch)
-    watch.fires += 1
-    if watch.fires == options.maximum:
-        end_monitor(central, watch, f"it has sent {watch.fires} actions")
+    watch.actions_sent += 1
+    if watch.actions_sent == options.maximum:
+        end_monitor(central, watch, f"it has sent {watch.actions_sent} actions")
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
@@ -248,7 +248,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
         if not watch.task.message.message_class.has_condition:
             _fire(central, watch, body)
         elif watch.is_on:  # the failure of an earlier one may have ended this one
-            watch.activations += 1
+            watch.tests_owed += 1
             if watch.condition is None:
                 _test_as_fired(central, watch)
     central.accept(connection, header.number, watching[0].task.id)
@@ -312,9 +312,9 @@ def on_watched(central: State, watch: Watch) -> None:
     end_monitor(central, watch, f"it has watched for {watch.options.duration:g} s")
 
 
-def end_watchers(central: State, task: Task) -> None:
+def end_background_monitors(central: State, task: Task) -> None:
     """A task waits only for monitors that are not waited for: end them."""
-    for child in list((task.children or {}).values()) if task.has_only_watchers_left else ():
+    for child in list((task.children or {}).values()) if task.has_only_background_left else ():
         is_to_begin = child.retrying or not child.reached & START_HANDLING
         if is_to_begin and (child.held or child.suspended):
             kill(central, child, Verdict(_ALL_ELSE))

@@ -126,7 +126,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     ):
         _record_plan(central, pending, header.after)
         Plans.of(task).pending[pending] = awaited
-        central.agenda.wait(awaited, checked_moment(header.after), pending)
+        central.agenda.add_waiter(awaited, checked_moment(header.after), pending)
     else:
         if header.delay:
             _record_plan(central, pending, None)

@@ -79,11 +79,11 @@ def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
     central.record_failure(task, failure)
     if central.agenda.end_or_retry(task):
         return
-    handler = _search(central, task, failure, is_beside=False)
-    if handler is None:
+    exception_handler = _search(central, task, failure, is_beside=False)
+    if exception_handler is None:
         central.agenda.mark_returned(task)
     else:
-        Recovery.of(task).handler = handler
+        Recovery.of(task).exception_handler = exception_handler
 
 
 def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = CENTRAL) -> None:
@@ -100,31 +100,33 @@ def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bo
 
     Without a handler the top-level task ends, its sender gets the failure, and this returns None.
     """
-    handler = _call_handler(central, task, failure, is_beside=is_beside)
-    if handler is None and (undecided := _unhandled(central, task, failure)) is not None:
+    exception_handler = _call_handler(central, task, failure, is_beside=is_beside)
+    if exception_handler is None and (undecided := _unhandled(central, task, failure)) is not None:
         _continue_search(central, undecided)
-    return handler
+    return exception_handler
 
 
-def _continue_search(central: State, handler: Task | None) -> None:
+def _continue_search(central: State, exception_handler: Task | None) -> None:
     """Continue a search above an exception handler that could not decide.
 
     If no handler is left, the failure that called for the undecided handler continues in turn.
     """
-    while handler is not None:
-        trouble = trouble_of(handler)
+    while exception_handler is not None:
+        trouble = trouble_of(exception_handler)
         failing, recovery = trouble.failing, Recovery.of(trouble.failing)
         if failing.killed:
             return
-        is_deciding = recovery.handler is handler
+        is_deciding = recovery.exception_handler is exception_handler
         next_handler = _call_handler(
             central, failing, trouble.failure, trouble, is_beside=not is_deciding
         )
         if is_deciding:
-            recovery.handler = next_handler
+            recovery.exception_handler = next_handler
             if next_handler is None:
                 central.agenda.mark_returned(failing)
-        handler = _unhandled(central, failing, trouble.failure) if next_handler is None else None
+        exception_handler = (
+            _unhandled(central, failing, trouble.failure) if next_handler is None else None
+        )
 
 
 def _call_handler(
@@ -137,7 +139,7 @@ def _call_handler(
 ) -> Task | None:
     """Call the nearest exception handler for a failure; with `below`, the nearest above it."""
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     passed: dict[tuple[int, str], None] = {}
     if exceptions:
         passed = trouble_of(exceptions[0]).passed
@@ -149,11 +151,11 @@ def _call_handler(
         return None
     at, attached = trouble.at, trouble.attached
     _count_call(central, at, attached)
-    handler = make_task(
+    exception_handler = make_task(
         central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble
     )
-    central.facts.append(facts.Caught(task.id, handler.id, at.id, attached.id, is_beside))
-    return handler
+    central.facts.append(facts.Caught(task.id, exception_handler.id, at.id, attached.id, is_beside))
+    return exception_handler
 
 
 def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
@@ -223,7 +225,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     If the failure is within an exception handler, and not by choice or left behind by a retry, kill
     that handler instead, and return it.
     """
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     undecided = exceptions[0] if exceptions else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = trouble_of(undecided).failing.lineage()
@@ -264,7 +266,7 @@ def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedF
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
     """End the top-level task, and report the failure to its sender."""
     *_, top = task.lineage()
-    exceptions = task.recoveries()
+    exceptions = task.exception_handlers_up()
     is_of_its_handler = any(one.parent is top for one in exceptions)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
@@ -297,9 +299,9 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
             _continue_search(central, victim)
 
 
-def _void_decision(handler: Task) -> bool:
+def _void_decision(exception_handler: Task) -> bool:
     """Void an exception handler's decision. Return whether the failure was undecided until now."""
-    trouble = trouble_of(handler)
+    trouble = trouble_of(exception_handler)
     was_undecided, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
     return was_undecided
 
@@ -316,26 +318,28 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
             kill(central, listener, verdict)
 
 
-def skip_exception_handler(central: State, handler: Delivery) -> None:
+def skip_exception_handler(central: State, exception_handler: Delivery) -> None:
     """Continue the search after an exception handler that waits without any handler."""
-    assert isinstance(handler, Task)
-    if handler.killed or handler.queues != ():  # it has a handler again
+    assert isinstance(exception_handler, Task)
+    if exception_handler.killed or exception_handler.queues != ():  # it has a handler again
         return
-    why = f"no module handles '{handler.message.name}' any more"
-    trouble = trouble_of(handler)
-    trouble.failure = _with_undecided(trouble.failure, handler, f"could not decide: {why}")
-    kill(central, handler, Verdict(why))
+    why = f"no module handles '{exception_handler.message.name}' any more"
+    trouble = trouble_of(exception_handler)
+    trouble.failure = _with_undecided(
+        trouble.failure, exception_handler, f"could not decide: {why}"
+    )
+    kill(central, exception_handler, Verdict(why))
 
 
 # --- decisions of exception handlers --------------------------------------------------------------
 
 
-def reissue(central: State, handler: Task) -> None:
+def reissue(central: State, exception_handler: Task) -> None:
     """The exception handler can't deal with the failure: continue the search after it."""
-    central.facts.append(facts.Reissued(handler.id))
-    if _void_decision(handler):
-        _continue_search(central, handler)
-    central.agenda.mark_returned(handler)
+    central.facts.append(facts.Reissued(exception_handler.id))
+    if _void_decision(exception_handler):
+        _continue_search(central, exception_handler)
+    central.agenda.mark_returned(exception_handler)
 
 
 def on_resolve(central: State, connection: Connection, header: headers.Resolve, _: bytes) -> None:
@@ -343,51 +347,53 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
 
     It has no effect after a retry or kill.
     """
-    handler = central.dispatcher.running.get(central.origin)
-    if handler is None:
+    asking = central.dispatcher.running.get(central.origin)
+    if asking is None:
         text = "the exception handler has returned: call resolved() before that"
         raise RequestError(Refusal.TOO_LATE, text)
-    if not isinstance(handler, Task) or handler.role is not Role.EXCEPTION:
-        text = f"message {handler.message_id} handles no failure: only exception handlers resolve"
+    if not isinstance(asking, Task) or asking.role is not Role.EXCEPTION:
+        text = f"message {asking.message_id} handles no failure: only exception handlers resolve"
         raise RequestError(Refusal.PROTOCOL, text)
-    trouble = trouble_of(handler)
+    trouble = trouble_of(asking)
     is_over = trouble.decision is Decision.VOID or trouble.failing.killed
-    counts = not (is_over or handler.retrying or handler.killed)
+    counts = not (is_over or asking.retrying or asking.killed)
     if counts and trouble.decision is Decision.NONE:
         trouble.decision = Decision.DEALT_WITH
-        central.facts.append(facts.Resolved(handler.id))
-    central.accept(connection, header.number, handler.id if counts else ROOT)
+        central.facts.append(facts.Resolved(asking.id))
+    central.accept(connection, header.number, asking.id if counts else ROOT)
 
 
-def on_exception_handler_ended(central: State, handler: Task) -> None:
+def on_exception_handler_ended(central: State, exception_handler: Task) -> None:
     """An exception handler's task has ended: apply its decision, or continue the search."""
-    trouble = trouble_of(handler)
+    trouble = trouble_of(exception_handler)
     failing = trouble.failing
     for asked in trouble.retried:
-        central.agenda.end_retry_request(asked, handler)
+        central.agenda.end_retry_request(asked, exception_handler)
     if not failing.killed:
         if trouble.decision is Decision.DEALT_WITH:
-            _recover(central, failing, handler)
+            _recover(central, failing, exception_handler)
         elif trouble.decision is Decision.NONE:
-            _continue_unresolved(central, failing, handler)
-    central.agenda.mark_handler_processed(failing)
+            _continue_unresolved(central, failing, exception_handler)
+    central.agenda.mark_decision_processed(failing)
 
 
-def _recover(central: State, failing: Task, handler: Task) -> None:
+def _recover(central: State, failing: Task, exception_handler: Task) -> None:
     recovery = Recovery.of(failing)
     recovery.is_dealt_with = True
-    central.facts.append(facts.Recovered(failing.id, handler.id))
-    if recovery.handler is handler:
-        recovery.handler = None
+    central.facts.append(facts.Recovered(failing.id, exception_handler.id))
+    if recovery.exception_handler is exception_handler:
+        recovery.exception_handler = None
         central.agenda.mark_returned(failing)
 
 
-def _continue_unresolved(central: State, failing: Task, handler: Task) -> None:
+def _continue_unresolved(central: State, failing: Task, exception_handler: Task) -> None:
     """Continue the search, and add to the failure's text why the handler has changed nothing."""
-    central.facts.append(facts.NotResolved(handler.id, failing.id))
-    trouble = trouble_of(handler)
-    trouble.failure = _with_undecided(trouble.failure, handler, "returned without dealing with it")
-    _continue_search(central, handler)
+    central.facts.append(facts.NotResolved(exception_handler.id, failing.id))
+    trouble = trouble_of(exception_handler)
+    trouble.failure = _with_undecided(
+        trouble.failure, exception_handler, "returned without dealing with it"
+    )
+    _continue_search(central, exception_handler)
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
@@ -428,7 +434,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
     """
     # Foreign monitors survive the retry, and may watch until the task returns.
     foreign_monitors = [
-        monitor for monitor in (task.watchers or {}).values() if monitor.is_foreign_monitor
+        monitor
+        for monitor in (task.background_monitors or {}).values()
+        if monitor.is_foreign_monitor
     ]
     starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
     starts += [

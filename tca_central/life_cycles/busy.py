@@ -17,7 +17,7 @@ def on_handler_busy(central: State, task: Task) -> None:
         not task.queues
         or not handlers
         or handlers[-1].busy is Busy.QUEUE
-        or central.dispatcher.is_holding
+        or central.dispatcher.are_tasks_paused
     ):
         return
     if any(not resource.capacity for resource in task.queues):

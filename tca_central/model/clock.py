@@ -57,7 +57,7 @@ class Clock(Stored):
             self._cancelled = 0
 
     @property
-    def timers(self) -> int:
+    def timer_count(self) -> int:
         """The number of timers in the queue, with cancelled ones."""
         return len(self._queue)
 

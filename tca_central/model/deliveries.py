@@ -137,14 +137,14 @@ class Slot(Asker):
     """The handling of messages by a connection: one thread of a resource."""
 
     __slots__ = (
-        "begins",
         "handling",
         "hang_timers",
         "hung_after",
         "known_until",
+        "maybe_unstarted",
+        "next_began_at",
         "prefetch",
         "resource",
-        "unbegun",
         "was_replaced",
     )
 
@@ -158,9 +158,9 @@ class Slot(Asker):
         self.handling: dict[Delivery, int] = {}
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
-        self.unbegun: Delivery | None = None
+        self.maybe_unstarted: Delivery | None = None
         #: When the slot began the prefetched message that it gets next (0: when it gets it)
-        self.begins = 0.0
+        self.next_began_at = 0.0
         #: End of the last run that central knows: none reported later is before it.
         self.known_until = 0.0
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)

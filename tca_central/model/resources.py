@@ -173,7 +173,7 @@ class Resource(Stored, Generic[S, Q]):
         "copies",
         "held_by",
         "is_recalling",
-        "locked_out_questions",
+        "locked_out_queries",
         "module",
         "name",
         "numbers",
@@ -191,8 +191,8 @@ class Resource(Stored, Generic[S, Q]):
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new slot gets the lowest free number
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
-        #: Questions of its own slots that a lock keeps out -> the asking slot.
-        self.locked_out_questions: dict[Q, S] = {}
+        #: Queries of its own slots that a lock keeps out -> the asking slot.
+        self.locked_out_queries: dict[Q, S] = {}
         self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has prefetched and, as far as central knows, not begun.
 
@@ -301,8 +301,8 @@ class Resource(Stored, Generic[S, Q]):
 
     def leave_queue(self, message: Q) -> None:
         """Remove a message: its entries have become void."""
-        if self.locked_out_questions:
-            self.locked_out_questions.pop(message, None)
+        if self.locked_out_queries:
+            self.locked_out_queries.pop(message, None)
         if message in self.prefetched:
             del self.prefetched[message]
             return
@@ -340,7 +340,7 @@ class Resource(Stored, Generic[S, Q]):
             return None
         return first
 
-    def next_question(self) -> Q | None:
+    def next_non_task(self) -> Q | None:
         """Return the next message to admit while tasks may not start; None behind a claim."""
         others = [
             entry

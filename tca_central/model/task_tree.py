@@ -75,10 +75,10 @@ class TaskTree(Stored):
         if parent.children is None:
             parent.children = {}
         parent.children[task.id] = self.tasks[task.id] = task
-        if task.is_watcher:
-            if parent.watchers is None:
-                parent.watchers = {}
-            parent.watchers[task.id] = task
+        if task.is_background:
+            if parent.background_monitors is None:
+                parent.background_monitors = {}
+            parent.background_monitors[task.id] = task
         if task.is_foreign_monitor:
             Recovery.of(parent).foreign_monitors += 1
 
@@ -150,8 +150,8 @@ class TaskTree(Stored):
         if parent is None or parent.children is None:
             return
         del parent.children[task.id]
-        if parent.watchers and task.is_watcher:
-            del parent.watchers[task.id]
+        if parent.background_monitors and task.is_background:
+            del parent.background_monitors[task.id]
         if task.is_foreign_monitor:
             Recovery.of(parent).foreign_monitors -= 1
         if parent is self.root:

@@ -37,14 +37,14 @@ class Node(Delivery):
     """A place in the tree: its parent and its living children."""
 
     __slots__ = (
+        "background_monitors",
         "children",
         "depth",
-        "is_watcher",
+        "is_background",
         "last_child",
         "parent",
         "sequence",
         "unplanned",
-        "watchers",
     )
 
     def __init__(
@@ -53,12 +53,13 @@ class Node(Delivery):
         Delivery.__init__(self, task_id, message, body, sender)
         self.parent: Task | None = None  #: none: it is the root
         self.depth = 0  #: number of tasks from the top of the tree to this one, both included
-        #: A monitor that its parent does not wait for. It ends when all its other siblings have
-        #: ended.
-        self.is_watcher = False
+        #: A monitor that its parent does not wait for. It is ended when the parent's handler has
+        #: returned and only such monitors are left under it.
+        self.is_background = False
         #: By id: the children that have not ended, oldest first.
         self.children: dict[int, Task] | None = None
-        self.watchers: dict[int, Task] | None = None  #: by id: the children that are watchers
+        #: By id: the children that are background monitors.
+        self.background_monitors: dict[int, Task] | None = None
         self.unplanned = 0  #: number of children whose planning has not ended
         #: The child that constraint flags of the next child refer to.
         self.last_child: Task | None = None
@@ -79,11 +80,13 @@ class Ordered(Node):
         self.reached = 0  #: the moments reached, as bits
         self.delayed = False  #: whether planning starts only when achieving does (DELAY_PLANNING)
         self.held = 0  #: number of unmet constraints per moment, packed into one integer (holds.py)
-        #: What waits for this task: (its own moment, follower, the follower's moment, delay)
+        #: The points that constraints hold until a moment of this task:
+        #: (its own moment, follower, the follower's moment, delay)
         self.followers: list[tuple[int, Task, int, float]] | None = None
         #: What this task waits for: (its own moment, id of the leader, the leader's moment)
         self.leaders: list[tuple[int, int, int]] | None = None
-        #: By waiter: the moment of this task that it waits for, oldest first.
+        #: What else is to happen at a moment of it (answer a connection, kill, end a monitor):
+        #: waiter -> the moment, oldest first.
         self.waiters: dict[Stored, int] | None = None
 
 
@@ -99,11 +102,11 @@ class Task(Ordered):
     __slots__ = (
         "clients",
         "is_goal",
+        "is_startable",
         "keeping",
         "killed",
         "plans",
         "recovery",
-        "requested",
         "result",
         "retrying",
         "returned",
@@ -125,8 +128,8 @@ class Task(Ordered):
         #: Of its life cycle; observers learn the final one when the task has ended.
         self.state = message.initial
         self.serial = 0  #: number of changes of that state
-        #: Whether all conditions of its start are met, and the dispatcher has it.
-        self.requested = False
+        #: Whether its start conditions are met, so that it is startable, queued or delivered.
+        self.is_startable = False
         self.suspended = False
         self.retrying = False  #: is to be handled again, once everything under it has ended
         self.returned = False  #: whether its handler has returned, or will never be called
@@ -183,12 +186,12 @@ class Task(Ordered):
         return bool(self.role)
 
     @property
-    def has_unprocessed_handlers(self) -> bool:
+    def has_unprocessed_decisions(self) -> bool:
         """Whether exception handlers of it have ended whose decisions central has not processed.
 
         They may still make it fail again.
         """
-        return self.recovery is not None and self.recovery.unprocessed_handlers > 0
+        return self.recovery is not None and self.recovery.unprocessed_decisions > 0
 
     @property
     def may_be_handled_again(self) -> bool:
@@ -201,16 +204,16 @@ class Task(Ordered):
         if recovery is None:
             return not (self.is_running or children)
         return (
-            not (self.is_running or recovery.retry_requesters or recovery.unprocessed_handlers)
+            not (self.is_running or recovery.retry_requesters or recovery.unprocessed_decisions)
             and children == recovery.foreign_monitors
         )
 
     @property
-    def has_only_watchers_left(self) -> bool:
-        """Whether its handler has returned and only watchers are left under it."""
-        if self.has_unprocessed_handlers:
+    def has_only_background_left(self) -> bool:
+        """Whether its handler has returned and only background monitors are left under it."""
+        if self.has_unprocessed_decisions:
             return False
-        return self.returned and len(self.children or ()) == len(self.watchers or ()) > 0
+        return self.returned and len(self.children or ()) == len(self.background_monitors or ()) > 0
 
     @property
     def is_running(self) -> bool:
@@ -222,8 +225,8 @@ class Task(Ordered):
         """The handler that has it; None if no handler does."""
         return self.slot.module.handlers.get(self.message.name) if self.slot is not None else None
 
-    def recoveries(self) -> "list[Task]":
-        """Return this task and its ancestors that are exception handlers, nearest first."""
+    def exception_handlers_up(self) -> "list[Task]":
+        """Return the exception handlers among this task and its ancestors, nearest first."""
         found, exception = [], Role.EXCEPTION
         task: Task | None = self
         while task is not None:
@@ -259,13 +262,13 @@ class Recovery(Stored):
     __slots__ = (
         "attached",
         "attempts",
+        "exception_handler",
         "failure",
         "foreign_monitors",
-        "handler",
         "invocations",
         "is_dealt_with",
         "retry_requesters",
-        "unprocessed_handlers",
+        "unprocessed_decisions",
     )
 
     def __init__(self) -> None:
@@ -275,7 +278,7 @@ class Recovery(Stored):
         self.failure: Failure | None = None  #: the one raised last
         self.is_dealt_with = False  #: whether an exception handler has resolved it
         #: The exception handler that is to decide about the failure.
-        self.handler: Task | None = None
+        self.exception_handler: Task | None = None
         self.attempts = 1  #: number of times that the task has been handled, with the present one
         #: Exception handlers that want a retry and have not ended.
         self.retry_requesters: dict[Task, None] = {}
@@ -284,7 +287,7 @@ class Recovery(Stored):
         )
         #: Number of exception handlers of the task that have ended, and whose decisions are not
         #: processed yet. Until then the task may not end: it may fail again.
-        self.unprocessed_handlers = 0
+        self.unprocessed_decisions = 0
 
     @staticmethod
     def of(task: Task) -> "Recovery":
@@ -425,20 +428,20 @@ class Watch(Stored):
     """A monitor from its creation to its end."""
 
     __slots__ = (
-        "activations",
-        "began",
+        "actions_sent",
         "condition",
-        "count",
-        "fires",
-        "holds",
         "is_foreign_monitor",
         "is_over",
+        "last_result",
         "options",
         "parts",
-        "since",
+        "periods_from",
         "task",
+        "tests_owed",
         "timers",
+        "times_met",
         "waits_for",
+        "watching_since",
     )
 
     def __init__(
@@ -453,13 +456,13 @@ class Watch(Stored):
         self.parts = parts  #: condition and action; of a demon monitor: set-up, action and cancel
         #: Whether another module than the one that handles its parent has created it.
         self.is_foreign_monitor = is_foreign_monitor
-        self.began: float | None = None  #: when it began to watch
-        self.since = 0.0  #: start of its first period
-        self.activations = 0  #: number of tests still to make because it was fired
+        self.watching_since: float | None = None  #: when it began to watch
+        self.periods_from = 0.0  #: the moment from which its periods count
+        self.tests_owed = 0  #: number of tests still to make because it was fired
         self.condition: Delivery | None = None  #: the test under way
-        self.holds: bool | None = None  #: result of the last test
-        self.count = 0  #: how often its condition held, or it was fired
-        self.fires = 0  #: number of actions sent
+        self.last_result: bool | None = None  #: result of the last test
+        self.times_met = 0  #: how often its condition held, or it was fired
+        self.actions_sent = 0  #: number of actions sent
         self.timers: dict[Due, Timer] = {}
         self.waits_for: Task | None = None  #: the task whose moment ends it
         self.is_over = False
@@ -467,7 +470,7 @@ class Watch(Stored):
     @property
     def is_on(self) -> bool:
         """Whether it watches now."""
-        return self.began is not None and not self.is_over
+        return self.watching_since is not None and not self.is_over
 
     @property
     def header(self) -> Watching:

@@ -170,7 +170,7 @@ def _of_handler(_: State, node: Returning, each: Each) -> Groups:
         if wait.is_coroutine:
             awaited = wait.together if wait.origin == delivery.handling_id else awaited
             yield None
-        elif wait.since > given and (wait.origin or slot.unbegun is not delivery):
+        elif wait.since > given and (wait.origin or slot.maybe_unstarted is not delivery):
             yield [Waiting(slot, one) for one in group] if group[0] == number else None
     if awaited:
         yield [Waiting(slot, number) for number in awaited]
@@ -192,8 +192,8 @@ def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         key = -delivery.priority, delivery.arrival
         for claim in each(resource.claims):
             yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
-    # A question of the resource's own slot needs no free slot: the slot handles it in its wait.
-    if resource.slots and not resource.free and delivery not in resource.locked_out_questions:
+    # A query of the resource's own slot needs no free slot: the slot handles it in its wait.
+    if resource.slots and not resource.free and delivery not in resource.locked_out_queries:
         yield [Freeing(resource)]
 
 
@@ -297,8 +297,8 @@ def _of_test(monitor: Task) -> Groups:
     if watch.waits_for is not None and watch.options.until is not None:
         ends.append(Place(watch.waits_for, int(watch.options.until.moment)))
     parent = monitor.parent
-    if parent is not None and monitor.is_watcher and parent.id != ROOT:
-        others = (one for one in (parent.children or {}).values() if not one.is_watcher)
+    if parent is not None and monitor.is_background and parent.id != ROOT:
+        others = (one for one in (parent.children or {}).values() if not one.is_background)
         other = next(others, None) if parent.returned else None
         ends.append(Place(parent, END_HANDLING) if other is None else Place(other, END_ACHIEVING))
     yield ends
@@ -348,7 +348,7 @@ def only_watches(central: State, child: Task) -> bool:
 
     The parent then waits for what the monitor has sent, but not for the monitor.
     """
-    if not child.is_watcher or child.parent is None or child.parent.id == ROOT:
+    if not child.is_background or child.parent is None or child.parent.id == ROOT:
         return False
     ahead = (END_HANDLING | END_ACHIEVING) & ~child.reached if not child.killed else 0
     for moment, number, its in child.leaders or ():

@@ -143,14 +143,14 @@ def _children(place: Place) -> int:
     task = place.task
     if place.moment == END_PLANNING:
         return task.unplanned
-    return len(task.children or ()) - len(task.watchers or ())
+    return len(task.children or ()) - len(task.background_monitors or ())
 
 
 def _deciding(task: Task) -> list[Task]:
     """Return the exception handlers that hold a task: the deciding one, and retry requesters."""
     if task.recovery is None or task.killed:
         return []
-    known = [task.recovery.handler, *task.recovery.retry_requesters]
+    known = [task.recovery.exception_handler, *task.recovery.retry_requesters]
     return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
 
 
@@ -190,9 +190,14 @@ def condition_of(monitor: Task) -> WaitFor:
     query = watch.parts[0] if monitor.message.message_class.has_condition else None
     if watch.condition is not None:
         return WaitFor(
-            WaitKind.CONDITION, watch.condition.id, watch.condition.message.name, holds=watch.holds
+            WaitKind.CONDITION,
+            watch.condition.id,
+            watch.condition.message.name,
+            holds=watch.last_result,
         )
-    return WaitFor(WaitKind.CONDITION, 0, "" if query is None else query.name, holds=watch.holds)
+    return WaitFor(
+        WaitKind.CONDITION, 0, "" if query is None else query.name, holds=watch.last_result
+    )
 
 
 def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
@@ -221,7 +226,7 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
-    is_under = above is not None and above.is_watcher and other.above(task.id)
+    is_under = above is not None and above.is_background and other.above(task.id)
     if above is task or is_under:
         return WaitKind.SUBTASK
     return WaitKind.CONSTRAINT

@@ -49,7 +49,7 @@ class Agenda(Stored):
         "ended",
         "ended_waits",
         "holds",
-        "left_with_watchers",
+        "only_background_left",
         "resumed_monitors",
         "startable",
         "tap_events",
@@ -57,7 +57,7 @@ class Agenda(Stored):
         "to_advance",
         "tree",
         "unanswered",
-        "waits",
+        "wait_count",
         "withdrawn",
     )
 
@@ -72,7 +72,7 @@ class Agenda(Stored):
         self.withdrawn: deque[tuple[Task, bool]] = deque()
         """Tasks that must leave their queues: they may not start now. True: only suspended."""
         self.ended: deque[Task] = deque()  #: tasks that have reached their last moment
-        self.waits = 0  #: number of entries in all ``Task.waiters``
+        self.wait_count = 0  #: number of entries in all ``Task.waiters``
         #: Waits whose moment has been reached.
         self.ended_waits: deque[tuple[Task, Stored]] = deque()
         #: Wiretaps to fire before a task may advance.
@@ -81,7 +81,7 @@ class Agenda(Stored):
         self.tap_events: deque[tuple[Delivery, int]] = deque()
         self.resumed_monitors: deque[Task] = deque()  #: monitors that are no longer suspended
         #: Tasks whose only open children are background monitors.
-        self.left_with_watchers: deque[Task] = deque()
+        self.only_background_left: deque[Task] = deque()
 
     # --- calls of the core ------------------------------------------------------------------------
 
@@ -110,7 +110,7 @@ class Agenda(Stored):
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
         self.to_advance.append(task)
-        if parent.returned and task.is_watcher:  # the parent may wait for nothing else
+        if parent.returned and task.is_background:  # the parent may wait for nothing else
             self.to_advance.append(parent)
         return added
 
@@ -169,8 +169,8 @@ class Agenda(Stored):
         self._check_parent(task)
 
     def _check_parent(self, task: Task) -> None:
-        """Check the parent of a watcher again: with this change it may have only watchers left."""
-        if task.is_watcher and task.parent is not None:
+        """Check the parent of a background monitor again: it may have nothing else left now."""
+        if task.is_background and task.parent is not None:
             self.to_advance.append(task.parent)
 
     def mark_returned(self, task: Task) -> None:
@@ -189,7 +189,7 @@ class Agenda(Stored):
             task.tapping.fired = {
                 tap: heard for tap, heard in task.tapping.fired.items() if tap in done
             }
-        self.requeue(task)
+        self.restart(task)
         self._check_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
@@ -203,14 +203,14 @@ class Agenda(Stored):
             self.retry(task)
         return bool(task.killed) or task.retrying
 
-    def end_retry_request(self, task: Task, handler: Task) -> None:
+    def end_retry_request(self, task: Task, exception_handler: Task) -> None:
         """An exception handler that asked for a retry has ended: the retry may start."""
-        Recovery.of(task).retry_requesters.pop(handler, None)
+        Recovery.of(task).retry_requesters.pop(exception_handler, None)
         self.to_advance.append(task)
 
-    def mark_handler_processed(self, task: Task) -> None:
+    def mark_decision_processed(self, task: Task) -> None:
         """Record that the decision of an ended exception handler of the task was processed."""
-        Recovery.of(task).unprocessed_handlers -= 1
+        Recovery.of(task).unprocessed_decisions -= 1
         self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
@@ -223,15 +223,15 @@ class Agenda(Stored):
                 self._withdraw(task)
             self.to_advance.append(task)
 
-    def requeue(self, task: Task) -> None:
-        """Have a started task handled again after it lost its handler."""
+    def restart(self, task: Task) -> None:
+        """Have a started task handled again: it leaves its queues, and is checked again."""
         if task.queues is not None:
             self.withdrawn.append((task, False))
-        self.request_again(task)
+        self.recheck_start(task)
 
-    def request_again(self, task: Task) -> None:
+    def recheck_start(self, task: Task) -> None:
         """Check whether a task that is in no queue may start."""
-        task.requested = False
+        task.is_startable = False
         self.to_advance.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
@@ -277,22 +277,22 @@ class Agenda(Stored):
                 self.to_advance.append(node)
                 if node.message.message_class.is_monitor:
                     self.resumed_monitors.append(node)
-            elif node.requested and node.queues is not None:
+            elif node.is_startable and node.queues is not None:
                 self._withdraw(node, is_suspended=True)
         return changed
 
-    def wait(self, task: Task, moment: int, waiter: Stored) -> None:
-        """Put *waiter* into ``ended_waits`` when the task reaches that moment."""
+    def add_waiter(self, task: Task, moment: int, waiter: Stored) -> None:
+        """Have *waiter* put into ``ended_waits`` when the task reaches that moment."""
         if task.waiters is None:
             task.waiters = {}
         if waiter not in task.waiters:
-            self.waits += 1
+            self.wait_count += 1
         task.waiters[waiter] = moment
 
     def stop_waiting(self, task: Task, waiter: Stored) -> None:
         """Forget a wait that is no longer needed."""
         if task.waiters is not None and task.waiters.pop(waiter, None) is not None:
-            self.waits -= 1
+            self.wait_count -= 1
 
     def advance_all(self) -> None:
         """Advance tasks until none can reach another moment."""
@@ -309,14 +309,14 @@ class Agenda(Stored):
             return
         if task.killed or task.reached & START_HANDLING:
             self._reach_due_moments(task)
-        if not (task.requested or task.killed) and self._may_start(task):
-            task.requested = not (task.message.taps or task.tapping) or self._may_pass(
+        if not (task.is_startable or task.killed) and self._may_start(task):
+            task.is_startable = not (task.message.taps or task.tapping) or self._may_pass(
                 task, first_moments(task)
             )
-            if task.requested:
+            if task.is_startable:
                 self.startable.append(task)
-        if task.watchers and task.has_only_watchers_left:
-            self.left_with_watchers.append(task)
+        if task.background_monitors and task.has_only_background_left:
+            self.only_background_left.append(task)
 
     def _reach_due_moments(self, task: Task) -> None:
         """Reach every moment whose conditions are met, of a task that has started or was killed.
@@ -382,7 +382,7 @@ class Agenda(Stored):
             return bool(task.role) or bool(task.parent and task.parent.reached & moment)
         if moment == END_HANDLING or not task.returned:
             return task.returned
-        if task.recovery is not None and task.recovery.unprocessed_handlers and not task.killed:
+        if task.recovery is not None and task.recovery.unprocessed_decisions and not task.killed:
             return False  # it may fail again, and then wait for another exception handler
         open_children = task.children if moment == END_ACHIEVING else task.unplanned
         return not open_children
@@ -401,7 +401,7 @@ class Agenda(Stored):
             for waiter in [waiter for waiter, moment in task.waiters.items() if moment & moments]:
                 self.ended_waits.append((task, waiter))
                 del task.waiters[waiter]
-                self.waits -= 1
+                self.wait_count -= 1
         if task.followers:
             self.to_advance.extend(self.holds.release_followers(task, moments))
         if task.children and moments & (START_PLANNING | START_ACHIEVING):
@@ -421,19 +421,19 @@ class Agenda(Stored):
         self.ended.append(task)
         parent = task.parent
         if task.role is Role.EXCEPTION and parent is not None:
-            Recovery.of(parent).unprocessed_handlers += 1
+            Recovery.of(parent).unprocessed_decisions += 1
         if parent is None or not (parent.returned or parent.retrying):
             return
-        if parent.retrying or len(parent.children or ()) == len(parent.watchers or ()):
+        if parent.retrying or len(parent.children or ()) == len(parent.background_monitors or ()):
             self.to_advance.append(parent)
 
     def _withdraw_if_held(self, task: Task) -> None:
         """Take an undelivered task out of its queues if a new constraint holds it."""
         self._check_parent(task)
-        if task.requested and not task.reached & START_HANDLING and not self._may_start(task):
+        if task.is_startable and not task.reached & START_HANDLING and not self._may_start(task):
             self._withdraw(task)
 
     def _withdraw(self, task: Task, *, is_suspended: bool = False) -> None:
         """Take a task out of its queues. The core does this, by way of ``withdrawn``."""
-        task.requested = False
+        task.is_startable = False
         self.withdrawn.append((task, is_suspended))

@@ -318,12 +318,12 @@ def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     if moment == START_ACHIEVING:
         yield from _all_else(task)
     elif moment == END_ACHIEVING:
-        if not task.is_watcher:
+        if not task.is_background:
             yield from _all_else(task.parent)
         for asked in retried_by(task):
             yield from _all_else(asked)
     elif moment == ALL_ELSE and below:
-        for monitor in (task.watchers or {}).values():
+        for monitor in (task.background_monitors or {}).values():
             if not monitor.killed:
                 yield from (Place(monitor, END_HANDLING), Place(monitor, END_ACHIEVING))
                 yield from _all_else(monitor)  # a monitor is handled until it ends
@@ -334,15 +334,15 @@ def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
     if moment == ALL_ELSE:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
-        yield from (Place(child, END_ACHIEVING) for child in children if not child.is_watcher)
+        yield from (Place(child, END_ACHIEVING) for child in children if not child.is_background)
         yield from (Place(handler, END_ACHIEVING) for handler in _retry_requesters(task))
-    if moment in (END_HANDLING, END_ACHIEVING, ALL_ELSE) and task.is_watcher and not task.killed:
+    if moment in (END_HANDLING, END_ACHIEVING, ALL_ELSE) and task.is_background and not task.killed:
         yield from _all_else(task.parent)
 
 
 def _all_else(task: Task | None) -> Iterator[Place]:
     """Yield ``ALL_ELSE`` of a task if monitors end then. Under the root none do."""
-    if task is not None and task.watchers and task.id != ROOT:
+    if task is not None and task.background_monitors and task.id != ROOT:
         yield Place(task, ALL_ELSE)
 
 
@@ -354,5 +354,5 @@ def _retry_requesters(task: Task) -> Iterable[Task]:
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* waits for *child* before it is handled again, or else before it is planned."""
     return (task.retrying and not child.is_foreign_monitor) or (
-        task.recovery is not None and task.recovery.handler is child
+        task.recovery is not None and task.recovery.exception_handler is child
     )

@@ -38,10 +38,10 @@ the tree anyway.
 
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
-"""A wait that may close a cycle of waits.
+"""What may close a cycle of waits.
 
-It is that of a queued message, for a claim whose holder has returned, or of a connection for an
-answer.
+A queued message (waits for a slot), a granted claim whose handler has returned (others wait for its
+release), or a connection with the number of the request whose answer it awaits.
 """
 
 
@@ -54,12 +54,12 @@ class Dispatcher(Stored):
         "_facts",
         "_out",
         "_suspects",
+        "are_tasks_paused",
         "bytes",
         "changed",
         "displaced",
         "granted",
-        "handlers",
-        "is_holding",
+        "handler_count",
         "prefetcher",
         "running",
         "stranded",
@@ -73,10 +73,10 @@ class Dispatcher(Stored):
         self._facts, self._out, self._suspects, self._clock = facts, out, suspects, clock
         self.prefetcher = Prefetcher(out, clock)
         self._arrivals = 0
-        self.is_holding = False  #: after a restart: no task starts
+        self.are_tasks_paused = False  #: whether no task starts, after a restart
         self.running: dict[int, Delivery] = {}  #: by the number under which its handler has it
         self.bytes = 0  #: held by deliveries, without tasks
-        self.handlers = 0  #: number of handlers of all messages
+        self.handler_count = 0  #: number of handlers of all messages
         #: Messages that gained or lost handlers: number of handlers before.
         self.changed: dict[MessageType, int] = {}
         self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
@@ -102,7 +102,7 @@ class Dispatcher(Stored):
             return
         slot = own_slot(delivery, resources)
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
-            slot.resource.locked_out_questions[delivery] = slot
+            slot.resource.locked_out_queries[delivery] = slot
             slot = None
         if slot is None:
             self._queue(delivery, resources)
@@ -112,7 +112,7 @@ class Dispatcher(Stored):
             self._assign_nested(delivery, slot)
 
     def _assign_nested(self, delivery: Delivery, slot: Connection) -> None:
-        """Have a slot that waits for the answer handle the question itself, nested in its wait."""
+        """Have a slot that waits for the answer handle the query itself, nested in its wait."""
         delivery.nested = True
         self._assign(delivery, slot)
 
@@ -133,7 +133,7 @@ class Dispatcher(Stored):
             resource.queue(delivery)
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
-            is_sure = is_sure or _is_sure_to_be_handled(resource)
+            is_sure = is_sure or _gets_free(resource)
         # Only a message that may wait for ever is checked for a deadlock.
         if not is_sure:
             self._suspects.append(delivery)
@@ -144,10 +144,14 @@ class Dispatcher(Stored):
             if resource.limits and (limit := resource.limits.get(delivery.message.name)):
                 self._apply_limit(limit, delivery, resource)
 
-    def _count_queued(self, question: Delivery, resources: tuple[ModuleResource, ...]) -> None:
-        """Count a queued message that is not a task. While no task starts, it overtakes tasks."""
-        self.bytes += DELIVERY_BYTES + len(question.body)
-        if self.is_holding:
+    def _count_queued(self, message: Delivery, resources: tuple[ModuleResource, ...]) -> None:
+        """Count a queued message that is not a task.
+
+        While tasks wait after a restart, everything else may overtake them, so the resources are
+        offered again.
+        """
+        self.bytes += DELIVERY_BYTES + len(message.body)
+        if self.are_tasks_paused:
             self.to_offer.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
@@ -178,7 +182,7 @@ class Dispatcher(Stored):
 
     def _assign_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
         """Deliver to a free slot. Return False if all are busy."""
-        if self.is_holding and delivery.is_task:
+        if self.are_tasks_paused and delivery.is_task:
             return False
         for resource in resources:
             if slot := resource.slot_for(delivery):
@@ -218,7 +222,7 @@ class Dispatcher(Stored):
         if slot.hang_timers:
             self._clock.cancel(slot.hang_timers.pop(delivery.handling_id, None))
         del slot.handling[delivery]
-        slot.unbegun = None
+        slot.maybe_unstarted = None
         slot.known_until = ended
         if delivery.nested:
             delivery.nested = False
@@ -240,24 +244,24 @@ class Dispatcher(Stored):
             self.to_offer.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._assign_next(following, resource)
-            if resource.free or resource.locked_out_questions:
+            if resource.free or resource.locked_out_queries:
                 self.to_offer.append((resource, None))
-        elif resource.locked_out_questions and not resource.is_locked:
+        elif resource.locked_out_queries and not resource.is_locked:
             # A slot that waits for an answer from its own resource would wait for itself.
-            for delivery, sender in list(resource.locked_out_questions.items()):
+            for delivery, sender in list(resource.locked_out_queries.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
                     self._assign_nested(delivery, sender)
-            resource.locked_out_questions.clear()
+            resource.locked_out_queries.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
         """Return what a resource admits next.
 
-        While no task starts, only other messages are admitted.
+        While tasks wait after a restart, only other messages and claims are admitted.
         """
         following = resource.next_queued()
-        if self.is_holding and following is not None and following.is_task:
-            return resource.next_question()
+        if self.are_tasks_paused and following is not None and following.is_task:
+            return resource.next_non_task()
         return following
 
     def _assign_next(self, delivery: Delivery, resource: Resource[Connection, Delivery]) -> None:
@@ -358,7 +362,7 @@ class Dispatcher(Stored):
 
     def release_tasks(self, modules: Iterable[Module]) -> None:
         """Let tasks start again after a restart."""
-        self.is_holding = False
+        self.are_tasks_paused = False
         self.to_offer.extend(
             (resource, None) for module in modules for resource in module.resources.values()
         )
@@ -400,7 +404,7 @@ class Dispatcher(Stored):
     def _leave_queues(self, delivery: Delivery) -> None:
         """Remove a delivery from its queues. A claim behind it may be next now."""
         for resource in delivery.queues or ():
-            if resource.claims or self.is_holding:
+            if resource.claims or self.are_tasks_paused:
                 self.to_offer.append((resource, None))
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
@@ -444,7 +448,7 @@ class Dispatcher(Stored):
         for timer in slot.hang_timers.values():
             self._clock.cancel(timer)
         slot.hang_timers.clear()
-        orphans, slot.handling, slot.unbegun = list(slot.handling), {}, None
+        orphans, slot.handling, slot.maybe_unstarted = list(slot.handling), {}, None
         for delivery in orphans:
             del self.running[delivery.handling_id]
             if not delivery.is_task:
@@ -470,7 +474,7 @@ class Dispatcher(Stored):
         message = handler.message
         queued = [] if message.fans_out else self._remove_queued(message)
         message.add_handler(handler)
-        self.handlers += 1
+        self.handler_count += 1
         if handler.resource.capacity:
             self._serve(message, +1)
         if handler.pending:
@@ -488,7 +492,7 @@ class Dispatcher(Stored):
         self.prefetcher.recall(handler.resource)
         queued = self._remove_queued(message, handler.resource)
         message.remove_handler(handler)
-        self.handlers -= 1
+        self.handler_count -= 1
         if handler.resource.capacity:
             self._serve(message, -1)
         handler.resource.limits.pop(message.name, None)
@@ -542,8 +546,12 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
     return Queued(delivery.handling_id, delivery.message_id, module, resource, delivery.priority)
 
 
-def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
-    """Whether an unblocked handler precedes the waiting messages, so that they are no suspects."""
+def _gets_free(resource: ModuleResource) -> bool:
+    """Whether one of its slots is not blocked.
+
+    What waits here gets its turn then, and need not be checked for a deadlock. A resource without
+    slots counts too: a slot may come at any time.
+    """
     if resource.held_by is not None or resource.claims:
         return False
     for slot in resource.slots:  # any() costs twice as much
@@ -555,7 +563,7 @@ def _is_sure_to_be_handled(resource: ModuleResource) -> bool:
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
     """Return the sender's own slot, if it blocks there for this answer.
 
-    Its nested question ignores capacity and reservations: else the slot would wait for itself.
+    Its nested query ignores capacity and reservations: else the slot would wait for itself.
     """
     sender = delivery.sender
     if (

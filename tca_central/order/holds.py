@@ -65,8 +65,11 @@ _BEGINNINGS = sum(_COUNTER << shift for moment, shift in _SHIFT.items() if momen
 VOID_ENTRIES = 32
 """Void entries that a list of waits may hold beyond the number of valid ones."""
 
-_NOW = Point(ROOT, Moment.START_ACHIEVING)
-"""Stands in the journal for the time 0 of the clock."""
+_TIME_ZERO = Point(ROOT, Moment.START_ACHIEVING)
+"""The point from which the journal counts a delay from now on.
+
+The delay recorded is the absolute time.
+"""
 
 
 class PendingDelay(Stored):
@@ -81,13 +84,13 @@ class PendingDelay(Stored):
 class Holds(Stored):
     """The constraints in force."""
 
-    __slots__ = ("_clock", "_facts", "edges", "ended_followers", "ending", "tree")
+    __slots__ = ("_clock", "_facts", "edge_count", "ended_followers", "ending", "tree")
 
     def __init__(self, tree: TaskTree, facts: list[Fact], clock: Clock) -> None:
         self.tree = tree
         self._facts = facts
         self._clock = clock
-        self.edges = 0  #: number of entries in all lists of followers
+        self.edge_count = 0  #: number of entries in all lists of followers
         self.ended_followers: dict[Task, int] = {}
         """By leader: number of its followers that were killed while they waited, and have ended."""
         #: Killed tasks that will end as soon as the agenda advances them.
@@ -142,7 +145,7 @@ class Holds(Stored):
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
         """Hold a moment for a time from now on. Return the constraint as the journal records it."""
-        recorded = Constraint(_NOW, constraint.after, self._clock.now + constraint.delay)
+        recorded = Constraint(_TIME_ZERO, constraint.after, self._clock.now + constraint.delay)
         task.held += 1 << _SHIFT[moment]
         self._release_later(task, moment, recorded, constraint.delay)
         return recorded
@@ -159,7 +162,7 @@ class Holds(Stored):
         if leader.followers is None:
             leader.followers = []
         leader.followers.append((leader_moment, task, moment, delay))
-        self.edges += 1
+        self.edge_count += 1
         if leader.parent is not task.parent:
             self.tree.across[leader] = None
         if task.leaders is None:
@@ -237,7 +240,7 @@ class Holds(Stored):
             assert before.task.followers is not None
             assert after.task.leaders is not None
             before.task.followers.pop()
-            self.edges -= 1
+            self.edge_count -= 1
             after.task.leaders.pop()
             after.task.held -= 1 << _SHIFT[after.moment]
 
@@ -263,7 +266,7 @@ class Holds(Stored):
         freed = []
         for moment, follower, follower_moment, delay in task.followers:
             if not moment & moments or (
-                delay and self._has_delay_left(task, moment, follower, follower_moment, delay)
+                delay and self._keeps_waiting(task, moment, follower, follower_moment, delay)
             ):
                 continue
             follower.held -= 1 << _SHIFT[follower_moment]
@@ -277,17 +280,18 @@ class Holds(Stored):
 
     def _set_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
         """Replace a task's list of followers by those that are left."""
-        self.edges -= len(leader.followers or ()) - len(left)
+        self.edge_count -= len(leader.followers or ()) - len(left)
         leader.followers = left or None
         if not left and self.ended_followers:
             self.ended_followers.pop(leader, None)
 
-    def _has_delay_left(
+    def _keeps_waiting(
         self, task: Task, moment: int, follower: Task, follower_moment: int, delay: float
     ) -> bool:
-        """Start the delay of a follower.
+        """Whether a follower stays in force after its leader's moment.
 
-        Return False if the delay is void: it follows a point that never comes.
+        Starts its delay, unless that is void. (True for an ended follower: nothing is to be
+        released.)
         """
         if follower.reached == ALL_MOMENTS:
             return True
@@ -378,11 +382,11 @@ class Holds(Stored):
         found: dict[tuple[int, int], Task] = {}
         frontier, seen = [(killed, moment_of_killed)], {origin}
         for task, moment in frontier:  # grows while it is walked
-            no_later = RULES[task.message.is_goal].no_later[moment]
+            up_to = RULES[task.message.is_goal].up_to[moment]
             for its_own, leader_id, leader_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, leader_moment)
-                first = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & leader_moment or not no_later & first:
+                held = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
+                if leader is None or leader.reached & leader_moment or not up_to & held:
                     continue
                 if leader not in self.ending:
                     found[place] = leader

@@ -34,7 +34,7 @@ def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleRes
     return [(copy_of(central, original), target) for target in targets]
 
 
-def route_statement(central: State, original: Delivery) -> None:
+def route_one_way(central: State, original: Delivery) -> None:
     """Route an inform to its handler, or a broadcast to all. Drop it where there is no room."""
     message = original.message
     for_each = copies(central, original) if message.fans_out else [(original, None)]
@@ -54,12 +54,12 @@ def reason_to_refuse(
     """The reason why a message (for `targets` only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
-    return central.refuse_if_full(len(body))
+    return central.count_if_full(len(body))
 
 
 def reason_to_drop(central: State, message: MessageType, body: bytes) -> str:
     """The reason why all handlers would drop an inform or broadcast; "" if one would not."""
-    if (message.handlers or not message.fans_out) and (why := central.refuse_if_full(len(body))):
+    if (message.handlers or not message.fans_out) and (why := central.count_if_full(len(body))):
         return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:
@@ -114,7 +114,7 @@ def make_task(
         role,
         about.message_id,
     )
-    central.facts[mark:mark] = [birth, *at_birth(task)]
+    central.facts[mark:mark] = [birth, *birth_facts(task)]
     central.report_new_task(task)
     return task
 
@@ -167,7 +167,7 @@ def make_statement(
 ) -> Delivery:
     """Make an inform or broadcast, and route it."""
     delivery = make_delivery(central, message, body, role, about=about, context=context)
-    route_statement(central, delivery)
+    route_one_way(central, delivery)
     return delivery
 
 
@@ -198,25 +198,25 @@ def data_for(message: MessageType, body: bytes) -> bytes:
     return NIL if message.format.data == NO_DATA else body
 
 
-def at_birth(task: Task) -> list[facts.Fact]:
+def birth_facts(task: Task) -> list[facts.Fact]:
     """The facts about a new task: reached moments, if it is waited for, if it survives retries."""
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_foreign_monitor else []
-    if task.message.is_outside_sequence and not task.is_watcher:
+    if task.message.is_outside_sequence and not task.is_background:
         found.append(facts.WaitedFor(task.id))
     return [*found, facts.Reached(task.id, RULES[task.message.is_goal].at_birth)]
 
 
 def suspend(
-    central: State, task: Task, *, resume: bool = False, by: str = CENTRAL, at_birth: bool = False
+    central: State, task: Task, *, resume: bool = False, by: str = CENTRAL, is_new: bool = False
 ) -> None:
     """Suspend or resume a task and all under it. Notify running handlers."""
     changed = central.agenda.suspend(task, resume=resume)
     if changed:
         central.facts.append(facts.SuspendedOrResumed(task.id, not resume, by))
         if not resume:
-            central.tree.suspended.setdefault(task.id, (central.clock.now, by, at_birth))
+            central.tree.suspended.setdefault(task.id, (central.clock.now, by, is_new))
     for member in changed:
         if resume:
             central.tree.suspended.pop(member.id, None)

@@ -69,7 +69,7 @@ def greet(
         connection.id = connection_id
         registry.connections[connection_id] = connection
         connection.repeats_until = central.tree.newest
-        central.hold.awaited.pop(connection, None)
+        central.restart_pause.awaited.pop(connection, None)
     else:
         connection = Connection(connection_id, session, module, header.connection)
         connection.entrance = (
@@ -215,8 +215,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     """Remove a connection. Its unfinished messages fail (*lost*) or go to another handler."""
     module = connection.module
     central.unconfirmed.pop(connection, None)
-    is_uncertain = connection in central.hold.awaited
-    central.hold.awaited.pop(connection, None)
+    is_uncertain = connection in central.restart_pause.awaited
+    central.restart_pause.awaited.pop(connection, None)
     forgotten = central.registry.forget_connection(connection)
     for one in (forgotten, None if lost else connection):
         central.answers.forget_all(one)
@@ -248,9 +248,9 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
 
 def on_grace_over(central: State, _: None) -> None:
     """Disconnect the connections that did not come back in time after a restart of central."""
-    central.hold.grace = None
-    for connection in list(central.hold.awaited):
-        if connection in central.hold.awaited:
+    central.restart_pause.grace = None
+    for connection in list(central.restart_pause.awaited):
+        if connection in central.restart_pause.awaited:
             disconnect(central, connection, "it did not come back when central did", lost=True)
 
 
@@ -340,7 +340,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
     central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
-        central.agenda.requeue(delivery)
+        central.agenda.restart(delivery)
 
 
 # --- messages and handlers ------------------------------------------------------------------------

@@ -67,13 +67,15 @@ def on_replies(
     if sizes != len(body):
         raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
     for run in header.ended:
-        connection.begins = connection.to_central_time(now, run.ago + run.took)
+        connection.next_began_at = connection.to_central_time(now, run.ago + run.took)
         mine, at = body[at : at + run.size], at + run.size
         try:
             _return(central, connection, run.delivery, mine or NIL, run.took, ago=run.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
-    connection.begins = connection.to_central_time(now, header.begun) if header.begun >= 0 else 0.0
+    connection.next_began_at = (
+        connection.to_central_time(now, header.begun) if header.begun >= 0 else 0.0
+    )
 
 
 def _return(
@@ -132,7 +134,7 @@ def _return(
 def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
     """Return why there is no room for the result of a task; "" if there is."""
     return (
-        central.refuse_if_full(len(body))
+        central.count_if_full(len(body))
         if len(body) > _SMALL and isinstance(delivery, Task)
         else ""
     )
@@ -231,7 +233,7 @@ def _collect(
         text = answer.text.partition("\n")[0][:_LONGEST]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # it ends with the first failure, unless a reply comes
-            kept = body if len(body) <= _SMALL or not central.refuse_if_full(len(body)) else b""
+            kept = body if len(body) <= _SMALL or not central.count_if_full(len(body)) else b""
             collector.end = (
                 Answer(collector.number, answer.outcome, answer.failure, answer.text),
                 kept,

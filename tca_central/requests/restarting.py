@@ -15,7 +15,7 @@ from tca_wire.vocabulary import Due
 
 
 def on_restarted(central: State, event: Restarted) -> None:
-    """Mark every connection as broken, and hold tasks until they are back."""
+    """Mark every connection as broken, and start no task until they are back."""
     registry = central.registry
     if event.skipped:
         first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped
@@ -26,11 +26,11 @@ def on_restarted(central: State, event: Restarted) -> None:
         connection.id = ConnectionId(AWAY + str(number).encode())
         connection.pulse = b""
         registry.connections[connection.id] = connection
-    central.hold.awaited = dict.fromkeys(known)
-    central.hold.until_resumed = event.hold
-    central.dispatcher.is_holding = True
-    central.clock.cancel(central.hold.grace)
-    central.hold.grace = central.clock.after(
+    central.restart_pause.awaited = dict.fromkeys(known)
+    central.restart_pause.until_resumed = event.hold
+    central.dispatcher.are_tasks_paused = True
+    central.clock.cancel(central.restart_pause.grace)
+    central.restart_pause.grace = central.clock.after(
         checked_seconds(event.grace, "a grace"), Due.GRACE, None
     )
     central.facts.append(
@@ -42,17 +42,17 @@ def on_restarted(central: State, event: Restarted) -> None:
 def release_if_complete(central: State) -> None:
     """Let tasks start again when no connection is awaited, and no operator must resume them."""
     if (
-        central.dispatcher.is_holding
-        and not central.hold.awaited
-        and not central.hold.until_resumed
+        central.dispatcher.are_tasks_paused
+        and not central.restart_pause.awaited
+        and not central.restart_pause.until_resumed
     ):
         _release_tasks(central, "")
 
 
 def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: bytes) -> None:
     """Let tasks start again, as an operator requests, although connections are missing."""
-    if central.dispatcher.is_holding:
-        central.hold.until_resumed = False
+    if central.dispatcher.are_tasks_paused:
+        central.restart_pause.until_resumed = False
         _release_tasks(central, connection.module.name)
         central.accept(connection, header.number, 1)
     else:
@@ -63,8 +63,8 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
 
 def _release_tasks(central: State, by: str) -> None:
     """Let tasks start again."""
-    if not central.hold.awaited:
-        central.clock.cancel(central.hold.grace)
-        central.hold.grace = None
+    if not central.restart_pause.awaited:
+        central.clock.cancel(central.restart_pause.grace)
+        central.restart_pause.grace = None
     central.dispatcher.release_tasks(central.registry.modules.values())
     central.facts.append(facts.WentOn(by))

@@ -4,7 +4,7 @@ A message is checked, recorded, and routed by its class. A function that raises 
 changed nothing.
 """
 
-from tca_central.control.keeping import check_room, keep
+from tca_central.control.keeping import check_retained_room, keep
 from tca_central.control.steering import (
     check_termination_message,
     set_deadline,
@@ -20,10 +20,10 @@ from tca_central.model.tasks import Task
 from tca_central.model.values import Refusals
 from tca_central.needs.texts import why_full
 from tca_central.outgoing.central_messages import (
-    at_birth,
+    birth_facts,
     copies,
     reason_to_drop,
-    route_statement,
+    route_one_way,
     suspend,
 )
 from tca_central.outgoing.direct_routes import offer_route
@@ -115,14 +115,14 @@ def _make(
     return delivery
 
 
-def _route_statement(
+def _route_one_way(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
     """Route an inform or a broadcast."""
     if header.number and (why := reason_to_drop(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
     delivery = _make(central, connection, header, message, body)
-    route_statement(central, delivery)
+    route_one_way(central, delivery)
     if header.number:
         central.accept(connection, header.number, delivery.id)
 
@@ -203,7 +203,10 @@ def _route_task(
     # ``add`` returns: it is inserted afterwards.
     mark = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
-    central.facts[mark:mark] = [_received(connection, header, task, constraints), *at_birth(task)]
+    central.facts[mark:mark] = [
+        _received(connection, header, task, constraints),
+        *birth_facts(task),
+    ]
     central.report_new_task(task)
     if is_monitor:
         enlist_monitor(central, task)
@@ -217,9 +220,10 @@ def _route_task(
 
 
 def record_refusal(central: State, header: Send, text: str) -> None:
-    """Record the refusal of an unconfirmed task.
+    """Record the refusal of a *quiet* task.
 
-    The handler that sent the task fails at its end, unless its reply says that it knows.
+    The handler that sent it fails when it returns, unless its reply counts this refusal
+    (``Reply.refusals``): then it was told.
     """
     delivery = central.dispatcher.running[central.origin]
     before = delivery.refused.number if delivery.refused.delivery == delivery.handling_id else 0
@@ -236,13 +240,13 @@ def _check_extras(central: State, header: Send) -> None:
     timers = 1 + sum(one.delay > 0 for one in header.constraints)
     central.check_declared(TIMER_BYTES * timers + ATTACHED_BYTES * len(header.attachments))
     if header.keep:
-        check_room(central)
+        check_retained_room(central)
 
 
 def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:
     """Apply to a new task what it was sent with."""
     if header.suspended and not task.killed:
-        suspend(central, task, by=connection.module.name, at_birth=True)
+        suspend(central, task, by=connection.module.name, is_new=True)
     for attachment in header.attachments:
         attach(central, attachment, task, connection.module)
     if header.keep:
@@ -270,9 +274,9 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
         return
     above = parent.above(until.task)
     if above is not None:
-        text = f"{message.title} under {above} can't watch until that ends, which waits for it"
+        text = f"{message.title} can't watch until {above} ends, because {above} waits for it"
         hint = (
-            ": leave out waited_for, and it ends with it at the latest"
+            f": leave out waited_for, and the monitor ends with {above} at the latest"
             if options.waited_for
             else ""
         )
@@ -291,9 +295,9 @@ def _route_exception(
 
 
 ROUTES = {
-    MessageClass.INFORM: _route_statement,
+    MessageClass.INFORM: _route_one_way,
     MessageClass.QUERY: _route_query,
-    MessageClass.BROADCAST: _route_statement,
+    MessageClass.BROADCAST: _route_one_way,
     MessageClass.MULTI_QUERY: _route_multi_query,
     MessageClass.GOAL: _route_task,
     MessageClass.COMMAND: _route_task,

@@ -41,7 +41,7 @@ def on_await_point(
     if task is None or task.reached & moment:
         wait.answer(central, known)
     else:
-        central.agenda.wait(task, moment, wait)
+        central.agenda.add_waiter(task, moment, wait)
         if header.blocking:
             central.block(connection, header.number, header.origin, brief=header.brief)
 

@@ -63,7 +63,7 @@ class UnfinishedRun:
     def lost_connections(self) -> Iterator[ConnectionLost]:
         """The loss of connections whose processes, on this computer, have ended."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
-        for connection in list(self.central.hold.awaited):
+        for connection in list(self.central.restart_pause.awaited):
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()

@@ -101,7 +101,7 @@ class RunFolder:
             "%d inputs replayed, %d connections are awaited%s",
             restarted.away,
             run.inputs,
-            len(run.central.hold.awaited),
+            len(run.central.restart_pause.awaited),
             "; no task starts until 'tca resume' says so" if hold else "",
         )
         for lost in run.lost_connections():

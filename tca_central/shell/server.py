@@ -424,7 +424,7 @@ class Daemon:
         beats = [
             one
             for one in known.values()
-            if (is_sweep or one.outstanding) and one not in self.central.hold.awaited
+            if (is_sweep or one.outstanding) and one not in self.central.restart_pause.awaited
         ]
         closed = [one.id for one in beats if not self._send_heartbeat(one.id)]
         if closed:
@@ -481,7 +481,7 @@ class Daemon:
     # --- sending ----------------------------------------------------------------------------------
 
     def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
-        if self.central.hold.awaited and connection.startswith(AWAY):
+        if self.central.restart_pause.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
         self._outboxes.add(connection, codec.pack_in_pieces(header, body))
 

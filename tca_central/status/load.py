@@ -187,7 +187,7 @@ def _is_held(task: Task) -> bool:
         # else it is among the suspended ones itself
         return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
     if task.message.is_outside_sequence and task.reached & START_HANDLING and not task.returned:
-        return not task.is_watcher and parent is not None and parent.id != ROOT
+        return not task.is_background and parent is not None and parent.id != ROOT
     return has_held_start(task) or (task.returned and bool(task.held))
 
 

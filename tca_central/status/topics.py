@@ -26,10 +26,10 @@ def overview(central: State) -> dict[str, Any]:
     """Counts of everything."""
     registry = central.registry
     held: dict[str, Any] = {}
-    if central.dispatcher.is_holding:
+    if central.dispatcher.are_tasks_paused:
         held = {
-            "awaited": sorted({one.module.name for one in central.hold.awaited}),
-            "to be told": central.hold.until_resumed,
+            "awaited": sorted({one.module.name for one in central.restart_pause.awaited}),
+            "to be told": central.restart_pause.until_resumed,
         }
     return held | {
         "epoch": central.epoch,

@@ -256,7 +256,7 @@ def _check_monitor(
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     rule = CONDITIONS[header.condition]
-    ends_with_it = tapped.message_class.is_task and rule.target_is_alive and not rule.is_child
+    ends_with_it = tapped.message_class.is_task and rule.is_before_end and not rule.is_child
     if not (ends_with_it or ends_by_itself(listener, options) or options.waited_for):
         text = f"{listener.title} that listens '{header.condition}' would never end"
         hint = (
@@ -361,7 +361,7 @@ def _waiting(central: State, tap: Wiretap) -> list[Task]:
 def _requeue(central: State, task: Task) -> None:
     """Reconsider a task that waits for a handler; it keeps its place in the queue."""
     central.dispatcher.withdraw(task, keep_place=True)
-    central.agenda.request_again(task)
+    central.agenda.recheck_start(task)
 
 
 # --- firing ---------------------------------------------------------------------------------------
@@ -428,7 +428,7 @@ def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> 
             facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))
         )
         return True
-    return message.message_class.is_task and central.is_refused_for_lack_of_memory(
+    return message.message_class.is_task and central.refuse_own_task_if_full(
         f"listener '{message.name}' of {tapped}", body
     )
 
@@ -438,7 +438,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
     message, rule = tap.listener, CONDITIONS[tap.condition]
     task = tapped if isinstance(tapped, Task) else None
     is_alive = tapped.id in central.tree.tasks
-    watches_it = message.is_outside_sequence and rule.target_is_alive and not rule.is_child
+    watches_it = message.is_outside_sequence and rule.is_before_end and not rule.is_child
     parent = (
         task
         if task is not None and is_alive and (rule.is_child or watches_it)
@@ -457,7 +457,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
                 watches_it and parent is task and not recurs_on_retry(tap.condition)
             )
             become_monitor(central, listener, options, is_foreign_monitor=is_foreign_monitor)
-        listener.is_watcher = listener.is_watcher and not rule.is_child
+        listener.is_background = listener.is_background and not rule.is_child
 
     context = Listening(tap, tapped)
     listener = make_task(

@@ -56,7 +56,7 @@ def become_monitor(
     """Make a new task a monitor. ``check_options`` must have passed."""
     parts = [central.registry.messages.get(part) for part in task.message.parts]
     task.watch = Watch(task, options, parts, is_foreign_monitor=is_foreign_monitor)
-    task.is_watcher = task.message.is_outside_sequence and not options.waited_for
+    task.is_background = task.message.is_outside_sequence and not options.waited_for
 
 
 def enlist_monitor(central: State, task: Task) -> None:
@@ -116,7 +116,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
             central.dispatcher.withdraw(condition)
             central.facts.append(dropped_fact(condition, "its monitor has ended"))
         del central.watch_of_condition[condition.id]
-    if watch.began is None:
+    if watch.watching_since is None:
         return
     central.facts.append(facts.MonitorEnded(watch.task.id, why))
     central.agenda.tap_events.append((watch.task, RETURNED))
@@ -137,7 +137,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
 def end_monitor(central: State, watch: Watch, why: str) -> None:
     """Complete a monitor. If it has not started, it never will, and the journal has the reason."""
     if not watch.is_over:
-        if watch.began is None:
+        if watch.watching_since is None:
             central.facts.append(facts.MonitorEnded(watch.task.id, why))
         stop_watching(central, watch, why)
         if not watch.task.killed:

@@ -44,9 +44,9 @@ class HeldReplies:
 
     def joined(self, items: list[Item], now: float) -> list[Item]:
         """Return the items to send, with adjacent held replies joined. They are no longer held."""
-        # Newest first, as in all lists here: each reply says when the run after it started.
+        # Walked from the newest: a header says how long ago the run after its last one started.
         found: list[Item] = []
-        begun = -1.0 if self._begun is None else now - self._begun
+        next_began_ago = -1.0 if self._begun is None else now - self._begun
         runs: list[EndedRun] = []
         bodies: list[bytes] = []
         size = 0
@@ -57,8 +57,9 @@ class HeldReplies:
                 else None
             )
             if runs and (ended is None or size + len(body) > _MAX_JOINED_BYTES):
-                found.append(_join(runs, bodies, begun))
-                begun, runs, bodies, size = runs[-1].ago + runs[-1].took, [], [], 0
+                found.append(_join(runs, bodies, next_began_ago))
+                next_began_ago = runs[-1].ago + runs[-1].took
+                runs, bodies, size = [], [], 0
             if ended is None:
                 found.append((header, body))
                 continue
@@ -66,14 +67,14 @@ class HeldReplies:
             runs.append(EndedRun(header.delivery, now - ended, header.took, len(bodies[-1])))
             size += len(bodies[-1])
         if runs:
-            found.append(_join(runs, bodies, begun))
+            found.append(_join(runs, bodies, next_began_ago))
         self.clear()
         return found[::-1]
 
 
-def _join(runs: list[EndedRun], bodies: list[bytes], begun: float) -> Item:
+def _join(runs: list[EndedRun], bodies: list[bytes], next_began_ago: float) -> Item:
     """Join the replies of runs, newest first, into one header."""
-    if len(runs) == 1 and begun < 0:
+    if len(runs) == 1 and next_began_ago < 0:
         (run,) = runs
         return Reply(run.delivery, run.took), bodies[0] or _NIL
-    return Replies(runs[::-1], begun), b"".join(reversed(bodies))
+    return Replies(runs[::-1], next_began_ago), b"".join(reversed(bodies))

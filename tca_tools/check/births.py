@@ -80,8 +80,10 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
-        item.is_watcher = item.message_class.is_monitor and item.message_class.is_outside_sequence
-        parent.watchers += item.is_watcher
+        item.is_background = (
+            item.message_class.is_monitor and item.message_class.is_outside_sequence
+        )
+        parent.background_monitors += item.is_background
         item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
             world.later.append(lambda: check_below(world, parent))

@@ -73,7 +73,7 @@ def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     lives.handler_changed(world, item, place.module)
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
-        if world.is_holding:
+        if world.are_tasks_paused:
             world.report(rules.RESTARTED, item, "was given to a handler before central continued")
         if item.reached & START_HANDLING and not (item.is_incomplete or item.is_killed):
             check_fired(world, item, START_HANDLING)
@@ -297,7 +297,7 @@ def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -
             world.report(rules.FREE, claim.origin, what)
     elif (
         place.waiting
-        and not world.is_holding
+        and not world.are_tasks_paused
         and taken + len(place.nested) < capacity
         and not place.is_recalling
     ):

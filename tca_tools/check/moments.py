@@ -75,7 +75,7 @@ def _ended(world: JournalWorld, item: MessageRecord) -> None:
     lives.ended(world, item)
     if item.parent is not None:
         item.parent.children.pop(item.id, None)
-        item.parent.watchers -= item.is_watcher
+        item.parent.background_monitors -= item.is_background
         world.touched[item.parent] = None
     if item.role is Role.EXCEPTION and not item.is_void:
         handler_ended(world, item)
@@ -145,5 +145,5 @@ def check_settled(world: JournalWorld) -> None:
                         f"nothing keeps {item} from {in_words(moments)}, but it did not reach that"
                     )
                     world.report(rules.SETTLED, item.id, what)
-            if item.watchers:
+            if item.background_monitors:
                 check_watchers(world, item)

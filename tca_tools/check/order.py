@@ -30,7 +30,7 @@ _ENDS = (END_HANDLING, END_PLANNING, END_ACHIEVING)
 
 def _needed(of: TaskRules, moments: int) -> int:
     needed = 0
-    for moment, before in of.no_later.items():
+    for moment, before in of.up_to.items():
         if moments & moment:
             needed |= before | of.at_birth
     return needed

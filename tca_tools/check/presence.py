@@ -8,15 +8,15 @@ from tca_wire.journal import facts
 
 
 def restarted(world: JournalWorld, fact: facts.CentralRestarted) -> None:
-    """Apply a restart of central: it holds tasks back."""
+    """Apply a restart of central: no task starts for now."""
     del fact
-    world.is_holding = True
+    world.are_tasks_paused = True
 
 
 def continued(world: JournalWorld, fact: facts.WentOn) -> None:
-    """Apply that central continues: tasks that it held back may start."""
+    """Apply that central continues: tasks may start again."""
     del fact
-    world.is_holding = False
+    world.are_tasks_paused = False
     world.places_touched.update(dict.fromkeys(world.places.values()))
 
 

@@ -88,8 +88,8 @@ class MessageRecord(MessageView):
     """The constraints of other tasks that wait for it."""
     waiters: dict[WaitKey, None] = field(default_factory=dict)  #: the waits for its moments
     is_foreign_monitor: bool = False  #: a monitor that another module set up
-    is_watcher: bool = False  #: a polling or demon monitor that its parent does not wait for
-    watchers: int = 0  #: the number of such monitors among its children
+    is_background: bool = False  #: a polling or demon monitor that its parent does not wait for
+    background_monitors: int = 0  #: the number of such monitors among its children
     is_orphan: bool = False  #: its parent was sent before the journal started
     is_incomplete: bool = False  #: some of its constraints are unknown
 

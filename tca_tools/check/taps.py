@@ -131,14 +131,14 @@ def spared(_: JournalWorld, item: MessageRecord, __: facts.OutlivesRetry) -> Non
 
 def waited_for(_: JournalWorld, item: MessageRecord, __: facts.WaitedFor) -> None:
     """Apply that a parent waits for the end of a monitor."""
-    if item.is_watcher and item.parent is not None:
-        item.is_watcher = False
-        item.parent.watchers -= 1
+    if item.is_background and item.parent is not None:
+        item.is_background = False
+        item.parent.background_monitors -= 1
 
 
 def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
     """Check that a task does not wait for monitors that it should not wait for."""
-    if not item.returned or not 0 < item.watchers == len(item.children):
+    if not item.returned or not 0 < item.background_monitors == len(item.children):
         return
     for child in item.children.values():
         if not (child.returned or child.again or child.is_killed or child.is_incomplete):

@@ -47,7 +47,7 @@ class JournalWorld:
         self.events = events  #: the number of events before this one
         self.event, self.asked_by = 0, 0  #: its number, and its requester's delivery
         self.now = 0.0
-        self.is_holding = False  #: central holds tasks back after a restart
+        self.are_tasks_paused = False  #: whether no task starts, after a restart of central
         self.passed = 0.0  #: seconds that passed with the last event
         #: By number, oldest first; each copy of a broadcast has its own number.
         self.items: dict[int, MessageRecord] = {}

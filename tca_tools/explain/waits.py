@@ -133,7 +133,7 @@ def node_of(run: Run, handling: Handling) -> Node:
 
 # --- the moments of a task that matter at a time --------------------------------------------------
 
-_NO_LATER = [{0: 0, **rules.no_later} for rules in RULES]
+_UP_TO = [{0: 0, **rules.up_to} for rules in RULES]
 """For each moment, the bits of all moments that come first or with it: for commands, for goals."""
 _NEXT = {
     TaskState.HELD: START_HANDLING,
@@ -182,7 +182,7 @@ def moments_before(task: Task, moment: int, time: float) -> int:
         return END_HANDLING if moment == END_HANDLING and is_again else 0
     if killed_at(task) <= time:  # a killed task waits for its handler only
         return END_HANDLING | (moment & ENDS)
-    before = _NO_LATER[task.message_class.is_goal]
+    before = _UP_TO[task.message_class.is_goal]
     left = ~past(task, time)
     found = before[moment] & left
     known = (one.constraint for one in task.holds if one.added <= time)
@@ -385,7 +385,7 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     """Return the wait of a suspended task: it neither starts an interval nor is handled again."""
     start = suspension.start
-    holds = _NO_LATER[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
+    holds = _UP_TO[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
     if not holds and is_to_be_handled_again(task, start):
         holds = ENDS
     return lasting(suspension, WaitKind.RESUME, Node(suspension.cause), holds)

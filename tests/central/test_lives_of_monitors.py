@@ -51,7 +51,7 @@ class LifeOfMonitors:
     def constraint(self, held: int) -> Constraint:
         """A random constraint, most often on the end of a monitor."""
         monitors = [
-            task for task in self.tasks if task.is_watcher and self.chance.random() < 0.7
+            task for task in self.tasks if task.is_background and self.chance.random() < 0.7
         ] or self.tasks
         return before(
             point(self.chance.choice(monitors).id, self.chance.choice(ENDS)),
@@ -112,7 +112,7 @@ class LifeOfMonitors:
         tops = [
             task
             for task in self.tasks
-            if task.is_watcher and task.parent is self.player.central.tree.root
+            if task.is_background and task.parent is self.player.central.tree.root
         ]
         for top in tops:
             self.request(headers.Kill, TaskId(top.id))

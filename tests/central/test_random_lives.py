@@ -38,7 +38,9 @@ def test_predecessors_and_successors_of_points_agree(seed: int) -> None:
         life.go_on(seed + number, 15)
         tree = life.central.tree
         places = [Place(task, moment) for task in tree.tasks.values() for moment in Moment]
-        places += [Place(task, ALL_ELSE) for task in tree.tasks.values() if task.watchers]
+        places += [
+            Place(task, ALL_ELSE) for task in tree.tasks.values() if task.background_monitors
+        ]
         to_come = {one for one in places if not one.task.reached & one.moment and is_unified(one)}
         ahead = {(one, other) for one in to_come for other in successors(one) if other in to_come}
         behind = {
@@ -78,10 +80,10 @@ def end_everything(life: Life) -> None:
     life.player.module("latecomer", "command later")
     for aside in [*life.central.attached, *life.central.taps]:
         life.request(headers.Remove, aside)
-    for watcher in life.watchers():
+    for monitor in life.monitors():
         # Other monitors end with their parents.
-        if not watcher.is_watcher or watcher.parent is life.central.tree.root:
-            life.request(headers.Kill, TaskId(watcher.id))
+        if not monitor.is_background or monitor.parent is life.central.tree.root:
+            life.request(headers.Kill, TaskId(monitor.id))
     rounds = 0
     for task in [task for task in life.central.tree.tasks.values() if task.suspended]:
         life.request(headers.Suspend, TaskId(task.id), True)

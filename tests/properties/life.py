@@ -391,7 +391,7 @@ class Life:
         period, duration = self.seconds(1 + c % 5), self.seconds(5 * (a % 3 == 0))
         return WatchOptions(period, c % 3, 1 + a % 2, b % 2 == 0, duration, until, waited_for)
 
-    def watchers(self) -> list[Task]:
+    def monitors(self) -> list[Task]:
         return [
             task
             for task in self.central.tree.tasks.values()
@@ -399,8 +399,8 @@ class Life:
         ]
 
     def fire_(self, a: int, b: int, *_: int) -> None:
-        if watchers := self.watchers():
-            one, action = watchers[a % len(watchers)], ("", "step", "lift")[b % 7 % 3]
+        if monitors := self.monitors():
+            one, action = monitors[a % len(monitors)], ("", "step", "lift")[b % 7 % 3]
             named = (
                 {"monitor": TaskId(0), "message": one.message.name}
                 if b % 5 == 0
@@ -409,8 +409,8 @@ class Life:
             self.request(headers.Fire, action=action, **named)
 
     def end_monitor_(self, a: int, *_: int) -> None:
-        if watchers := self.watchers():
-            self.request(headers.EndMonitor, TaskId(watchers[a % len(watchers)].id))
+        if monitors := self.monitors():
+            self.request(headers.EndMonitor, TaskId(monitors[a % len(monitors)].id))
 
     def keep_(self, a: int, b: int, *_: int) -> None:
         """A module retains a task, or an ended task that central still retains."""

@@ -143,7 +143,7 @@ class ComparingPlayer(FoldedPlayer):
 
 def is_idle(living: dict[int, Task], one: Task) -> bool:
     """Whether a monitor ends with its last sibling: no constraint on its own end holds it."""
-    if not one.is_watcher or one.parent is None or one.parent.id == ROOT:
+    if not one.is_background or one.parent is None or one.parent.id == ROOT:
         return False
     leaders = [
         (living[number], moment_of_leader)

@@ -139,7 +139,7 @@ class Daemon:
         self.log.images = None  # see ``_take_image``
         if options.sees_processes:
             for connection in [
-                one for one in core.hold.awaited if self.is_gone(one.module.incarnation)
+                one for one in core.restart_pause.awaited if self.is_gone(one.module.incarnation)
             ]:
                 self.handle_input(
                     ConnectionLost(
@@ -332,7 +332,7 @@ class Daemon:
         for connection in [
             one for one in core.registry.connections.values() if is_sweep or one.outstanding
         ]:
-            if connection not in core.hold.awaited and not self._network.carry_down(
+            if connection not in core.restart_pause.awaited and not self._network.carry_down(
                 connection.id, _BEAT
             ):
                 self._closed.append(connection.id)

@@ -118,7 +118,7 @@ class Outside:
         self.wanted: dict[int, Claim] = {}
         self.granted: dict[int, Claim] = {}
         self.tasks: set[int] = set()
-        self.is_holding = False
+        self.are_tasks_paused = False
         self.newest = 0
 
     def trace(self, who: str, what: object) -> None:
@@ -366,14 +366,14 @@ class Outside:
                 run.is_lost = run.is_lost or run.ended < 0
 
     def _delivered(self, fact: facts.Delivered) -> None:
-        if self.is_holding and fact.message_id in self.tasks:
+        if self.are_tasks_paused and fact.message_id in self.tasks:
             raise Broken(f"task {fact.message_id} starts, and not all are back")
 
     def _restarted(self, _: facts.CentralRestarted) -> None:
-        self.is_holding = True
+        self.are_tasks_paused = True
 
     def _went_on(self, _: facts.WentOn) -> None:
-        self.is_holding = False
+        self.are_tasks_paused = False
 
     def _dropped(self, fact: facts.Dropped) -> None:
         self.dropped += 1

@@ -51,7 +51,7 @@ IGNORED = {
     },
     "Holds": {
         "ending",  # empty between events
-        "edges",  # counted from the constraints
+        "edge_count",  # counted from the constraints
         "ended_followers",  # the time of the next clean-up
     },
     "Registry": {
@@ -66,7 +66,7 @@ IGNORED = {
         "answers", "answer_bytes",  # scripts repeat no request
         "tasks", "unconfirmed",  # scripts name nothing by its request
         "handling", "waits", "brief_waits", "lost_claims",  # visited as deliveries and requests
-        "begins", "known_until",  # for users to read: the start and end of runs
+        "next_began_at", "known_until",  # for users to read: the start and end of runs
     },
     "MessageType": {
         "format", "first_declared_by", "declarers",  # all modules of a scenario declare the same
@@ -88,13 +88,13 @@ IGNORED = {
         "size",  # follows from the rest
         "sequence",  # the children again
     },
-    "Agenda": {"_facts", "waits"},
+    "Agenda": {"_facts", "wait_count"},
     "Resource": {"_sent_by", "numbers"},  # the queue again; for users to read
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # follow from the queue
     "Clock": {"now", "_asked", "_cancelled"},  # timers are relative to now, in their order
     "PendingDelay": {"constraint"},  # only recorded
     "Dispatcher": {
-        "_clock", "_facts", "_out", "bytes", "handlers",
+        "_clock", "_facts", "_out", "bytes", "handler_count",
         "_arrivals",  # see add_rank
     },
     "Prefetcher": {"_clock", "_out"},
@@ -287,7 +287,7 @@ class _Walk:
         period = watch.options.period
         passed = (
             round((self._now - since) % period, _DIGITS)
-            if watch.began is not None and period
+            if watch.watching_since is not None and period
             else 0.0
         )
         self.add(0.0 if passed == round(period, _DIGITS) else passed)
@@ -368,10 +368,10 @@ SPECIAL: dict[tuple[str, str], Write] = {
     ("Watch", "timers"): lambda walk, _, timers: walk.add(
         [timer for timer in timers.values() if not timer.is_cancelled]
     ),
-    ("Watch", "began"): lambda walk, _, began: walk.add(began is None),
-    ("Watch", "since"): _Walk.add_phase,
-    ("Watch", "count"): lambda walk, watch, count: walk.write(count % watch.options.fire_every),
-    ("Watch", "fires"): lambda walk, watch, fires: walk.write(
+    ("Watch", "watching_since"): lambda walk, _, began: walk.add(began is None),
+    ("Watch", "periods_from"): _Walk.add_phase,
+    ("Watch", "times_met"): lambda walk, watch, count: walk.write(count % watch.options.fire_every),
+    ("Watch", "actions_sent"): lambda walk, watch, fires: walk.write(
         fires if watch.options.maximum else 0
     ),
     ("Timer", "time"): _Walk.add_time,
