@@ -172,7 +172,7 @@ def test_snapshot_memory_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Snapshots, "save", save)
     monkeypatch.setattr("tca_tools.explore.search.exploration.MAX_PLAYS", 0)
-    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 100_000)
+    monkeypatch.setattr("tca_tools.explore.search.exploration.SNAPSHOT_BYTES", 1_000_000)
     result = tca.explore(walking(never_stuck()))
     assert result.ok
     assert len(made) == result.states

@@ -130,7 +130,7 @@ def test_kept_reply_that_is_never_sent_is_found() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("broken", "words"), [("_forgotten", "drop"), ("_send", "reply"), ("_stopped", "accept")]
+    ("broken", "words"), [("_on_dropped", "drop"), ("_send", "reply"), ("_on_stop", "accept")]
 )
 def test_library_that_never_replies_is_found(
     broken: str, words: str, monkeypatch: pytest.MonkeyPatch
