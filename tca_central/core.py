@@ -198,7 +198,7 @@ class Central(State):
                 connection = self._admit_stranger(event, number)
             elif event.principal != connection.principal:
                 connection = self._replace_stale_connection(connection, event, number)
-            elif number and number <= connection.last_number and type(header) is not headers.Hello:
+            elif number and number <= connection.last_number and type(header) not in _NOT_STORED:
                 self._repeat(connection, number)
             else:
                 if number > connection.last_number:  # noqa: PLR1730 - max() is slow, as above
@@ -520,6 +520,9 @@ class _Kind:
 
 
 KINDS = {header: _Kind(header) for header in HANDLERS}
+
+_NOT_STORED = (headers.Hello, headers.GetVariable)
+"""Requests whose answers are not stored: a repeated one is carried out again."""
 
 
 REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
