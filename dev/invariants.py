@@ -15,7 +15,7 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
-from tca_central.model.tasks import Plans, Retention, Task, Watch
+from tca_central.model.tasks import Retention, Scheduled, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
@@ -109,7 +109,7 @@ def _check_state(task: Task) -> None:
         f"{task}: the order of requests"
     )
     assert not asked or asked[-1].serial == newest <= task.serial, f"{task}: the newest request"
-    is_failing = task.retrying or (
+    is_failing = task.retry_pending or (
         task.recovery is not None and task.recovery.exception_handler is not None
     )
     is_asked = task.slot is not None or task.killed or is_failing
@@ -209,7 +209,7 @@ def _check_order(task: Task) -> None:
     assert bool(task.reached & start) == bool(task.reached & START_HANDLING), (
         f"{task}: started in part"
     )
-    if task.delayed and not task.killed:
+    if task.planning_delayed and not task.killed:
         together = bool(task.reached & START_PLANNING) == bool(task.reached & START_ACHIEVING)
         assert together, f"{task}: its planning did not start with its achieving"
     for moment in held_counts(task):
@@ -243,7 +243,7 @@ def _check_delivery(central: State, task: Task) -> None:
             or (recovering is not None and recovering.id in central.tree.tasks)
             or task.returned
             or is_attended
-            or task.retrying
+            or task.retry_pending
             or task.suspended
             or task.queues is not None
             or is_held(task, START_HANDLING)
@@ -251,12 +251,12 @@ def _check_delivery(central: State, task: Task) -> None:
         assert is_decided, f"{task}: no handler has it"
         return
     start = delivered_at(task.is_goal)
-    starts = (start, START_ACHIEVING) if task.delayed else (start,)
+    starts = (start, START_ACHIEVING) if task.planning_delayed else (start,)
     is_kept = task.suspended or any(is_held(task, moment) for moment in starts)
     may_start = not is_kept and all(
         task.ignores_parent or parent.reached & moment for moment in starts
     )
-    assert may_start == task.is_startable == (task.queues is not None), (
+    assert may_start == task.start_granted == (task.queues is not None), (
         f"{task}: may start, but is not requested"
     )
 
@@ -394,7 +394,7 @@ def _check_what_lies_ahead(central: State) -> None:
     """Check that every wait for a time or a point belongs to a living task, which knows it."""
     timers = set(central.clock.pending())
     for task in (central.tree.root, *central.tree.tasks.values()):
-        for what, waits_for in task.plans.pending.items() if task.plans is not None else ():
+        for what, waits_for in task.scheduled.pending.items() if task.scheduled is not None else ():
             if isinstance(waits_for, Task):
                 is_there = what in (waits_for.waiters or ())
             else:
@@ -402,7 +402,7 @@ def _check_what_lies_ahead(central: State) -> None:
             assert is_there, f"{task}: {what} will never happen"
         for waiter in task.waiters or ():
             if isinstance(waiter, PendingKill):
-                assert Plans.of(waiter.task).pending[waiter] is task, (
+                assert Scheduled.of(waiter.task).pending[waiter] is task, (
                     f"{task}: an unregistered kill waits for it"
                 )
             if isinstance(waiter, Watch):
@@ -548,7 +548,7 @@ def _check_budget(central: State) -> None:
 
 
 def _task_size(task: Task) -> int:
-    termination_messages = task.plans.termination_messages if task.plans is not None else ()
+    termination_messages = task.scheduled.termination_messages if task.scheduled is not None else ()
     planned = sum(DELIVERY_BYTES + len(body) for _, body in termination_messages)
     if task.clients is not None:
         planned += sum(DELIVERY_BYTES + len(one.body) for one in task.clients.asked) + len(

@@ -141,7 +141,7 @@ class Central(State):
 
     def _fire_timer(self, timer: Timer, time: float, effects: list[Effect]) -> None:
         """Handle a timer that is due."""
-        self.events += 1
+        self.event_count += 1
         due, subject = timer.due, timer.subject
         # The entry names the task or the claim.
         about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))
@@ -151,7 +151,7 @@ class Central(State):
 
     def _on_connection_event(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
         """Handle the loss of a connection, or bytes from it that cannot be read."""
-        self.events += 1
+        self.event_count += 1
         cause: causes.Cause
         connection = self.registry.connections.get(event.connection)
         if isinstance(event, BadBytes):
@@ -167,7 +167,7 @@ class Central(State):
 
     def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
         """Handle an event of the operator, or one that central itself raises for all modules."""
-        self.events += 1
+        self.event_count += 1
         if isinstance(event, ConfirmTasks):
             for connection in list(self.unconfirmed):
                 self.confirm_tasks(connection)
@@ -188,7 +188,7 @@ class Central(State):
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
         """Handle a request. One that cannot be done is refused and changes nothing."""
-        self.events += 1
+        self.event_count += 1
         header = event.header
         kind = KINDS[type(header)]
         number: int = header.number if kind.has_number else 0  # type: ignore[union-attr]
@@ -225,8 +225,8 @@ class Central(State):
             )
         if kind.read_origin is not None and (origin := kind.read_origin(header)):
             self.origin = self._checked_origin(origin, connection)
-            if kind.may_forge and not self.origin and origin in self.dispatcher.running:
-                header = msgspec.structs.replace(header, origin=0)  # another module handles it
+            if kind.drops_wrong_origin and not self.origin and origin in self.dispatcher.running:
+                header = msgspec.structs.replace(header, origin=0)  # that handler is not its own
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
@@ -273,11 +273,11 @@ class Central(State):
         return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
-        """Add the journal entry and the messages of the present event to its effects."""
+        """Add the entry for the journal, and the messages, to the effects of the present event."""
         if self.facts:
             if self.blocked or self.claims:
                 deadlocks.check_event(self)
-            entry = facts.Entry(self.events, time, self.facts[:], cause)
+            entry = facts.Entry(self.event_count, time, self.facts[:], cause)
             self.facts.clear()
             effects.append(Record(entry, self.failed) if self.failed else Record(entry))
             if self.failed:
@@ -330,8 +330,8 @@ class Central(State):
                 availability.publish_changes(self)
             elif agenda.startable:
                 self._start_all()
-            elif dispatcher.to_offer:
-                dispatcher.offer_next()
+            elif dispatcher.to_refill:
+                dispatcher.refill_next()
             elif self.suspects:
                 deadlocks.check_suspects(self)
             else:
@@ -349,9 +349,11 @@ class Central(State):
         REACHED[type(wait)](self, cast("Never", wait), task)
 
     def _withdraw(self, withdrawn: tuple[Task, bool]) -> None:
-        """Take a task out of its queues."""
+        """Remove a task from its queues. It keeps its place for a later start."""
         task, was_suspended = withdrawn  # it may have been resumed since
-        self.dispatcher.withdraw(task, keep_place=was_suspended or task.suspended or task.retrying)
+        self.dispatcher.withdraw(
+            task, keep_place=was_suspended or task.suspended or task.retry_pending
+        )
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
         """Fire wiretaps before a task advances.
@@ -368,7 +370,7 @@ class Central(State):
         up may end other tasks. Then monitors.
         """
         waiting = self.agenda.startable
-        startable = [task for task in waiting if task.is_startable and not task.killed]
+        startable = [task for task in waiting if task.start_granted and not task.killed]
         waiting.clear()
         first = startable if len(startable) < 2 else _most_urgent(startable)
         if len(first) < len(startable):
@@ -377,12 +379,12 @@ class Central(State):
         if first and first[0].message.message_class.is_monitor:
             for task in first:
                 if not task.killed:  # one that fails at once may end others
-                    if task.retrying:
+                    if task.retry_pending:
                         self._start_attempt(task)
                     monitors.start(self, task)
             return
         for task in first:
-            if task.retrying:
+            if task.retry_pending:
                 self._start_attempt(task)
         self.dispatcher.route_all([task for task in first if not task.killed])
 
@@ -391,7 +393,7 @@ class Central(State):
         changes.restart(self, task)
         if task.killed:
             return
-        task.retrying = False
+        task.retry_pending = False
         task.handling_id = self.new_id()
         recovery = Recovery.of(task)
         recovery.attempts += 1
@@ -404,8 +406,8 @@ class Central(State):
             observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
-        if task.plans is not None:
-            steering.forget_pending(self, task.plans)
+        if task.scheduled is not None:
+            steering.forget_pending(self, task.scheduled)
         if task.recovery is not None:
             attaching.forget_task(self, task)
         if task.tapping is not None:
@@ -504,7 +506,14 @@ _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUnt
 class _Kind:
     """The core's knowledge of one class of request."""
 
-    __slots__ = ("has_number", "may_forge", "name", "names_tasks", "needs_number", "read_origin")
+    __slots__ = (
+        "drops_wrong_origin",
+        "has_number",
+        "name",
+        "names_tasks",
+        "needs_number",
+        "read_origin",
+    )
 
     def __init__(self, header: type[msgspec.Struct]) -> None:
         fields = header.__struct_fields__
@@ -512,8 +521,8 @@ class _Kind:
         self.name: str = header.__name__
         self.has_number = "number" in fields
         self.needs_number = header in _WAITS  # the number finds the answer
-        # A wrong origin is removed; ``Lock`` itself refuses one, with a text that says more.
-        self.may_forge = "origin" in fields and header is not headers.Lock
+        # ``Lock`` is refused with a wrong origin: a lock ends with the delivery that it is for.
+        self.drops_wrong_origin = "origin" in fields and header is not headers.Lock
         self.names_tasks = bool(naming.NAMING[header])
         self.read_origin: Callable[[ToCentral], int] | None = attrgetter(field) if field else None
         """Reads the delivery whose handler sends such a header; None if it has none."""

@@ -15,12 +15,12 @@ from tca_wire.packets.headers import ToModule
 class Present:
     """The event being handled: its number, time and cause, and its results so far."""
 
-    __slots__ = ("clock", "epoch", "events", "facts", "failed", "messages", "origin")
+    __slots__ = ("clock", "epoch", "event_count", "facts", "failed", "messages", "origin")
 
     def __init__(self, epoch: str) -> None:
         self.epoch = epoch
         self.clock = Clock()
-        self.events = 0  #: number of events and timers handled
+        self.event_count = 0  #: number of events and timers handled
         self.origin = 0  #: the delivery whose handler sent the request (0: none)
         self.facts: list[facts.Fact] = []  #: facts of the event, for its journal entry
         self.failed: dict[int, str] = {}  #: its failed parts in words, for the log
@@ -60,7 +60,7 @@ class Waits(Present):
         A *brief* wait ends soon, by its timeout: it is never searched for deadlocks.
         """
         numbers = (number, *others)
-        wait = Blocking(origin, self.events, self.clock.now, numbers if others else ())
+        wait = Blocking(origin, self.event_count, self.clock.now, numbers if others else ())
         if brief:
             connection.brief_waits.update(dict.fromkeys(numbers, wait))
         else:
@@ -71,7 +71,7 @@ class Waits(Present):
     ) -> None:
         """The coroutine of a delivery waits for one of several answers; its slot continues."""
         self._block(
-            connection, numbers, Blocking(delivery, self.events, self.clock.now, numbers, True)
+            connection, numbers, Blocking(delivery, self.event_count, self.clock.now, numbers, True)
         )
 
     def _block(self, connection: Connection, numbers: tuple[int, ...], wait: Blocking) -> None:

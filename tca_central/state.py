@@ -117,10 +117,11 @@ class RestartPause(Stored):
         self.until_resumed = False  #: no task starts before an operator resumes them
 
 
-def is_own(delivery: Delivery) -> bool:
-    """Whether a message goes to its sender's own resource, which takes direct messages too.
+def _is_to_own_resource(delivery: Delivery) -> bool:
+    """Whether a query goes to its sender's own resource, which takes direct messages too.
 
-    Then the slot may be busy with a direct message, which central does not know.
+    The slot must then handle it although it may be busy: with a direct message, which is unknown to
+    central, and whose handler waits for this query.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -158,7 +159,9 @@ def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     context = delivery.context.header if delivery.context is not None else None
     if isinstance(delivery, Task):
         return headers.Deliver(handling_id, name, delivery.id, context, delivery.suspended)
-    return headers.Deliver(handling_id, name, ROOT, context, own=is_own(delivery), ahead=ahead)
+    return headers.Deliver(
+        handling_id, name, ROOT, context, own=_is_to_own_resource(delivery), ahead=ahead
+    )
 
 
 def _over_budget(what: str, held: int, most: int, advice: str) -> str:
@@ -232,7 +235,7 @@ class State(Waits):
 
         A message that *is_prefetched* is in the slot already; others are sent now.
         """
-        slot.handling[delivery] = self.events
+        slot.handling[delivery] = self.event_count
         resource = slot.resource
         assert resource is not None
         # A prefetched message began when its slot was free, which may be before central knew.
@@ -346,7 +349,8 @@ class State(Waits):
         connection, number = observation.connection, observation.number
         wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        # A coroutine still awaits the others.
+        # A blocked thread waits for several things at once, and none of them blocks it any longer.
+        # A coroutine is only one of its slot's: it may still await the others.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
         for awaited in (observation, *map(connection.outstanding.get, others)):
             if isinstance(awaited, Observation) and awaited.is_awaited:
@@ -450,10 +454,10 @@ class State(Waits):
             + self.budget.awaited
         )
 
-    def count_if_full(self, size: int) -> str:
-        """Return why there is no room for a message of *size* bytes, counted as a refusal.
+    def why_no_room(self, size: int) -> str:
+        """Return why there is no room for a message of *size* bytes; "" if there is.
 
-        "" if there is room.
+        Counts a refusal if there is none.
         """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
@@ -463,15 +467,15 @@ class State(Waits):
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""
-        if why := self.count_if_full(size):
+        if why := self.why_no_room(size):
             raise RequestError(Refusal.OVERLOAD, why)
 
     def refuse_own_task_if_full(self, what: str, body: bytes) -> bool:
-        """Refuse a task that central would send if memory is too full. Return whether it was.
+        """Refuse a task that central would send, if memory is full. Return whether it is.
 
-        The refusal is recorded, with *what*.
+        The recorded refusal names *what* would have been sent.
         """
-        if why := self.count_if_full(len(body)):
+        if why := self.why_no_room(len(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )
@@ -553,19 +557,19 @@ class State(Waits):
         del self.unconfirmed[connection]
         self.notify(connection, headers.TasksMade(confirmed))
 
-    def living(
-        self, connection: Connection, number: int, task_id: TaskId, not_done: str
+    def living_or_ignored(
+        self, connection: Connection, number: int, task_id: TaskId, consequence: str
     ) -> Task | None:
         """Return the task of that id.
 
-        If it has ended or was killed, ignore the request and return None. *not_done* says what the
-        request would have done.
+        If it has ended or was killed, ignore the request and return None. *consequence* names what
+        is not done then, for the text.
         """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
             return task
         ended = f"task {task_id} has ended" if task is None else f"{task} was killed"
-        self.ignore(connection, number, f"{ended}: {not_done}")
+        self.ignore(connection, number, f"{ended}: {consequence}")
         return None
 
     def ignore(self, connection: Connection, number: int, text: str) -> None:
@@ -577,7 +581,7 @@ class State(Waits):
         self.accept(connection, number)
 
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
-        """Ask a running handler to clean up and return. Its coroutine awaits nothing any more."""
+        """Ask a running handler to clean up and return. All waits of its coroutine end."""
         self.unblock_coroutine(slot, delivery.handling_id)
         self.expect_return(slot, delivery)
         self.notify(slot, cancelled_header(delivery))

@@ -100,7 +100,7 @@ def _live(folder: Path, choices: Choices) -> int:
             daemon.handle_input(Arrived(daemon.central.clock.now, ConnectionId(line), packet))
     finally:
         daemon.kill()
-    return daemon.central.events
+    return daemon.central.event_count
 
 
 def _leave_ends(folder: Path, choices: Choices) -> None:

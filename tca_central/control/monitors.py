@@ -315,7 +315,7 @@ def on_watched(central: State, watch: Watch) -> None:
 def end_background_monitors(central: State, task: Task) -> None:
     """A task waits only for monitors that are not waited for: end them."""
     for child in list((task.children or {}).values()) if task.has_only_background_left else ():
-        is_to_begin = child.retrying or not child.reached & START_HANDLING
+        is_to_begin = child.retry_pending or not child.reached & START_HANDLING
         if is_to_begin and (child.held or child.suspended):
             kill(central, child, Verdict(_ALL_ELSE))
         else:

@@ -49,5 +49,5 @@ def task_holding(claim: ModuleClaim) -> Task | None:
 
 def _raise_loss(central: State, task: Task, failure: RaisedFailure) -> None:
     knows = task.failure is not None and not task.is_dealt_with
-    if not (knows or task.retrying or task.killed):
+    if not (knows or task.retry_pending or task.killed):
         raise_failure(central, task, failure)

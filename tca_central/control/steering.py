@@ -14,7 +14,7 @@ from tca_central.model.contexts import RaisedFailure
 from tca_central.model.deliveries import Connection, MessageType
 from tca_central.model.intervals import checked_moment
 from tca_central.model.stored import Stored
-from tca_central.model.tasks import Plans, Task, Verdict
+from tca_central.model.tasks import Scheduled, Task, Verdict
 from tca_central.outgoing.central_messages import make_task, suspend
 from tca_central.state import State
 from tca_wire.journal import facts
@@ -37,14 +37,14 @@ MOST_TERMINATION_MESSAGES = 100
 def _check_pending(central: State, task: Task) -> None:
     """Raise RequestError if no more may be pending for a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
-    if task.plans is not None and len(task.plans.pending) >= MOST_PENDING:
+    if task.scheduled is not None and len(task.scheduled.pending) >= MOST_PENDING:
         raise RequestError(
             Refusal.OVERLOAD,
             f"{MOST_PENDING:,} kills, deadlines and delays are pending for {task} already",
         )
 
 
-def forget_pending(central: State, plans: Plans) -> None:
+def forget_pending(central: State, plans: Scheduled) -> None:
     """Cancel whatever is pending for a task that has ended."""
     for what, waits_for in plans.pending.items():
         if isinstance(waits_for, Task):
@@ -70,12 +70,12 @@ class PendingKill(Stored):
         if not self.delay:
             self.carry_out(central)
         elif self._is_alive(central):
-            Plans.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
+            Scheduled.of(self.task).pending[self] = central.clock.after(self.delay, Due.KILL, self)
 
     def carry_out(self, central: State) -> None:
         """Kill the tasks in scope."""
-        if self.task.plans is not None:
-            self.task.plans.pending.pop(self, None)
+        if self.task.scheduled is not None:
+            self.task.scheduled.pending.pop(self, None)
         if self._is_alive(central):
             for task in [self.task] if self.scope is Scope.TASK else self._relatives():
                 kill(central, task, self.verdict)
@@ -125,7 +125,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
         and not awaited.reached & checked_moment(header.after)
     ):
         _record_plan(central, pending, header.after)
-        Plans.of(task).pending[pending] = awaited
+        Scheduled.of(task).pending[pending] = awaited
         central.agenda.add_waiter(awaited, checked_moment(header.after), pending)
     else:
         if header.delay:
@@ -164,14 +164,14 @@ class PendingDeadline(Stored):
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
     """Raise the failure "timeout" unless a task reaches `moment` within `seconds` from now."""
     deadline = PendingDeadline(task, moment, seconds)
-    Plans.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
+    Scheduled.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(task.id, moment, seconds))
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
     """A deadline has passed."""
     task, moment = deadline.task, deadline.moment
-    del Plans.of(task).pending[deadline]
+    del Scheduled.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
         text = f"{describe_moments(moment)[0]} not reached within {deadline.seconds:g} s"
         raise_failure(central, task, RaisedFailure(TIMEOUT, text))
@@ -181,7 +181,9 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
     """A module limits the time until a point of a task."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     moment = checked_moment(header.point)
-    task = central.living(connection, header.number, header.point.task, "no deadline can be set")
+    task = central.living_or_ignored(
+        connection, header.number, header.point.task, "no deadline can be set"
+    )
     if task is None:
         return
     if not task.reached & moment:
@@ -236,7 +238,7 @@ def store_termination_message(
     if task.killed:
         make_task(central, message, body, task, Role.TERMINATION)
         return
-    termination_messages = Plans.of(task).termination_messages
+    termination_messages = Scheduled.of(task).termination_messages
     if len(termination_messages) >= MOST_TERMINATION_MESSAGES:
         text = f"{MOST_TERMINATION_MESSAGES} messages are stored for its termination already"
         raise RequestError(Refusal.OVERLOAD, f"{task}: {text}")

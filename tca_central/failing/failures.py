@@ -67,7 +67,9 @@ def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailu
 
 def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
     """A module raises a failure on a task that another module handles."""
-    task = central.living(connection, header.number, header.task, "no failure can be raised on it")
+    task = central.living_or_ignored(
+        connection, header.number, header.task, "no failure can be raised on it"
+    )
     if task is not None:
         central.check_room(len(body))
         raise_failure(central, task, failure_of(header, body), connection.module.name)
@@ -252,7 +254,7 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
 def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
     """Whether a task above is about to be retried for none of the given exception handlers."""
     retry_requesters = above.recovery.retry_requesters if above.recovery is not None else {}
-    return above.retrying and retry_requesters.keys().isdisjoint(exceptions)
+    return above.retry_pending and retry_requesters.keys().isdisjoint(exceptions)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
@@ -308,8 +310,8 @@ def _void_decision(exception_handler: Task) -> bool:
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
     """Send a killed task's termination messages, end its watch, and kill its listeners."""
-    if task.plans is not None and task.reached & START_HANDLING:
-        for message, body in task.plans.termination_messages:
+    if task.scheduled is not None and task.reached & START_HANDLING:
+        for message, body in task.scheduled.termination_messages:
             make_task(central, message, body, task, Role.TERMINATION)
     if task.watch is not None:
         stop_watching(central, task.watch, "it was killed")
@@ -356,7 +358,7 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
         raise RequestError(Refusal.PROTOCOL, text)
     trouble = trouble_of(asking)
     is_over = trouble.decision is Decision.VOID or trouble.failing.killed
-    counts = not (is_over or asking.retrying or asking.killed)
+    counts = not (is_over or asking.retry_pending or asking.killed)
     if counts and trouble.decision is Decision.NONE:
         trouble.decision = Decision.DEALT_WITH
         central.facts.append(facts.Resolved(asking.id))
@@ -483,7 +485,7 @@ def _kill_descendants(central: State, task: Task, verdict: Verdict) -> None:
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
     """Retry a task once the tasks under it, and the exception handler that asks, have ended."""
-    task = central.living(connection, header.number, header.task, "it can't be retried")
+    task = central.living_or_ignored(connection, header.number, header.task, "it can't be retried")
     if task is None:
         return
     asking = _asking_handler(central, task)

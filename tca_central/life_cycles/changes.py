@@ -66,7 +66,7 @@ def on_change_state(
     central: State, connection: Connection, header: ChangeState, body: bytes
 ) -> None:
     """A client of a task, or its handler, requests a change of its state."""
-    task = central.living(
+    task = central.living_or_ignored(
         connection, header.number, header.task, f"it can't take '{header.transition}'"
     )
     if task is None:

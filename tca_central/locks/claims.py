@@ -205,7 +205,7 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
     """End the claims on a disconnected module's resources, except on those with other copies."""
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
-            central.dispatcher.to_offer.append((copy, None))
+            central.dispatcher.to_refill.append((copy, None))
     for claim in [
         one
         for one in central.claims.values()

@@ -552,10 +552,10 @@ class Delivery(Queued):
         self, delivery_id: int, message: MessageType, body: bytes, sender: Connection | None
     ) -> None:
         Queued.__init__(self)
+        # The three ids are one number, except for copies and retries.
         self.id = delivery_id
-        #: The number under which a handler has it; each attempt has another one.
-        self.handling_id = delivery_id
-        self.message_id = delivery_id
+        self.handling_id = delivery_id  #: in packets to and from handlers; a retry gets a new one
+        self.message_id = delivery_id  #: all copies of one message, each for one receiver, share it
         self.message = message
         self.body = body
         self.role = Role.NONE  #: why central made it; NONE if a module sent it

@@ -191,18 +191,17 @@ class Resource(Stored, Generic[S, Q]):
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new slot gets the lowest free number
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
-        #: Queries of its own slots that a lock keeps out -> the asking slot.
+        #: By query that a slot of this resource waits for, and that a lock keeps out: that slot.
         self.locked_out_queries: dict[Q, S] = {}
         self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has prefetched and, as far as central knows, not begun.
 
-        A message that was dropped in the meantime has the facts to record when the slot has said
-        whether it had begun it. All others have None.
+        The value is None, or the facts of a drop: the message was dropped in the meantime, and the
+        facts are recorded when the slot has returned or begun it.
         """
-        self.prefetching_slot: S | None = (
-            None  #: the slot that has, or had, the prefetched messages
-        )
-        self.is_recalling = False  #: whether the slot has yet to say which of them it had not begun
+        #: The slot that has, or had, the prefetched messages.
+        self.prefetching_slot: S | None = None
+        self.is_recalling = False  #: whether the slot has yet to return those it has not begun
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S, Q]] = Queue()
         #: The queue split by sender; built at the first reservation.

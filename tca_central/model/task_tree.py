@@ -230,7 +230,7 @@ def first_moments(task: Task) -> int:
     """
     if task.reached & START_HANDLING:
         return START_HANDLING
-    return STARTS if task.delayed else RULES[task.message.is_goal].delivery
+    return STARTS if task.planning_delayed else RULES[task.message.is_goal].delivery
 
 
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:

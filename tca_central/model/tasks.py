@@ -5,7 +5,7 @@ Each class of the chain adds one concern: ``Queued`` and ``Delivery`` (deliverie
 have none, and there may be hundreds of thousands of tasks.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from tca_central.model.budget import DELIVERY_BYTES, TASK_BYTES
@@ -61,32 +61,34 @@ class Node(Delivery):
         #: By id: the children that are background monitors.
         self.background_monitors: dict[int, Task] | None = None
         self.unplanned = 0  #: number of children whose planning has not ended
-        #: The child that constraint flags of the next child refer to.
+        #: The child that the constraint flags of the next child put it behind.
         self.last_child: Task | None = None
-        #: The children that constraint flags may refer to. Built only when the newest child was
-        #: killed: then flags refer to the one before it.
+        #: By id: the children that may become ``last_child``. None until it is killed, and the
+        #: child before it must be found.
         self.sequence: dict[int, Task] | None = None
 
 
 class Ordered(Node):
     """A node with moments, and with constraints that hold them."""
 
-    __slots__ = ("delayed", "followers", "held", "leaders", "reached", "waiters")
+    __slots__ = ("followers", "held", "leaders", "planning_delayed", "reached", "waiters")
 
     def __init__(
         self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
     ) -> None:
         Node.__init__(self, task_id, message, body, sender)
         self.reached = 0  #: the moments reached, as bits
-        self.delayed = False  #: whether planning starts only when achieving does (DELAY_PLANNING)
+        self.planning_delayed = (
+            False  #: whether planning starts only when achieving does (DELAY_PLANNING)
+        )
         self.held = 0  #: number of unmet constraints per moment, packed into one integer (holds.py)
         #: The points that constraints hold until a moment of this task:
         #: (its own moment, follower, the follower's moment, delay)
         self.followers: list[tuple[int, Task, int, float]] | None = None
         #: What this task waits for: (its own moment, id of the leader, the leader's moment)
         self.leaders: list[tuple[int, int, int]] | None = None
-        #: What else is to happen at a moment of it (answer a connection, kill, end a monitor):
-        #: waiter -> the moment, oldest first.
+        #: By waiter, oldest first: the moment at which a connection is answered, a task is killed
+        #: or a monitor is ended.
         self.waiters: dict[Stored, int] | None = None
 
 
@@ -102,16 +104,16 @@ class Task(Ordered):
     __slots__ = (
         "clients",
         "is_goal",
-        "is_startable",
         "keeping",
         "killed",
-        "plans",
         "recovery",
         "result",
-        "retrying",
+        "retry_pending",
         "returned",
+        "scheduled",
         "serial",
         "size",
+        "start_granted",
         "state",
         "suspended",
         "tapping",
@@ -128,17 +130,18 @@ class Task(Ordered):
         #: Of its life cycle; observers learn the final one when the task has ended.
         self.state = message.initial
         self.serial = 0  #: number of changes of that state
-        #: Whether its start conditions are met, so that it is startable, queued or delivered.
-        self.is_startable = False
+        #: Whether it was passed on for delivery, because its start conditions were met. It is in
+        #: ``Agenda.startable``, in a queue, or with a handler.
+        self.start_granted = False
         self.suspended = False
-        self.retrying = False  #: is to be handled again, once everything under it has ended
+        self.retry_pending = False  #: it is handled again once everything under it has ended
         self.returned = False  #: whether its handler has returned, or will never be called
         self.killed = ""  #: why it was killed and by which module; "" if it was not
         self.result = b""  #: the result of its handler
         self.size = TASK_BYTES + len(body)  #: bytes that it counts for in the budget
         self.recovery: Recovery | None = None
         self.tapping: Tapping | None = None
-        self.plans: Plans | None = None
+        self.scheduled: Scheduled | None = None
         self.watch: Watch | None = None  #: of a monitor only
         self.clients: Clients | None = None
         self.keeping: Retention | None = None
@@ -149,7 +152,14 @@ class Task(Ordered):
     @property
     def has_parts(self) -> bool:
         """Whether it has any of the optional parts."""
-        parts = (self.recovery, self.tapping, self.plans, self.watch, self.clients, self.keeping)
+        parts = (
+            self.recovery,
+            self.tapping,
+            self.scheduled,
+            self.watch,
+            self.clients,
+            self.keeping,
+        )
         return any(one is not None for one in parts)
 
     @property
@@ -282,9 +292,8 @@ class Recovery(Stored):
         self.attempts = 1  #: number of times that the task has been handled, with the present one
         #: Exception handlers that want a retry and have not ended.
         self.retry_requesters: dict[Task, None] = {}
-        self.foreign_monitors = (
-            0  #: number of foreign monitors under the task: a retry does not end them
-        )
+        #: Number of foreign monitors under the task: a retry does not end them.
+        self.foreign_monitors = 0
         #: Number of exception handlers of the task that have ended, and whose decisions are not
         #: processed yet. Until then the task may not end: it may fail again.
         self.unprocessed_decisions = 0
@@ -304,11 +313,17 @@ class Tapping(Stored):
 
     def __init__(self) -> None:
         self.taps: list[Wiretap] = []  #: of this task alone, oldest first
-        #: By wiretap id: fired before a moment of the task -> whether the listener had a handler.
+        #: By id of each wiretap that fired before a moment of the task: whether its listener had a
+        #: handler.
         self.fired: dict[int, bool] = {}
         #: Whether wiretaps are about to fire: until then the task reaches no moment.
         self.is_firing = False
         self.listeners: list[Task] = []  #: listeners that are killed with the task
+
+    def fire_again(self, taps: Iterable[int]) -> None:
+        """Have wiretaps, given by their ids, fire once more."""
+        for tap in taps:
+            self.fired.pop(tap, None)
 
     @staticmethod
     def of(task: Task) -> "Tapping":
@@ -318,23 +333,23 @@ class Tapping(Stored):
         return task.tapping
 
 
-class Plans(Stored):
-    """The plans for a task: timers, planned kills, and messages for its termination."""
+class Scheduled(Stored):
+    """Events that are scheduled for a task: timers, kills, and messages for its termination."""
 
     __slots__ = ("pending", "termination_messages")
 
     def __init__(self) -> None:
-        #: By planned event: the timer, or the task whose moment it waits for.
+        #: By scheduled event: the timer, or the task whose moment it waits for.
         self.pending: dict[Stored, Timer | Task] = {}
         #: Messages to send when the task is killed, with their data.
         self.termination_messages: list[tuple[MessageType, bytes]] = []
 
     @staticmethod
-    def of(task: Task) -> "Plans":
-        """Return the task's ``Plans``, creating it on first use."""
-        if task.plans is None:
-            task.plans = Plans()
-        return task.plans
+    def of(task: Task) -> "Scheduled":
+        """Return the task's ``Scheduled``, creating it on first use."""
+        if task.scheduled is None:
+            task.scheduled = Scheduled()
+        return task.scheduled
 
 
 class ClientRequest(NamedTuple):

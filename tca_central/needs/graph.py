@@ -142,7 +142,7 @@ def _changes(central: State, observation: Observation) -> list[Node]:
         return []
     below = tree.subtree(top) if not observation.task_id else [top]
     found = list(islice(below, MOST_OBSERVED + 1))
-    may_change = any(one.retrying or one.message.message_class.is_monitor for one in found)
+    may_change = any(one.retry_pending or one.message.message_class.is_monitor for one in found)
     if len(found) > MOST_OBSERVED or may_change:
         return []
     return [_change(task) for task in found]
@@ -242,7 +242,7 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
             yield [Waiting(claim.slot, number) for number in group]
     elif holder.slot is not None:
         yield [Returning(holder)]
-    elif isinstance(holder, Task) and holder.retrying:
+    elif isinstance(holder, Task) and holder.retry_pending:
         children = (holder.children or {}).values() if not holder.suspended else ()
         for child in each(children):
             yield None if child.is_foreign_monitor else [Place(child, END_ACHIEVING)]
@@ -274,7 +274,7 @@ def is_only_queued(task: Task) -> bool:
 
     This is a shortcut: most subtasks of a large goal are in this state.
     """
-    has_more = task.leaders or task.children or task.retrying or task.has_parts
+    has_more = task.leaders or task.children or task.retry_pending or task.has_parts
     if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
         return False
     parent = task.parent
@@ -306,7 +306,7 @@ def _of_test(monitor: Task) -> Groups:
 
 def _of_its_handler(task: Task, moment: int) -> Groups:
     """The needs of a point for its task's handler or place in a queue."""
-    starts = STARTS if task.delayed else START_HANDLING | delivered_at(task.is_goal)
+    starts = STARTS if task.planning_delayed else START_HANDLING | delivered_at(task.is_goal)
     if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
     elif task.queues and (moment & starts or task.reached & START_HANDLING):
@@ -320,7 +320,7 @@ def reached_together(place: Place) -> int:
 
     If planning is delayed, both starts are reached together.
     """
-    if place.task.delayed and place.moment & STARTS:
+    if place.task.planning_delayed and place.moment & STARTS:
         return START_PLANNING | START_ACHIEVING
     return place.moment
 
@@ -336,7 +336,7 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
             other = before.task
             is_past = other.reached & before.moment or (other is task and before.moment & same)
             is_child = other.parent is task and before.moment == END_ACHIEVING
-            is_its_end = moment == END_ACHIEVING or task.retrying
+            is_its_end = moment == END_ACHIEVING or task.retry_pending
             if is_child and is_its_end and only_watches(central, other):
                 yield from _of_actions(central, other)
             else:

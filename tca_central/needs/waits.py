@@ -159,10 +159,10 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
     task, moment = place
     if task.killed or task.reached & moment:
         return
-    is_to_be_handled = task.retrying or (task.slot is None and not task.returned)
+    is_to_be_handled = task.retry_pending or (task.slot is None and not task.returned)
     if task.suspended and (moment & STARTS or is_to_be_handled):
         yield _resume(central, task)
-    for pending, timer in task.plans.pending.items() if task.plans is not None else ():
+    for pending, timer in task.scheduled.pending.items() if task.scheduled is not None else ():
         if (
             isinstance(pending, PendingDelay)
             and isinstance(timer, Timer)

@@ -105,7 +105,7 @@ class Agenda(Stored):
         task.suspended = parent.suspended and not task.role.leaves_safe
         # A child that arrives after its parent was killed, or while a retry of it is pending, is
         # killed too: the handler that sent it no longer counts.
-        is_late = parent.retrying and not (task.role or task.is_foreign_monitor)
+        is_late = parent.retry_pending and not (task.role or task.is_foreign_monitor)
         if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
@@ -127,7 +127,7 @@ class Agenda(Stored):
             *(resolve(constraint, task.id) for constraint in wanted),
         ]
         try:
-            return self._apply_all(own, follows, task)
+            return self._add_all(own, follows, task)
         except RequestError:
             self.tree.detach(task)
             if task.parent is not None:
@@ -139,14 +139,16 @@ class Agenda(Stored):
 
         Returns those that hold something.
         """
-        return self._apply_all(wanted, [])
+        return self._add_all(wanted, [])
 
-    def _apply_all(
+    def _add_all(
         self, wanted: list[Constraint], added: list[Constraint], new: Task | None = None
     ) -> list[Constraint]:
-        """Add constraints to those in *added*, and withdraw queued tasks that they hold.
+        """Put the *wanted* constraints in force: all of them or, with RequestError, none.
 
-        A task that is being added (*new*) is in no queue yet.
+        Queued tasks that they hold leave their queues; a *new* task is in none yet. The constraints
+        in *added* are in force already: RequestError undoes them too. Returns all that hold
+        something.
         """
         try:
             for constraint in wanted:
@@ -166,10 +168,10 @@ class Agenda(Stored):
             # A goal's achieving may start now; a monitor may have been ended before it began.
             if task.is_goal or task.returned:
                 self.to_advance.append(task)
-        self._check_parent(task)
+        self._recheck_parent(task)
 
-    def _check_parent(self, task: Task) -> None:
-        """Check the parent of a background monitor again: it may have nothing else left now."""
+    def _recheck_parent(self, task: Task) -> None:
+        """Advance the parent of a background monitor: it may have only such monitors left now."""
         if task.is_background and task.parent is not None:
             self.to_advance.append(task.parent)
 
@@ -182,26 +184,23 @@ class Agenda(Stored):
 
     def retry(self, task: Task) -> None:
         """Have a started task handled again, as soon as ``Task.may_be_handled_again``."""
-        task.retrying, task.returned = True, False
+        task.retry_pending, task.returned = True, False
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
-            done = {tap.id for tap in taps_of(task) if not tap.before & to_come}
-            task.tapping.fired = {
-                tap: heard for tap, heard in task.tapping.fired.items() if tap in done
-            }
+            task.tapping.fire_again(tap.id for tap in taps_of(task) if tap.before & to_come)
         self.restart(task)
-        self._check_parent(task)
+        self._recheck_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
-        """Return whether the handler's outcome is void, because the task was killed or is retried.
+        """End a killed task, or retry one whose retry is pending: its handler has returned.
 
-        If so, the task is ended or retried here.
+        Returns False if the task is neither. Then the outcome of its handler counts.
         """
         if task.killed:
             self.mark_returned(task)
-        elif task.retrying:
+        elif task.retry_pending:
             self.retry(task)
-        return bool(task.killed) or task.retrying
+        return bool(task.killed) or task.retry_pending
 
     def end_retry_request(self, task: Task, exception_handler: Task) -> None:
         """An exception handler that asked for a retry has ended: the retry may start."""
@@ -217,21 +216,20 @@ class Agenda(Stored):
         """Fire the wiretaps before the start of a task once more: it has not started."""
         again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
         if again:
-            tapping = Tapping.of(task)
-            tapping.fired = {tap: heard for tap, heard in tapping.fired.items() if tap not in again}
+            Tapping.of(task).fire_again(again)
             if task.queues is not None:
                 self._withdraw(task)
             self.to_advance.append(task)
 
     def restart(self, task: Task) -> None:
-        """Have a started task handled again: it leaves its queues, and is checked again."""
+        """Remove a started task from its queues, and check whether it may be handled again."""
         if task.queues is not None:
             self.withdrawn.append((task, False))
         self.recheck_start(task)
 
     def recheck_start(self, task: Task) -> None:
         """Check whether a task that is in no queue may start."""
-        task.is_startable = False
+        task.start_granted = False
         self.to_advance.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
@@ -272,12 +270,12 @@ class Agenda(Stored):
                 continue
             node.suspended = not resume
             changed.append(node)
-            self._check_parent(node)
+            self._recheck_parent(node)
             if resume:
                 self.to_advance.append(node)
                 if node.message.message_class.is_monitor:
                     self.resumed_monitors.append(node)
-            elif node.is_startable and node.queues is not None:
+            elif node.start_granted and node.queues is not None:
                 self._withdraw(node, is_suspended=True)
         return changed
 
@@ -309,11 +307,11 @@ class Agenda(Stored):
             return
         if task.killed or task.reached & START_HANDLING:
             self._reach_due_moments(task)
-        if not (task.is_startable or task.killed) and self._may_start(task):
-            task.is_startable = not (task.message.taps or task.tapping) or self._may_pass(
+        if not (task.start_granted or task.killed) and self._may_start(task):
+            task.start_granted = not (task.message.taps or task.tapping) or self._pass_or_fire_taps(
                 task, first_moments(task)
             )
-            if task.is_startable:
+            if task.start_granted:
                 self.startable.append(task)
         if task.background_monitors and task.has_only_background_left:
             self.only_background_left.append(task)
@@ -333,16 +331,17 @@ class Agenda(Stored):
                 and reached & needed == needed
                 and self._may_reach(task, moment)
             ):
-                if is_tapped and not self._may_pass(task, moment):
+                if is_tapped and not self._pass_or_fire_taps(task, moment):
                     break
                 reached |= moment
         if reached != before:
             self._reach(task, reached & ~before)
 
-    def _may_pass(self, task: Task, moments: int) -> bool:
-        """Whether no wiretap must fire before a task reaches *moments*.
+    def _pass_or_fire_taps(self, task: Task, moments: int) -> bool:
+        """Return whether a task may reach *moments*, as far as wiretaps are concerned.
 
-        If one must, it is queued in ``taps_to_fire``, and the task waits until it has fired.
+        It must wait for the wiretaps that fire before these moments. They are queued in
+        ``taps_to_fire`` here.
         """
         tapping = task.tapping
         if task.killed or not (task.message.taps or (tapping is not None and tapping.taps)):
@@ -359,15 +358,17 @@ class Agenda(Stored):
         """Check a task again after the wiretaps before it have fired: listeners may hold it now."""
         Tapping.of(task).is_firing = False
         self.to_advance.append(task)
-        self._check_parent(task)
+        self._recheck_parent(task)
 
     def _may_start(self, task: Task) -> bool:
         """Whether all conditions for the delivery of a task are met."""
-        if task.suspended or (task.retrying and not task.may_be_handled_again):
+        if task.suspended or (task.retry_pending and not task.may_be_handled_again):
             return False
-        if task.held and is_held(task, START_HANDLING):  # held before a retry
+        # Only a task that is retried has a start of handling that is held apart from the moment
+        # below: it was handled before the constraint came.
+        if task.held and is_held(task, START_HANDLING):
             return False
-        if task.delayed and not self._may_reach(task, START_ACHIEVING):
+        if task.planning_delayed and not self._may_reach(task, START_ACHIEVING):
             return False
         return self._may_reach(task, delivered_at(task.is_goal))
 
@@ -422,18 +423,20 @@ class Agenda(Stored):
         parent = task.parent
         if task.role is Role.EXCEPTION and parent is not None:
             Recovery.of(parent).unprocessed_decisions += 1
-        if parent is None or not (parent.returned or parent.retrying):
+        if parent is None or not (parent.returned or parent.retry_pending):
             return
-        if parent.retrying or len(parent.children or ()) == len(parent.background_monitors or ()):
+        if parent.retry_pending or len(parent.children or ()) == len(
+            parent.background_monitors or ()
+        ):
             self.to_advance.append(parent)
 
     def _withdraw_if_held(self, task: Task) -> None:
         """Take an undelivered task out of its queues if a new constraint holds it."""
-        self._check_parent(task)
-        if task.is_startable and not task.reached & START_HANDLING and not self._may_start(task):
+        self._recheck_parent(task)
+        if task.start_granted and not task.reached & START_HANDLING and not self._may_start(task):
             self._withdraw(task)
 
     def _withdraw(self, task: Task, *, is_suspended: bool = False) -> None:
         """Take a task out of its queues. The core does this, by way of ``withdrawn``."""
-        task.is_startable = False
+        task.start_granted = False
         self.withdrawn.append((task, is_suspended))

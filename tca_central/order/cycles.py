@@ -125,10 +125,8 @@ class Borders:
 
     def __init__(self, start: Place, goal: Place) -> None:
         self._start, self._goal = start, goal
-        #: Subtrees for the search from the start.
-        self._ahead: set[Task] = set()  # the subtrees for the search from the start
-        #: Subtrees for the search from the goal.
-        self._behind: set[Task] = set()  # those for the search from the goal
+        self._ahead: set[Task] = set()  #: tasks whose subtrees the search from the start enters
+        self._behind: set[Task] = set()  #: tasks whose subtrees the search from the goal enters
 
     def draw(self, tree: TaskTree) -> Iterator[None]:
         """Find them, one step per iteration."""
@@ -167,7 +165,7 @@ class Borders:
         task, moment = place
         if task in self._ahead:
             return True
-        if moment != START_ACHIEVING or not task.is_goal or task.delayed:
+        if moment != START_ACHIEVING or not task.is_goal or task.planning_delayed:
             return False
         to_come = next((one for one in ENDS_OF_HANDLING if not task.reached & one), 0)
         return bool(to_come) and Place(task, to_come) not in met
@@ -177,7 +175,7 @@ class Borders:
         task, moment = place
         if task in self._behind:
             return True
-        if moment in (END_ACHIEVING, ALL_ELSE) or not task.is_goal or task.delayed:
+        if moment in (END_ACHIEVING, ALL_ELSE) or not task.is_goal or task.planning_delayed:
             return False
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
 
@@ -245,7 +243,7 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
     task, moment = place
     for following in NEXT.get((task.is_goal, moment), ()):
         yield Place(task, following)
-    if task.delayed and moment == START_ACHIEVING:
+    if task.planning_delayed and moment == START_ACHIEVING:
         yield Place(task, START_PLANNING)
     for at, follower, its_moment, _ in task.followers or ():
         if at == moment and its_moment == START_HANDLING:
@@ -271,7 +269,7 @@ def predecessors(
     task, moment = place
     for preceding in PREVIOUS.get((task.is_goal, moment), ()):
         yield Place(task, preceding)
-    if task.delayed and moment == START_PLANNING:
+    if task.planning_delayed and moment == START_PLANNING:
         yield Place(task, START_ACHIEVING)
     came_before = START_HANDLING if moment in ENDS_OF_HANDLING else moment
     for at, leader_id, its_moment in each(task.leaders or ()):
@@ -301,7 +299,7 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
             yield Place(task.parent, moment)
     elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in each(children))
-    if moment in ENDS_OF_HANDLING and (task.retrying or task.recovery is not None):
+    if moment in ENDS_OF_HANDLING and (task.retry_pending or task.recovery is not None):
         yield from (
             Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task)
         )
@@ -353,6 +351,6 @@ def _retry_requesters(task: Task) -> Iterable[Task]:
 
 def _decides(child: Task, task: Task) -> bool:
     """Whether *task* waits for *child* before it is handled again, or else before it is planned."""
-    return (task.retrying and not child.is_foreign_monitor) or (
+    return (task.retry_pending and not child.is_foreign_monitor) or (
         task.recovery is not None and task.recovery.exception_handler is child
     )

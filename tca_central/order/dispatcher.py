@@ -63,7 +63,7 @@ class Dispatcher(Stored):
         "prefetcher",
         "running",
         "stranded",
-        "to_offer",
+        "to_refill",
         "waiting_for_custom_handler",
     )
 
@@ -74,13 +74,17 @@ class Dispatcher(Stored):
         self.prefetcher = Prefetcher(out, clock)
         self._arrivals = 0
         self.are_tasks_paused = False  #: whether no task starts, after a restart
-        self.running: dict[int, Delivery] = {}  #: by the number under which its handler has it
+        self.running: dict[int, Delivery] = {}  #: by ``Delivery.handling_id``
         self.bytes = 0  #: held by deliveries, without tasks
         self.handler_count = 0  #: number of handlers of all messages
         #: Messages that gained or lost handlers: number of handlers before.
         self.changed: dict[MessageType, int] = {}
-        self.to_offer: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Resources that may admit something, each with its slot that has become free, if any."""
+        self.to_refill: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
+        """Resources that may admit something, each with its slot that has become free, if any.
+
+        A slot is refilled after all else that follows from its handler's end, because this may kill
+        or hold the next message.
+        """
         self.granted: deque[ModuleClaim] = deque()  #: claims just granted
         #: Tasks that wait for a handler which decides about them itself (``Handler.is_custom``)
         self.waiting_for_custom_handler: deque[Delivery] = deque()
@@ -101,6 +105,9 @@ class Dispatcher(Stored):
         if self._assign_free_slot(delivery, resources):
             return
         slot = own_slot(delivery, resources)
+        # A query of the slot's own handler waits in the queue while the resource is locked. It may
+        # be at the end of the queue, behind messages that wait for this slot. So the resource
+        # remembers it, and it becomes nested when the lock is released (``refill_next``).
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
             slot.resource.locked_out_queries[delivery] = slot
             slot = None
@@ -128,14 +135,13 @@ class Dispatcher(Stored):
             if delivery.is_stranded:
                 self.stranded.append(delivery)
             return
-        is_sure = False
+        may_wait_for_ever = True
         for resource in resources:
             resource.queue(delivery)
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
-            is_sure = is_sure or _gets_free(resource)
-        # Only a message that may wait for ever is checked for a deadlock.
-        if not is_sure:
+            may_wait_for_ever = may_wait_for_ever and not _has_unblocked_slot(resource)
+        if may_wait_for_ever:  # the search for a deadlock is dear: the others are spared it
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
@@ -152,7 +158,7 @@ class Dispatcher(Stored):
         """
         self.bytes += DELIVERY_BYTES + len(message.body)
         if self.are_tasks_paused:
-            self.to_offer.extend((resource, None) for resource in resources)
+            self.to_refill.extend((resource, None) for resource in resources)
 
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
         """Deliver or queue several messages.
@@ -211,8 +217,7 @@ class Dispatcher(Stored):
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
         """Record that a handler has returned at *ended*.
 
-        *took* is the time by the handler's own clock (0: unknown). The slot is offered last,
-        because what follows may kill or hold the next message.
+        *took* is the time by the handler's own clock (0: unknown).
         """
         del self.running[delivery.handling_id]
         if not delivery.is_task:
@@ -230,22 +235,22 @@ class Dispatcher(Stored):
             seconds = ended - delivery.since
             resource.busy += seconds
             record_run(resource, took or seconds)
-            self.to_offer.append((resource, slot))
+            self.to_refill.append((resource, slot))
 
-    def offer_next(self) -> None:
-        """Let the first resource of ``to_offer`` admit its next message or claim."""
-        resource, slot = self.to_offer.popleft()
+    def refill_next(self) -> None:
+        """Have the first resource of ``to_refill`` admit its next message or claim."""
+        resource, slot = self.to_refill.popleft()
         if slot is not None and slot in resource.slots and slot.has_room:
             resource.free_slot(slot)
         following = self.next_in(resource)
         if isinstance(following, Claim):
             resource.grant(following)
             self.granted.append(following)
-            self.to_offer.extend((copy, None) for copy in resource.copies)
+            self.to_refill.extend((copy, None) for copy in resource.copies)
         elif following is not None and resource.free:
             self._assign_next(following, resource)
             if resource.free or resource.locked_out_queries:
-                self.to_offer.append((resource, None))
+                self.to_refill.append((resource, None))
         elif resource.locked_out_queries and not resource.is_locked:
             # A slot that waits for an answer from its own resource would wait for itself.
             for delivery, sender in list(resource.locked_out_queries.items()):
@@ -274,14 +279,11 @@ class Dispatcher(Stored):
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
     ) -> Connection:
         """Move a queued delivery to a free slot, which is returned."""
-        slot, is_prefetched, dropped = (
-            resource.acquire_slot(),
-            delivery in resource.prefetched,
-            resource.prefetched.get(delivery),
-        )
+        slot, is_prefetched = resource.acquire_slot(), delivery in resource.prefetched
+        facts_of_drop = resource.prefetched.get(delivery) or ()  # it was dropped, but had begun
         self._leave_queues(delivery)
         self._assign(delivery, slot, is_prefetched=is_prefetched)
-        self._facts.extend(dropped or ())
+        self._facts.extend(facts_of_drop)
         return slot
 
     # --- prefetched messages: see prefetching.py --------------------------------------------------
@@ -295,23 +297,23 @@ class Dispatcher(Stored):
         resource, first = slot.resource, first_prefetched(slot)
         if first is None or first.handling_id != number or resource is None or not slot.has_room:
             return None
-        # Usual case: the message before has just returned, and its slot was offered last.
-        if self.to_offer and self.to_offer[-1] == (resource, slot):
-            self.to_offer.pop()
+        # Usual case: the message before has just returned, and its slot is refilled next.
+        if self.to_refill and self.to_refill[-1] == (resource, slot):
+            self.to_refill.pop()
         resource.free_slot(slot)
         self._move_to_slot(first, resource)
         return first
 
     def _remove_prefetched(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
-        """Return the prefetched deliveries of a disconnected slot, out of their queue.
+        """Remove the prefetched deliveries of a disconnected slot from their queue.
 
-        Deliveries that were dropped in the meantime are left out.
+        Returns them, without those that were dropped in the meantime.
         """
         found = []
         for delivery in list(resource.prefetched) if resource.prefetching_slot is slot else ():
-            dropped = resource.requeue_prefetched(delivery)
-            self.withdraw(delivery, keep_place=True, dropped=dropped or ())
-            if dropped is None:
+            facts_of_drop = resource.requeue_prefetched(delivery)
+            self.withdraw(delivery, keep_place=True, facts_of_drop=facts_of_drop or ())
+            if facts_of_drop is None:
                 found.append(delivery)
         return found
 
@@ -326,8 +328,8 @@ class Dispatcher(Stored):
     ) -> list[Delivery]:
         """Return prefetched deliveries to the queue.
 
-        In answer to a recall (*is_answer*), those that are not returned have begun. The result is
-        the deliveries that the slot must not get again: they are out of their queue.
+        In answer to a recall (*is_answer*), those that are not returned have begun. Deliveries that
+        belong in another queue by now are removed from this one, and are the result.
         """
         resource = slot.resource
         if resource is None or resource.prefetching_slot is not slot:
@@ -338,32 +340,30 @@ class Dispatcher(Stored):
             for delivery in list(resource.prefetched)
             if delivery.handling_id in numbers
         ]
-        for delivery, dropped in returned:
-            if dropped is not None:  # dropped in the meantime
-                self.withdraw(delivery, dropped=dropped)
-        still_wanted = [delivery for delivery, dropped in returned if dropped is None]
-        moved = [
-            delivery
-            for delivery in still_wanted
-            if not is_handled_in(resource, delivery, slot.module)
-        ]
+        moved = []
+        for delivery, facts_of_drop in returned:
+            if facts_of_drop is not None:
+                self.withdraw(delivery, facts_of_drop=facts_of_drop)
+            elif not is_handled_in(resource, delivery, slot.module):
+                moved.append(delivery)
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
-            self.prefetcher.recall(resource)  # later ones may be on their way to the slot
+            # The slot returned them by itself. It may be sent more before central learns that.
+            self.prefetcher.recall(resource)
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
             if (begun := first_prefetched(slot)) is not None and resource.is_free(slot):
                 self._assign_next(begun, resource)
-            if was_recalling:  # only now: the message above was begun before the recall ended
+            if was_recalling:  # in the journal, the message above begins before the recall ends
                 self._facts.append(Recalling(resource.module, resource.name, is_over=True))
-        self.to_offer.append((resource, None))
+        self.to_refill.append((resource, None))
         return moved
 
     def release_tasks(self, modules: Iterable[Module]) -> None:
         """Let tasks start again after a restart."""
         self.are_tasks_paused = False
-        self.to_offer.extend(
+        self.to_refill.extend(
             (resource, None) for module in modules for resource in module.resources.values()
         )
 
@@ -376,22 +376,22 @@ class Dispatcher(Stored):
         claim.resource.add_claim(claim)
         for resource in claim.resource.copies:
             self.prefetcher.recall_if_overtaken(resource, claim)
-        self.to_offer.append((claim.resource, None))
+        self.to_refill.append((claim.resource, None))
 
     def end_claim(self, claim: ModuleClaim) -> None:
         """End a claim that was given up or released."""
         claim.resource.end_claim(claim)
-        self.to_offer.extend((copy, None) for copy in claim.resource.copies)
+        self.to_refill.extend((copy, None) for copy in claim.resource.copies)
 
     def withdraw(
-        self, delivery: Delivery, *, keep_place: bool = False, dropped: tuple[Fact, ...] = ()
+        self, delivery: Delivery, *, keep_place: bool = False, facts_of_drop: tuple[Fact, ...] = ()
     ) -> None:
-        """Take a delivery out of its queues, if it is in any.
+        """Remove a delivery from its queues, if it is in any.
 
-        With *keep_place* it keeps its place for the next time. The facts in *dropped* are recorded
-        now; but if a slot has prefetched the delivery, when the slot has returned or begun it.
+        With *keep_place* it keeps its place for the next time. *facts_of_drop* are recorded now,
+        except for a prefetched delivery: its slot must first have returned or begun it.
         """
-        if delivery.queues is None or self.prefetcher.revoke(delivery, dropped):
+        if delivery.queues is None or self.prefetcher.revoke(delivery, facts_of_drop):
             return
         if delivery.queues == ():
             del delivery.message.waiting[delivery.id]
@@ -399,13 +399,13 @@ class Dispatcher(Stored):
             delivery.arrival = 0
         self._facts.append(Unqueued(delivery.handling_id))
         self._leave_queues(delivery)
-        self._facts.extend(dropped)
+        self._facts.extend(facts_of_drop)
 
     def _leave_queues(self, delivery: Delivery) -> None:
         """Remove a delivery from its queues. A claim behind it may be next now."""
         for resource in delivery.queues or ():
             if resource.claims or self.are_tasks_paused:
-                self.to_offer.append((resource, None))
+                self.to_refill.append((resource, None))
         if not delivery.is_task:
             self.bytes -= DELIVERY_BYTES + len(delivery.body)
         delivery.withdraw()
@@ -429,7 +429,7 @@ class Dispatcher(Stored):
             self._serve_all(slot, +1)
         resource.add_slot(slot)
         self.prefetcher.recall(resource)  # the new slot may take some of them
-        self.to_offer.append((resource, slot))
+        self.to_refill.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
         """Remove a disconnected slot. Return the deliveries that it had.
@@ -442,7 +442,7 @@ class Dispatcher(Stored):
             if slot is slot.resource.prefetching_slot:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
-            self.to_offer.append((slot.resource, None))  # a claim may have waited for it
+            self.to_refill.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
                 self._serve_all(slot, -1)
         for timer in slot.hang_timers.values():
@@ -483,11 +483,11 @@ class Dispatcher(Stored):
         self.route_all(queued)
 
     def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
-        """Remove handlers. Return what waited for them, out of its queues."""
+        """Remove handlers. Return the deliveries that waited for them, which are in no queue."""
         return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
-        """Remove one handler. Return what waited for it."""
+        """Remove one handler. Return the deliveries that waited for it."""
         message = handler.message
         self.prefetcher.recall(handler.resource)
         queued = self._remove_queued(message, handler.resource)
@@ -511,9 +511,9 @@ class Dispatcher(Stored):
     def _remove_queued(
         self, message: MessageType, only: ModuleResource | None = None
     ) -> list[Delivery]:
-        """Take the waiting deliveries of a message (for one resource *only*) out of their queues.
+        """Remove the waiting deliveries of a message (for one resource *only*) from their queues.
 
-        They are returned, oldest first, without those that a slot has prefetched.
+        Returns them, oldest first. Prefetched deliveries stay.
         """
         ahead = {
             one
@@ -546,11 +546,10 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
     return Queued(delivery.handling_id, delivery.message_id, module, resource, delivery.priority)
 
 
-def _gets_free(resource: ModuleResource) -> bool:
-    """Whether one of its slots is not blocked.
+def _has_unblocked_slot(resource: ModuleResource) -> bool:
+    """Whether a resource has a slot that becomes free without help, so no deadlock is possible.
 
-    What waits here gets its turn then, and need not be checked for a deadlock. A resource without
-    slots counts too: a slot may come at any time.
+    True also if it has no slot at all: one may be added at any time.
     """
     if resource.held_by is not None or resource.claims:
         return False

@@ -15,7 +15,7 @@ from tca_central.model.clock import Clock, Timer, checked_seconds
 from tca_central.model.intervals import checked_moment, unified
 from tca_central.model.stored import Stored
 from tca_central.model.task_tree import TaskTree
-from tca_central.model.tasks import Plans, Task
+from tca_central.model.tasks import Scheduled, Task
 from tca_central.order.cycles import ALL_ELSE, Place, find_path
 from tca_wire.constraints import (
     Constraint,
@@ -66,9 +66,10 @@ VOID_ENTRIES = 32
 """Void entries that a list of waits may hold beyond the number of valid ones."""
 
 _TIME_ZERO = Point(ROOT, Moment.START_ACHIEVING)
-"""The point from which the journal counts a delay from now on.
+"""The start of the run, at time 0.
 
-The delay recorded is the absolute time.
+The journal records a delay that counts from now as a delay after this point: its end on central's
+clock.
 """
 
 
@@ -106,27 +107,26 @@ class Holds(Stored):
         """
         if constraint.delay:
             constraint = self._without_void_delay(constraint)
-        before, after = self.before(constraint), self.place(constraint.after)
-        if not constraint.delay and (before is None or before.task.reached & before.moment):
+        leader, follower = self.leader(constraint), self.place(constraint.after)
+        is_met = leader is None or leader.task.reached & leader.moment
+        if is_met and not constraint.delay:
             return []
-        if (after := self._pending_point(constraint, after)) is None:
+        if (follower := self._pending_follower(constraint, follower)) is None:
             return []
-        task, moment = after
-        if before == (task, START_ACHIEVING) and moment == START_PLANNING and not constraint.delay:
+        task, moment = follower
+        if _delays_planning(constraint, leader, follower):
             return [constraint] if self._delay_planning(task, constraint) else []
         if task.held >> _SHIFT[moment] & _COUNTER == _COUNTER:
             raise RequestError(
                 Refusal.OVERLOAD, f"{_COUNTER} constraints hold {constraint.after} already"
             )
-        if before is None or before.task.reached & before.moment:
+        if leader is None or is_met:
             return [self._delay(constraint, task, moment)]
-        self._refuse_cycles(constraint, after, before)
+        self._refuse_cycles(constraint, follower, leader)
         if constraint.delay:  # use the moments that the fact will name when the delay is over
-            constraint = _constraint(before.task, before.moment, task, moment, constraint.delay)
-        self.hold(before.task, before.moment, task, moment, constraint.delay)
-        inherited = (
-            self.inherit(before.task, before.moment, task, moment) if before.task.killed else []
-        )
+            constraint = _constraint(*leader, task, moment, constraint.delay)
+        self.hold(*leader, task, moment, constraint.delay)
+        inherited = self.inherit(*leader, task, moment) if leader.task.killed else []
         return [constraint, *inherited]
 
     def follow(self, task: Task, last: Task, flags: int) -> list[Constraint]:
@@ -153,7 +153,7 @@ class Holds(Stored):
     def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
         """Set the timer that releases a moment after *delay* seconds."""
         release = PendingDelay(task, moment, constraint)
-        Plans.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
+        Scheduled.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
 
     def hold(
         self, leader: Task, leader_moment: int, task: Task, moment: int, delay: float = 0
@@ -187,30 +187,29 @@ class Holds(Stored):
 
         Returns False if they already do.
         """
-        if task.delayed:
+        if task.planning_delayed:
             return False
         if task.children or task.followers:
             text = f"{constraint}: planning can only be delayed when the goal is sent"
             raise RequestError(Refusal.TOO_LATE, text)
         self._refuse_cycle(constraint, Place(task, END_HANDLING), Place(task, START_ACHIEVING))
-        task.delayed = True
+        task.planning_delayed = True
         return True
 
-    def _refuse_cycles(self, constraint: Constraint, after: Place, before: Place) -> None:
+    def _refuse_cycles(self, constraint: Constraint, follower: Place, leader: Place) -> None:
         """Refuse a constraint that can never be met.
 
         A killed task passes its own constraints on to its followers, so those are checked too.
         """
-        self._refuse_cycle(constraint, after, before)
-        if before.task.killed:
-            for (_, leader_moment), leader in self._leaders_of(
-                *before, _KilledTogether(set(), {})
-            ).items():
-                self._refuse_cycle(constraint, after, Place(leader, leader_moment))
+        self._refuse_cycle(constraint, follower, leader)
+        if leader.task.killed:
+            inherited = self._leaders_of(*leader, _KilledTogether(set(), {}))
+            for (_, moment), task in inherited.items():
+                self._refuse_cycle(constraint, follower, Place(task, moment))
 
-    def _refuse_cycle(self, constraint: Constraint, start: Place, goal: Place) -> None:
-        """Refuse a constraint if *start*, its follower, must already come before *goal*."""
-        if (path := find_path(self.tree, start, goal)) is not None:
+    def _refuse_cycle(self, constraint: Constraint, follower: Place, leader: Place) -> None:
+        """Refuse a constraint if its *follower* must already come before its *leader*."""
+        if (path := find_path(self.tree, follower, leader)) is not None:
             points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
             circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
             if (more := len(circle) - 9) > 0:
@@ -223,30 +222,26 @@ class Holds(Stored):
     def undo(self, added: list[Constraint]) -> None:
         """Undo what ``add`` has just put in force, newest first."""
         for constraint in reversed(added):
-            after = self.place(constraint.after)
-            assert after is not None
+            follower = self.place(constraint.after)
+            assert follower is not None
             if constraint.before.task == ROOT:
-                self._undo_delay(after.task, constraint)
+                self._undo_delay(follower.task, constraint)
                 continue
-            before = self.place(constraint.before)
-            assert before is not None
-            if (
-                before == (after.task, START_ACHIEVING)
-                and after.moment == START_PLANNING
-                and not constraint.delay
-            ):
-                after.task.delayed = False
+            leader = self.place(constraint.before)
+            assert leader is not None
+            if _delays_planning(constraint, leader, follower):
+                follower.task.planning_delayed = False
                 continue
-            assert before.task.followers is not None
-            assert after.task.leaders is not None
-            before.task.followers.pop()
+            assert leader.task.followers is not None
+            assert follower.task.leaders is not None
+            leader.task.followers.pop()
             self.edge_count -= 1
-            after.task.leaders.pop()
-            after.task.held -= 1 << _SHIFT[after.moment]
+            follower.task.leaders.pop()
+            follower.task.held -= 1 << _SHIFT[follower.moment]
 
     def _undo_delay(self, task: Task, constraint: Constraint) -> None:
         """Cancel the timer of a delay that was just started."""
-        pending = Plans.of(task).pending
+        pending = Scheduled.of(task).pending
         for release in [
             one for one in pending if isinstance(one, PendingDelay) and one.constraint is constraint
         ]:
@@ -258,15 +253,16 @@ class Holds(Stored):
     # --- release ----------------------------------------------------------------------------------
 
     def release_followers(self, task: Task, moments: int) -> list[Task]:
-        """Release what waited for *moments* of *task*, which have just been reached.
+        """Release the followers of *moments* of *task*, which have just been reached.
 
-        Returns the tasks that are held less. A follower with a delay stays held, now by a timer.
+        Returns the tasks of the released moments. A follower with a delay is still held, now by a
+        timer.
         """
         assert task.followers is not None
         freed = []
         for moment, follower, follower_moment, delay in task.followers:
             if not moment & moments or (
-                delay and self._keeps_waiting(task, moment, follower, follower_moment, delay)
+                delay and self._start_delay(task, moment, follower, follower_moment, delay)
             ):
                 continue
             follower.held -= 1 << _SHIFT[follower_moment]
@@ -285,13 +281,13 @@ class Holds(Stored):
         if not left and self.ended_followers:
             self.ended_followers.pop(leader, None)
 
-    def _keeps_waiting(
+    def _start_delay(
         self, task: Task, moment: int, follower: Task, follower_moment: int, delay: float
     ) -> bool:
-        """Whether a follower stays in force after its leader's moment.
+        """Start the delay of a follower, whose leader's moment was reached.
 
-        Starts its delay, unless that is void. (True for an ended follower: nothing is to be
-        released.)
+        Returns False if the delay is void: then the follower is released now. An ended follower
+        has nothing to release.
         """
         if follower.reached == ALL_MOMENTS:
             return True
@@ -306,7 +302,7 @@ class Holds(Stored):
     @staticmethod
     def release(release: PendingDelay) -> None:
         """Release the moment of a delay that is over."""
-        del Plans.of(release.task).pending[release]
+        del Scheduled.of(release.task).pending[release]
         release.task.held -= 1 << _SHIFT[release.moment]
         if not release.task.held:
             release.task.leaders = None
@@ -385,8 +381,9 @@ class Holds(Stored):
             up_to = RULES[task.message.is_goal].up_to[moment]
             for its_own, leader_id, leader_moment in task.leaders or ():
                 leader, place = self.tree.tasks.get(leader_id), (leader_id, leader_moment)
-                held = START_PLANNING if task.delayed and its_own == START_ACHIEVING else its_own
-                if leader is None or leader.reached & leader_moment or not up_to & held:
+                if task.planning_delayed and its_own == START_ACHIEVING:
+                    its_own = START_PLANNING  # noqa: PLW2901 - the two are reached together
+                if leader is None or leader.reached & leader_moment or not up_to & its_own:
                     continue
                 if leader not in self.ending:
                     found[place] = leader
@@ -400,8 +397,8 @@ class Holds(Stored):
 
     # --- points -----------------------------------------------------------------------------------
 
-    def before(self, constraint: Constraint) -> Place | None:
-        """Return the point that a constraint waits for; None if it has been reached."""
+    def leader(self, constraint: Constraint) -> Place | None:
+        """Return the point that a constraint waits for; None if its task has ended."""
         if constraint.before.task != ROOT:
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
@@ -419,7 +416,7 @@ class Holds(Stored):
             else constraint
         )
 
-    def _pending_point(self, constraint: Constraint, after: Place | None) -> Place | None:
+    def _pending_follower(self, constraint: Constraint, follower: Place | None) -> Place | None:
         """Return the point that a constraint holds back.
 
         None if its interval never begins because its task was killed before. Raises RequestError if
@@ -427,12 +424,12 @@ class Holds(Stored):
         """
         if self._never_comes(constraint.after):
             return None
-        if after is None or after.task.reached & after.moment:
+        if follower is None or follower.task.reached & follower.moment:
             raise RequestError(
                 Refusal.TOO_LATE,
                 f"constraint {constraint} comes too late: {constraint.after} is past",
             )
-        return after
+        return follower
 
     def _never_comes(self, point: Point) -> bool:
         """Whether a point is in an interval that never begins, as its task was killed before."""
@@ -445,6 +442,19 @@ class Holds(Stored):
         return None if task is None else Place(task, unified(task.is_goal, moment))
 
 
+def _delays_planning(constraint: Constraint, leader: Place | None, follower: Place) -> bool:
+    """Whether a constraint is DELAY_PLANNING: a goal's own planning waits for its achieving.
+
+    Such a constraint is a flag of the task. As an entry among its own followers it would hold the
+    task for ever, because achieving itself waits for the start of handling, and so of planning.
+    """
+    return (
+        not constraint.delay
+        and leader == (follower.task, START_ACHIEVING)
+        and follower.moment == START_PLANNING
+    )
+
+
 class _KilledTogether(NamedTuple):
     """Tasks killed by one kill. *known* caches their leaders, by task id and moment."""
 
@@ -455,28 +465,30 @@ class _KilledTogether(NamedTuple):
 def _ending(killed: list[Task]) -> dict[Task, None]:
     """Return the tasks among those just killed that end at once.
 
-    Nothing of them, or under them, still runs, watches or is left to be sent.
+    A task stays if a handler has it, if it is a monitor, if it has termination messages to send, or
+    if a child of it stays.
     """
     staying: set[Task] = set()
     doomed = set(killed)
-    for task in reversed(killed):
-        is_left = task.watch is not None or (
-            task.plans is not None and task.plans.termination_messages
+    for task in reversed(killed):  # children come before their parents
+        must_finish = (
+            task.is_running
+            or task.watch is not None
+            or (task.scheduled is not None and task.scheduled.termination_messages)
         )
-        others = any(
+        if must_finish or any(
             child not in doomed or child in staying for child in (task.children or {}).values()
-        )
-        if task.is_running or is_left or others:
+        ):
             staying.add(task)
     return {task: None for task in killed if task not in staying}
 
 
 def _of_monitor(path: list[Place]) -> str:
     """Return advice for a cycle that passes through a monitor that is not waited for."""
-    for place, after in reversed(list(pairwise(path))):
+    for place, monitor in reversed(list(pairwise(path))):
         if place.moment == ALL_ELSE:
             until = f"until all else under {place.task} has ended"
-            return f": {after.task} may watch {until}. If it ends before, send it waited_for=True"
+            return f": {monitor.task} may watch {until}. If it ends before, send it waited_for=True"
     return ""
 
 

@@ -28,7 +28,7 @@ def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) 
     known = central.registry
     if _fits(central, new, size):
         return
-    if central.events >= known.next_search:
+    if central.event_count >= known.next_search:
         _forget_unused(central, new, size, set(needed))
     if (over := len(known.messages) + len(new) - registry.MESSAGES) > 0:
         text = f"{registry.MESSAGES} messages have been declared: '{new[-over]}' is too many"
@@ -65,7 +65,7 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
         freed += 1 + len(message.waiting)
         _forget(central, message)
     if len(unused) < AT_ONCE:
-        known.next_search = central.events + (steps + len(known.messages)) // STEPS
+        known.next_search = central.event_count + (steps + len(known.messages)) // STEPS
 
 
 def _forget(central: State, message: MessageType) -> None:
@@ -120,6 +120,8 @@ def _used_by(task: Task) -> Iterator[MessageType]:
     yield task.message
     yield from (
         message
-        for message, _ in (task.plans.termination_messages if task.plans is not None else ())
+        for message, _ in (
+            task.scheduled.termination_messages if task.scheduled is not None else ()
+        )
     )
     yield from (tap.listener for tap in task.taps)

@@ -98,7 +98,7 @@ def _resend_all(central: State, connection: Connection) -> None:
             central.notify(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task):
                 resend_requests(central, delivery)
-                if delivery.killed or delivery.retrying:
+                if delivery.killed or delivery.retry_pending:
                     central.notify(connection, cancelled_header(delivery))
     resource = connection.resource
     if resource is None:

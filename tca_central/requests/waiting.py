@@ -170,4 +170,4 @@ def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, .
         if delivery.slot is not None:
             central.expect_return(delivery.slot, delivery)
     else:
-        central.dispatcher.withdraw(delivery, dropped=dropped)
+        central.dispatcher.withdraw(delivery, facts_of_drop=dropped)

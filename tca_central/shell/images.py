@@ -51,7 +51,8 @@ class Images:
         if self._child:
             self._reap_child()
         elif (
-            central.events >= self._known + _between(central) or self._inputs.size >= SEGMENT_BYTES
+            central.event_count >= self._known + _between(central)
+            or self._inputs.size >= SEGMENT_BYTES
         ):
             self.start(central)
 
@@ -59,7 +60,7 @@ class Images:
         """Start an image, and a segment of inputs, if possible now. Raises CentralError."""
         if not can_encode(central):
             return
-        self._known = central.events
+        self._known = central.event_count
         # If the image is damaged, the previous one and these inputs lead to the same state.
         inputs = self._inputs.write_now()
         self._number = self._inputs.next_segment(central.clock.now)

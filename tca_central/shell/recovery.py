@@ -126,7 +126,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
     may_lack = head.sync is Sync.NONE or (head.sync is Sync.BATCH and _was_booted(head))
     try:
         replay = InputReplay(folder, segments, cuts=accept, may_lack=may_lack)
-        facts = WrittenFacts(folder, replay.central.epoch, replay.central.events)
+        facts = WrittenFacts(folder, replay.central.epoch, replay.central.event_count)
         missing: list[Entry] = []
         replayed = replay.entries()
         while (difference := facts.compare(replayed, missing)) is not None:

@@ -115,7 +115,7 @@ class InputReplay:
             )
             raise self._no_replay(what)
         self.central, self._segments = self._first_state(segments, from_first=from_first)
-        self.began = self.central.events  #: the number of events before the inputs
+        self.began = self.central.event_count  #: the number of events before the inputs
         self.first = self._segments[0].number
 
     def entries(self) -> Iterator[Entry]:

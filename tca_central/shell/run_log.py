@@ -69,7 +69,7 @@ class RunLog:
             self.images.close()
         if self._inputs is not None:
             self._inputs.end(why) if is_over else self._inputs.close()
-        number, now = central.events + 1, central.clock.now
+        number, now = central.event_count + 1, central.clock.now
         self._journal.end(number, now, why) if is_over else self._journal.break_off(
             number, now, why
         )

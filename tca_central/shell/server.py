@@ -226,9 +226,8 @@ class Daemon:
             kind = type(event.header).__name__
             sender = self.central.registry.connections.get(event.connection)
             owner = f" of module '{sender.module.name}'" if sender is not None else ""
-        self.stopping = (
-            f"internal error: {type(error).__name__} in event {self.central.events}, {kind}{owner}"
-        )
+        number = self.central.event_count
+        self.stopping = f"internal error: {type(error).__name__} in event {number}, {kind}{owner}"
         log.error("%s; the event was %.1000r", self.stopping, event, exc_info=error)
         return CentralError(
             f"{self.stopping}; this is a bug in central, please report it with the journal"

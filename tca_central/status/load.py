@@ -45,7 +45,7 @@ def load(central: State) -> dict[str, Any]:
     return {
         "epoch": central.epoch,
         "time": central.clock.now,
-        "events": central.events,
+        "events": central.event_count,
         "connections": len(registry.connections),
         "tasks": len(central.tree.tasks),
         "modules": [_module(module, central.clock.now) for module in registry.modules.values()],

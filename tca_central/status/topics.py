@@ -33,7 +33,7 @@ def overview(central: State) -> dict[str, Any]:
         }
     return held | {
         "epoch": central.epoch,
-        "events": central.events,
+        "events": central.event_count,
         "modules": len(registry.modules),
         "connections": len(registry.connections),
         "messages": len(registry.messages),

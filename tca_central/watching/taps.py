@@ -389,7 +389,8 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         interval = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not interval or listener.reached & interval:
             continue
-        # a retry
+        # A task that is retried has reached all moments of its start, so only the start of its next
+        # handling can be held.
         if tap.before == START_HANDLING and task.reached & START_HANDLING:
             central.agenda.holds.hold(listener, interval, task, START_HANDLING)
             continue

@@ -78,13 +78,13 @@ TORN = framed(b"\x01" * 50)[:-1]
 def test_leftovers_of_a_kill_do_not_stop_later_starts(
     tmp_path: Path, suffix: str, left: bytes, *, is_segment: bool
 ) -> None:
-    events = live(tmp_path).central.events
+    events = live(tmp_path).central.event_count
     for number in (1, 2, 3):
         newest, *following = (tmp_path / f"{number + later:08d}{suffix}" for later in range(3))
         whole = newest.read_bytes()
         for path in following if is_segment else [newest]:
             path.write_bytes((b"" if is_segment else whole) + left)
-        before, events = events, live(tmp_path).central.events
+        before, events = events, live(tmp_path).central.event_count
         assert events > before
         assert newest.read_bytes() == whole
     assert not list(tmp_path.glob("*-aside"))

@@ -82,7 +82,7 @@ def slot_used_twice(patch: Patch) -> None:
 
 
 def freed_slot_forgotten(patch: Patch) -> None:
-    patch.setattr(Dispatcher, "offer_next", lambda self: self.to_offer.clear())
+    patch.setattr(Dispatcher, "refill_next", lambda self: self.to_refill.clear())
 
 
 def parent_ends_first(patch: Patch) -> None:
@@ -117,7 +117,7 @@ def retry_beside_handler(patch: Patch) -> None:
     patch.setattr(
         Agenda,
         "_may_start",
-        lambda self, task: not task.children if task.retrying else MAY_START(self, task),
+        lambda self, task: not task.children if task.retry_pending else MAY_START(self, task),
     )
 
 

@@ -246,7 +246,7 @@ def test_explored_world_matches_central(name: str) -> None:
             assert living.keys() == played.central.tree.tasks.keys()
             for task in played.central.tree.tasks.values():
                 seen = living[task.id]
-                attempts = (task.recovery.attempts if task.recovery else 1) + task.retrying
+                attempts = (task.recovery.attempts if task.recovery else 1) + task.retry_pending
                 assert (
                     seen.reached,
                     seen.is_suspended,

@@ -232,7 +232,7 @@ def test_truncated_inputs_leave_a_recoverable_run(broken_run: Path, tmp_path: Pa
         run = recover(copy, unfinished_segments(copy), accept=True)
         check_invariants(run.central)
         assert run.inputs <= before, "less is left of it each time"
-        assert run.central.events >= run.last.number
+        assert run.central.event_count >= run.last.number
         before = run.inputs
         shutil.rmtree(copy)
     assert before < 10, "the last cut leaves little"

@@ -137,8 +137,8 @@ class Life:
 
     def go_on(self, seed: int, events: int) -> None:
         """A long life: *events* more. A crowded life ends more tasks than it begins."""
-        dice, end = random.Random(seed), self.central.events + events
-        while self.central.events < end:
+        dice, end = random.Random(seed), self.central.event_count + events
+        while self.central.event_count < end:
             name = dice.choice(self.operations)
             if self.crowd() > self.crowded and name in BEGINNING:
                 name = dice.choice(["reply"] * 8 + ["pass", "pass", "kill", "give up"])

@@ -24,7 +24,7 @@ def test_all_operations_on_big_tree_leave_nothing_behind(deep: bool, size: int) 
     bench.steady(bottom, 10)
     bench.operations(bottom)
     assert len(bench.central.tree.tasks) == 2  # the top-level task and its termination message
-    assert not bench.central.dispatcher.to_offer
+    assert not bench.central.dispatcher.to_refill
 
 
 def test_observer_of_long_chain_searches_no_ancestors(

@@ -14,7 +14,7 @@ from tca_central.core import Central
 from tca_central.model.clock import Timer
 from tca_central.model.contexts import Listening
 from tca_central.model.deliveries import Delivery
-from tca_central.model.tasks import Clients, Plans, Recovery, Retention, Tapping, Watch
+from tca_central.model.tasks import Clients, Recovery, Retention, Scheduled, Tapping, Watch
 from tca_central.order.holds import PendingDelay
 from tca_wire.constraints import Flags
 from tca_wire.packets import headers
@@ -27,7 +27,7 @@ TRANSIENT_CLASSES = (
     Delivery,
     Recovery,
     Tapping,
-    Plans,
+    Scheduled,
     Clients,
     Retention,
     Watch,
@@ -50,7 +50,7 @@ def retained_objects(central: Central) -> Counter[str]:
             root,
             root.recovery,
             root.tapping,
-            root.plans,
+            root.scheduled,
             root.keeping,
         ):
             found[type(one).__name__] += not (isinstance(one, Timer) and one.is_cancelled)

@@ -85,8 +85,8 @@ class CheckedLife(JudgedLife):
             self.request(headers.Tap, condition, listener, message, TaskId(0), watch)
 
     def go_on(self, seed: int, events: int) -> None:
-        dice, end = random.Random(seed), self.central.events + events
-        while self.central.events < end:
+        dice, end = random.Random(seed), self.central.event_count + events
+        while self.central.event_count < end:
             name = dice.choice(FINISHING if self.crowd() > CROWDED else STEPS)
             if name == "tap" and len(self.central.taps) > 3:
                 name = "remove"

@@ -129,7 +129,7 @@ class ComparingPlayer(FoldedPlayer):
         """
         yield from needs(self.central, node)
         if isinstance(node, Place) and (
-            node.task.retrying or (node.task.suspended and node.moment & STARTS)
+            node.task.retry_pending or (node.task.suspended and node.moment & STARTS)
         ):
             before = predecessors(self.central.tree, node) if not node.task.killed else ()
             yield from ([one] for one in before if not one.task.reached & one.moment)

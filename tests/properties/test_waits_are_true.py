@@ -90,7 +90,7 @@ def assert_same(central: Central, at: RunAt, task: Task, moment: int) -> None:
         points.difference_update(planned(points))
     extra = named - true - planned(recovery) if not task.suspended else set()
     # Central needs the end of a listener before a retry; the tools name the earlier moment.
-    if task.retrying:
+    if task.retry_pending:
         extra -= {(number, END_HANDLING) for number, last in true if last == END_ACHIEVING}
     assert not extra, f"{task} before {moment}: {extra}"
     assert true <= named | recovery, f"{task} before {moment}: {true - named - recovery}"
@@ -183,7 +183,7 @@ def assert_tree(central: Central, history: History) -> None:
         assert task.killed or bool(folded.suspension) == task.suspended
         assert bool(folded.handling) == task.is_running
         if (
-            folded.parent != ROOT and not task.killed and not task.retrying
+            folded.parent != ROOT and not task.killed and not task.retry_pending
         ):  # a top-level task has failures of its subtasks, too
             assert folded.failure.partition(":")[0] == (task.failure[0] if task.failure else "")
             assert not task.failure or folded.is_dealt_with == task.is_dealt_with
@@ -308,11 +308,11 @@ def test_suspended_monitor_on_retry_waits_for_exception_handler(
     player.request("expert/1", headers.Retry, guard)
     player.request("user", headers.Raise, guard, "cold")
     player.reply("expert/1")
-    assert player.central.tree.tasks[guard].retrying
+    assert player.central.tree.tasks[guard].retry_pending
     player.request("user", headers.Suspend, guard, resume=True)
     player.resolve("expert/2")
     player.reply("expert/2")
-    assert not player.central.tree.tasks[guard].retrying
+    assert not player.central.tree.tasks[guard].retry_pending
 
 
 def test_retried_task_does_not_wait_for_ended_exception_handler(

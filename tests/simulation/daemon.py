@@ -358,7 +358,7 @@ class Daemon:
                     self._entries.append(effect.entry)
                 else:
                     self._enqueue(effect.connection, effect.header, effect.body)
-            if core.events % self._options.checks_each == 0:
+            if core.event_count % self._options.checks_each == 0:
                 check_invariants(core)
 
     def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
