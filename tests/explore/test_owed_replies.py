@@ -25,21 +25,23 @@ from tca_wire.messages.failures import FORGOTTEN
 THERE = Inform("there")
 
 
-def uses(task: tca.Task, later: LaterReply[Any], words: str) -> None:
-    """Use a kept reply as the sensor says."""
-    request = later.request if words == "accept" else None
-    if words == "reply" or (words == "obey" and not later.cancelled):
-        later.reply(1)
-    elif words == "accept":
+def carry_out(task: tca.Task, owed: LaterReply[Any], order: str) -> None:
+    """Use an owed reply as the sensor orders."""
+    request = owed.request if order == "accept" else None
+    if order == "reply" or (order == "obey" and not owed.cancelled):
+        owed.reply(1)
+    elif order == "accept":
         if request is not None:
             request.accept()
-        task.keep_reply(later, lambda later, words: uses(task, later, words))
+        task.keep_reply(owed, lambda owed, order: carry_out(task, owed, order))
 
 
-def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any) -> tca.Scenario:
+def owed_scenario(
+    order: str, *properties: tca.Property, keeps: bool = True, **legs: Any
+) -> tca.Scenario:
     """Legs leave the reply of a step to their sensor; then they take another step."""
     scenario = tca.Scenario(
-        f"{words} later", never_stuck(), eventually(has_ended(STEP, False)), *properties
+        f"{order} later", never_stuck(), eventually(has_ended(STEP, False)), *properties
     )
     planner, feet, user = (
         scenario.module("planner"),
@@ -54,13 +56,13 @@ def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any
         task.inform(THERE)
         owed = task.reply_later()
         if keeps:
-            task.keep_reply(owed, lambda later, words: uses(task, later, words))
+            task.keep_reply(owed, lambda owed, order: carry_out(task, owed, order))
         return owed
 
     @feet.handles(THERE, resource=feet.resource("sensor"))
     def there(task: tca.Task) -> None:
-        if words:
-            task.use_kept(STEP, words)
+        if order:
+            task.use_kept(STEP, order)
 
     @planner.handles(WALK)
     def walk(task: tca.Task) -> None:
@@ -70,7 +72,7 @@ def later(words: str, *properties: tca.Property, keeps: bool = True, **legs: Any
 
     @user.does
     def story(me: tca.Script) -> None:
-        if words == "accept":
+        if order == "accept":
             me.command(STEP, False).cancel()
             me.inform(THERE)
         else:
@@ -85,14 +87,14 @@ def cancelled(world: World) -> list[Seen]:
 
 
 def test_kept_reply_is_sent_by_another_handler() -> None:
-    assert_good(later("reply"), eventually(achieved(STEP)), never(failed(STEP)))
+    assert_good(owed_scenario("reply"), eventually(achieved(STEP)), never(failed(STEP)))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("keeps", [True, False])
 def test_dropped_reply_is_failure_for_parent_task(*, keeps: bool) -> None:
     assert_good(
-        later("drop", keeps=keeps),
+        owed_scenario("drop", keeps=keeps),
         eventually(failed(STEP)),
         eventually(handled(HIGHER)),
         at_most_in_all(1, sent(HIGHER)),
@@ -100,43 +102,43 @@ def test_dropped_reply_is_failure_for_parent_task(*, keeps: bool) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("words", ["reply", "drop", "obey"])
-def test_kept_reply_of_killed_task_frees_its_slot(words: str) -> None:
-    scenario = later(words)
+@pytest.mark.parametrize("order", ["reply", "drop", "obey"])
+def test_kept_reply_of_killed_task_frees_its_slot(order: str) -> None:
+    scenario = owed_scenario(order)
     scenario.may_kill(STEP)
     assert_good(scenario)
 
 
 @pytest.mark.soak
 def test_accepted_cancel_ends_owed_reply() -> None:
-    assert_good(later("accept"), eventually(cancelled), never(failed(STEP)))
+    assert_good(owed_scenario("accept"), eventually(cancelled), never(failed(STEP)))
 
 
 def test_kept_reply_fails_when_its_module_leaves() -> None:
     assert "step {3} fails: module lost" in counterexample(
-        later("", never(failed(STEP)), may_leave=True)
+        owed_scenario("", never(failed(STEP)), may_leave=True)
     )
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("words", ["reply", "drop", "accept"])
-def test_kept_reply_is_lost_with_its_module(words: str) -> None:
-    assert_good(later(words, may_be_lost=1, comes_back=True), limit=20_000)
+@pytest.mark.parametrize("order", ["reply", "drop", "accept"])
+def test_kept_reply_is_lost_with_its_module(order: str) -> None:
+    assert_good(owed_scenario(order, may_be_lost=1, comes_back=True), limit=20_000)
 
 
 def test_kept_reply_that_is_never_sent_is_found() -> None:
-    assert "legs in step {3} owes its reply" in counterexample(later(""))
+    assert "legs in step {3} owes its reply" in counterexample(owed_scenario(""))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
-    ("broken", "words"), [("_on_dropped", "drop"), ("_send", "reply"), ("_on_stop", "accept")]
+    ("broken", "order"), [("_on_dropped", "drop"), ("_send", "reply"), ("_on_stop", "accept")]
 )
 def test_library_that_never_replies_is_found(
-    broken: str, words: str, monkeypatch: pytest.MonkeyPatch
+    broken: str, order: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(LaterReply, broken, lambda _: None)
-    assert "has not ended" in counterexample(later(words))
+    assert "has not ended" in counterexample(owed_scenario(order))
 
 
 @pytest.mark.parametrize(
