@@ -146,7 +146,7 @@ class RegionTransition(Arrow[RegionState]):
         """The guard itself and the needs: different guards may have the same name."""
         return self.when, self.needs
 
-    def holds(self, _now: Any = None) -> bool:
+    def holds(self, _situation: Any = None) -> bool:
         """Whether its guard and the other regions allow it now."""
         for state in self.needed:
             if not state.is_active:

@@ -185,7 +185,7 @@ class Coordinator:
                     run.enqueue_event(event)
             self._early_events.clear()
         try:
-            return run.until_end()
+            return run.run_to_end()
         finally:
             self._run = None
 

@@ -80,7 +80,7 @@ class CoordinationRun:
         self._inbox.append(change)
         self._task.wake()
 
-    def until_end(self) -> CoordinationEnd:
+    def run_to_end(self) -> CoordinationEnd:
         """Run the machine to its end. No task that it has started outlives it."""
         try:
             for variable in self._machine.variables:
