@@ -66,9 +66,10 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
             MisuseError: An argument does not fit, or the machine is built.
         """
         check(f"{self!r}.to(...)", LABEL, on=on)
-        name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
+        if when is not None:
+            guard_name = guard_name or _name_of_guard(when, f"{self!r}.to(..., on='{on}')")
         model = None if likelihood is None else as_model(likelihood)
-        return self.add_arrow(AuthoredArrow(self, target, on, when, name, model))
+        return self.add_arrow(AuthoredArrow(self, target, on, when, guard_name, model))
 
 
 class AuthoredArrow(Arrow[AuthoredState]):
@@ -107,7 +108,8 @@ class AuthoredArrow(Arrow[AuthoredState]):
     def variables(self) -> list[Variable[Any]]:
         """The variables that its guard and its likelihood read."""
         of_guard = [self.guard] if isinstance(self.guard, Variable) else []
-        return [*of_guard, *(self.model.variables if self.model is not None else ())]
+        of_model = self.model.variables if self.model is not None else ()
+        return [*of_guard, *of_model]
 
     def holds(self, situation: Any = None) -> bool:
         """Whether its guard allows it in the present situation."""
@@ -121,9 +123,9 @@ class AuthoredArrow(Arrow[AuthoredState]):
 _FUNCTION = ArgumentKind("a Variable or a function of the Situation", callable)
 
 
-def _name(guard: Any, place: str) -> str:
+def _name_of_guard(guard: Any, call: str) -> str:
     if isinstance(guard, Variable):
-        check_confidence(guard, f"{place}: when=")
+        check_confidence(guard, f"{call}: when=")
         return guard.name
-    check(place, _FUNCTION, when=guard)
+    check(call, _FUNCTION, when=guard)
     return name_of(guard)
