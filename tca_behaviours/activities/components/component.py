@@ -172,7 +172,7 @@ class Component(Generic[D]):
         return self._data
 
     def post(self, event: str) -> None:
-        """Send an event to all regions that have a transition for it. From any thread.
+        """Send an event to all regions that have a transition for it. Thread-safe.
 
         Raises MisuseError if no region has.
         """

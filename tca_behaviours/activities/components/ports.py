@@ -49,7 +49,7 @@ class InputPort(_Port[T]):
         self._arrived: deque[T] = deque(maxlen=keep)
 
     def put(self, value: T) -> None:
-        """Receive a value. From any thread. Raises MisuseError if its type does not fit."""
+        """Receive a value. Thread-safe. Raises MisuseError if its type does not fit."""
         self._check(value)
         self.lost += len(self._arrived) == self._arrived.maxlen
         self._arrived.append(value)

@@ -157,7 +157,7 @@ class Manager:
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
         sender.set_variable(self.messages.states, messages.StatesReport(states, changes))
         for change in changes:  # remove a change only after central has it
-            if self._changes[0] is change:  # else the full queue has dropped it meanwhile
+            if self._changes[0] is change:  # else the full queue has dropped it since
                 self._changes.popleft()
 
     def _publish_picture(self, sender: Sender) -> None:

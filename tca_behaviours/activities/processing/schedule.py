@@ -223,8 +223,9 @@ class Schedule:
             activity.release = Period(now, activity.period)
         else:
             self.unassign(activity)
-        place = len(processor.activities) if position is None else position
-        processor.activities.insert(place, activity)
+        # list.insert() takes no huge position.
+        last = len(processor.activities)
+        processor.activities.insert(last if position is None else min(position, last), activity)
         activity.processor = processor
 
     def unassign(self, activity: ScheduledActivity) -> None:

@@ -49,7 +49,9 @@ class Present:
     current: int
     """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """The facts as the robot is now, changed by early work; those being changed are absent."""
+    """The facts of the robot now, as early work, too, has changed them. A fact that running work
+    makes is absent.
+    """
     situation: Situation
     """The situation as a machine without a preview sees it."""
     is_done: bool = False
@@ -58,7 +60,7 @@ class Present:
     """Whether the machine has taken a transition since the last decision."""
     work: Sequence[EarlyWork] = ()
     spoilt: Collection[str] = frozenset()
-    """Facts that early work has changed in vain, and that no task has restored or set since."""
+    """Facts that wasted work has changed, and that no task has restored or set since."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class LookAhead(NamedTuple):
 
 
 class _DecisionMaker:
-    """One decision. The states of the list have their turns, the next one first."""
+    """One decision. It considers the states of the list in order, the next one first."""
 
     def __init__(
         self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision
@@ -306,10 +308,10 @@ class _DecisionMaker:
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
         """The reason why an activity must not start now, if any."""
-        if objection_to := self.reserved_by_running.objection_to(
+        if objection := self.reserved_by_running.objection_to(
             state, activity.needs, activity.makes
         ):
-            return objection_to
+            return objection
         if not activity.undo and (fact := first_harmed_fact(activity, self.needed)):
             return Objection(state, Reason.BRANCH, fact, self.needed[fact])
         uncertain = next((fact for fact in activity.makes if fact in self.uncertain), None)

@@ -291,7 +291,7 @@ class ActivitiesAtWork:
         else:
             text = "%r did not undo wasted early work: its changes stay"
             _LOG.warning(text, work.failed_task.sent)
-        spoiler.spoilt.clear()
+            spoiler.spoilt.clear()
 
     def _restore_facts(self, spoiler: StartedActivity) -> None:
         """Restore the spoilt facts of wasted work: the robot is as it was before that work."""

@@ -26,7 +26,9 @@ from tca_wire.coordination import CoordinationReport
 from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
+_MACHINE = instance_of("a Coordination", Coordination)
 _POLICY_OR_NONE = instance_of("a Policy such as Discrete(0.5)", Policy).or_none(" for no preview")
+_LIMITS_OR_NONE = instance_of("PreviewLimits(...)", PreviewLimits).or_none()
 
 
 class Coordinator:
@@ -61,11 +63,9 @@ class Coordinator:
             patience: Seconds that a task may take to end after a request; then it is killed.
                 Default 5.
         """
-        check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
+        check("Coordinator", _MACHINE, machine=machine)
         check("Coordinator", _POLICY_OR_NONE, policy=policy)
-        check(
-            "Coordinator", instance_of("PreviewLimits(...)", PreviewLimits).or_none(), limits=limits
-        )
+        check("Coordinator", _LIMITS_OR_NONE, limits=limits)
         check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
@@ -132,7 +132,7 @@ class Coordinator:
         If the wait is interrupted, the run is killed.
 
         Args:
-            sender: The module, or a task below which the run shall hang.
+            sender: The module, or a task. The run then hangs below that task.
 
         Returns:
             The final state, and counts of transitions and early work.
@@ -141,12 +141,12 @@ class Coordinator:
             TaskFailed: The run failed: an activity failed and its state has no arrow for "failed".
             TaskKilled: The run was killed.
         """
-        run = sender.command(self.message, self.chart, sequential=False)
+        sent = sender.command(self.message, self.chart, sequential=False)
         try:
-            return run.result()
+            return sent.result()
         except BaseException:
             with suppress(TcaError):
-                run.kill("its sender does not wait any longer")
+                sent.kill("its sender does not wait any longer")
             raise
 
     def post(self, event: str) -> None:
@@ -181,8 +181,8 @@ class Coordinator:
         )
         with self._run_lock:
             self._run = run
-            for run_id, event in self._events_before_run:
-                if run_id == task.id:
+            for task_id, event in self._events_before_run:
+                if task_id == task.id:
                     run.enqueue_event(event)
             self._events_before_run.clear()
         try:
@@ -194,19 +194,19 @@ class Coordinator:
         # "done" and "failed" are not among the events: only the machine's own tasks cause them.
         if event.machine != self.machine.name or event.event not in self.machine.events:
             return
-        assigned = self._assigned_run(task) if self._run is None else None
+        assigned = self._assigned_task(task) if self._run is None else None
         with self._run_lock:
             if self._run is not None:
                 self._run.enqueue_event(event.event)
             elif assigned is not None:
                 self._events_before_run.append((assigned, event.event))
 
-    def _assigned_run(self, task: Task) -> TaskId | None:
-        """The run that central has assigned to this module, if any. Its handler is about to
-        start.
+    def _assigned_task(self, task: Task) -> TaskId | None:
+        """The task of a run that central has assigned to this module, if any. The handler of the
+        run is about to start.
         """
-        for run in task.tasks(self.message):
-            info = run.info()
+        for ref in task.tasks(self.message):
+            info = ref.info()
             if info is not None and info.module == self._module_name:
                 return info.id
         return None

@@ -69,11 +69,11 @@ class CoordinationRun:
     # --- input ------------------------------------------------------------------------------------
 
     def enqueue_event(self, event: str) -> None:
-        """Enqueue an event. From any thread."""
+        """Enqueue an event. Thread-safe."""
         self._enqueue(lambda: self._events.append(event))
 
     def enqueue_variable(self, name: str, value: Any) -> None:
-        """Enqueue a new value of a variable. From any thread."""
+        """Enqueue a new value of a variable. Thread-safe."""
         self._enqueue(lambda: self._variables.update({name: value}))
 
     def _enqueue(self, change: Callable[[], object]) -> None:
@@ -93,12 +93,8 @@ class CoordinationRun:
             with suppress(TcaError):
                 self._at_work.kill_all(f"{self._machine!r} has ended")
             raise
-        return CoordinationEnd(
-            self._interpreter.state.label,
-            self._transitions,
-            self._at_work.kept,
-            self._at_work.wasted,
-        )
+        label, work = self._interpreter.state.label, self._at_work
+        return CoordinationEnd(label, self._transitions, work.kept, work.wasted)
 
     def _is_over(self) -> bool:
         return (
@@ -110,9 +106,8 @@ class CoordinationRun:
         if not self._is_over():
             due = self._at_work.next_kill_at
             timeout = None if due is None else max(0.0, due - self._task.time())
-            self._task.wait_until(
-                lambda: bool(self._inbox), timeout, on=self._at_work.running_tasks
-            )
+            running = self._at_work.running_tasks
+            self._task.wait_until(lambda: bool(self._inbox), timeout, on=running)
         self._failed_since_event.clear()
         while self._inbox:
             self._inbox.popleft()()
@@ -139,9 +134,8 @@ class CoordinationRun:
         if self._look_ahead is None:
             return Decision([])
         situation = self._situation()
-        present = self._at_work.present(
-            self._interpreter.current, situation, is_new=bool(self._unreported)
-        )
+        state, is_new = self._interpreter.current, bool(self._unreported)
+        present = self._at_work.present(state, situation, is_new=is_new)
         return self._look_ahead.decide(self._machine.automaton(situation, self._mistakes), present)
 
     def _situation(self) -> Situation:
@@ -241,8 +235,8 @@ class CoordinationRun:
         no_arrow = TakenArrow(-1, "", -1)  # the defaults of a report
         last = self._unreported[-1] if self._unreported else no_arrow
         self._unreported.clear()
-        preview, refused = [_rounded(foreseen) for foreseen in decision.preview], decision.refused
-        current = self._interpreter.current
+        current, refused = self._interpreter.current, decision.refused
+        preview = [_rounded(foreseen) for foreseen in decision.preview]
         report = CoordinationReport(
             current, last.symbol, last.before, preview, role_changes, refused
         )

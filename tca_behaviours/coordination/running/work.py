@@ -111,7 +111,9 @@ class StartedActivity:
         self.facts_before = facts_before
         """The values of the facts that it makes before it started."""
         self.spoilt = set[str]()
-        """The facts that it has changed in vain, and that no task has set or restored since."""
+        """If it is wasted: the facts that it has changed, and that no task has set or restored
+        since.
+        """
         self.share = 1.0
         """The share of its full speed."""
         self.rank = 0

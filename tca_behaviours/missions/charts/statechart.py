@@ -75,7 +75,8 @@ class Statechart(LibraryChart[MachineState]):
                     f"{name}_{ending}": _final(ending) for ending in ENDINGS
                 }
                 ended = [
-                    {"target": to, "cond": _has_ended(ending)} for ending, to in targets.items()
+                    {"target": to, "cond": _make_condition(ending)}
+                    for ending, to in targets.items()
                 ]
                 defined["on"] = {f"done.state.{name}": ended}
         return defined
@@ -114,5 +115,5 @@ def _final(ending: Ending) -> dict[str, Any]:
     return {"final": True, "donedata": lambda: {"outcome": ending}}
 
 
-def _has_ended(ending: Ending) -> Callable[[str], bool]:
+def _make_condition(ending: Ending) -> Callable[[str], bool]:
     return lambda outcome: outcome == ending

@@ -104,13 +104,8 @@ class Steps:
                 return end
         if is_repeatable:
             return None
-        raise StepUncertain(
-            name,
-            [
-                (str(task), _state_in_words(handle))
-                for task, handle in zip(tasks, found, strict=True)
-            ],
-        )
+        states = map(_state_in_words, found)
+        raise StepUncertain(name, list(zip(map(str, tasks), states, strict=True)))
 
     def _do(self, name: str, function: Callable[..., T], call: Callable[[], T]) -> T:
         self._begun_in_this_run.add(name)

@@ -40,14 +40,14 @@ class Foreground:
 
         The task before is killed first, and *task* waits until it has terminated. If that takes
         long, *publish_wait* is called with the name of the task before, and with "" after the wait.
-        Raises TaskKilled if a newer task wants the foreground meanwhile.
+        Raises TaskKilled if a newer task wants the foreground first.
         """
         before = self._become_newest(task)
         try:
             # If central has forgotten the task before, that ends without a kill.
             with contextlib.suppress(CentralLost):
-                if before is not None and (known := task.task(before.id)) is not None:
-                    known.kill(f"{task} took its place")
+                if before is not None and (ref := task.task(before.id)) is not None:
+                    ref.kill(f"{task} took its place")
             self._wait(task, publish_wait)
             yield
         except BaseException as error:
@@ -60,9 +60,10 @@ class Foreground:
         if task.wait_until(lambda: self._acquire(task), _PATIENCE):
             return
         publish_wait(str(self._holder))
-        self._log.warning("%s waits until %s has terminated", task, self._holder)
-        while not task.wait_until(lambda: self._acquire(task), _WARNING_PERIOD):
+        while True:
             self._log.warning("%s waits until %s has terminated", task, self._holder)
+            if task.wait_until(lambda: self._acquire(task), _WARNING_PERIOD):
+                break
         publish_wait("")
 
     def forget(self, task: Task) -> None:

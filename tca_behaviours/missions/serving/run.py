@@ -111,11 +111,11 @@ class TaskRun:
         self.overruns = period.missed
 
     def _iterate_once(self) -> None:
-        self.status, task, seconds = Status.RUNNING, self.task.id, self.served.task_timeout
+        self.status, seconds = Status.RUNNING, self.served.task_timeout
 
         def fail_late(callback: Callback) -> None:
-            if (running := callback.task(task)) is not None:
-                running.fail(self._timeout())
+            if (ref := callback.task(self.task.id)) is not None:
+                ref.fail(self._timeout())
 
         timer = self._start_timer(seconds, fail_late) if seconds else None
         try:
@@ -163,6 +163,7 @@ class TaskRun:
         )
 
     def _is_completed(self, returned: object) -> bool:
+        """Whether ``iterate`` returned COMPLETED. Raises a failure unless it is that or RUNNING."""
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
         if not isinstance(returned, Status):
