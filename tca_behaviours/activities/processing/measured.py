@@ -49,8 +49,8 @@ class Execution:
         self._longer = 0  # the number of ticks that took longer than declared
         self.ticks = 0
         self.errors = 0
-        self.error = ""
-        self.longest = 0.0
+        self.error = ""  #: the last error
+        self.longest = 0.0  #: the longest execution time, in seconds
         self._total = 0.0
 
     @property

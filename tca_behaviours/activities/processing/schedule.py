@@ -81,9 +81,7 @@ class Processor:
     def due(self) -> float:
         """When its next activity is due."""
         if self._due is None:
-            self._due = min(
-                (activity.release.due for activity in self.activities), default=math.inf
-            )
+            self._due = min((each.release.due for each in self.activities), default=math.inf)
         return self._due
 
     def invalidate_due(self) -> None:
@@ -105,6 +103,7 @@ class Schedule:
         self.activities: dict[str, ScheduledActivity] = {}
         self.processors: list[Processor] = []  #: in the order in which they go
         self.ticked: ScheduledActivity | None = None  #: the activity whose tick is running
+        # Of the newest tick: its processor, the due times of its activity, and its start.
         self._ticking_processor = Processor("", 0.0)
         self._release = Period(0.0, 1.0)
         self._began = 0.0
@@ -138,12 +137,8 @@ class Schedule:
                 for activity in processor.activities
                 if activity.release.due <= now + _ROUNDING
             )
-        self.ticked, self._ticking_processor, self._began = (
-            processor.round.popleft(),
-            processor,
-            now,
-        )
-        self._release = self.ticked.release
+        self.ticked = processor.round.popleft()
+        self._ticking_processor, self._release, self._began = processor, self.ticked.release, now
         return self.ticked
 
     def end(self, now: float, error: str = "") -> None:

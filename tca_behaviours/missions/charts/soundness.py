@@ -56,7 +56,7 @@ class _Search:
             return {"completed": True}
         if state.kind.is_concurrent:
             return self._exits_of_concurrence(state)
-        return self._exits_of_sequence(state)
+        return self._exits_of_successive(state)
 
     def _exits_of_concurrence(self, state: MachineState) -> Exits:
         if len(state.children) == 1:
@@ -84,8 +84,8 @@ class _Search:
             found.discard("completed")
         return dict.fromkeys(found, False)
 
-    def _exits_of_sequence(self, state: MachineState) -> Exits:
-        """The exits of a container whose states run one at a time."""
+    def _exits_of_successive(self, state: MachineState) -> Exits:
+        """The exits of a container whose states run one after the other."""
         exits_of = {child: self.exits(child) for child in state.children}
         successors = {
             child: [to for to in exits if to in exits_of] for child, exits in exits_of.items()
@@ -107,7 +107,9 @@ class _Search:
 
 
 def _check_targets(state: MachineState) -> None:
-    """Check that no transition leads into a container from outside it."""
+    """Check that no transition leads into a container from outside it, nor to a state that runs at
+    the same time.
+    """
     containers = list(state.containers())
     for arrow in state.arrows:
         target = arrow.target

@@ -88,9 +88,8 @@ class BaseMission:
         # By task, the count of handler changes when the task was checked for a lost server.
         self._checked_at: dict[int, int] = {}
         self._running: dict[int, TaskHandle] = {}
-        self.ended = deque[TaskHandle](
-            maxlen=_MOST_ENDED
-        )  #: its last tasks that ended, oldest first
+        #: Its tasks that ended last, oldest first.
+        self.ended = deque[TaskHandle](maxlen=_MOST_ENDED)
         self._conditions: list[MissionCondition] = []
         # The exception with which a condition ends the next wait.
         self._interruption: ConditionVerified | MissionTaskFailed | None = None
