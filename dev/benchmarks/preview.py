@@ -23,7 +23,7 @@ from tca_behaviours.coordination import (
     Situation,
     most_likely,
 )
-from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
+from tca_behaviours.coordination.preview.branches import BareArrow, live_facts
 from tca_behaviours.coordination.preview.decide import LookAhead, Present
 from tca_module import Command
 
@@ -64,7 +64,7 @@ class Chain:
             state: [BareArrow(arrow.target) for arrow in arrows]
             for state, arrows in enumerate(self._arrows)
         }
-        return live_variables(bare, dict(enumerate(self._activities)))
+        return live_facts(bare, dict(enumerate(self._activities)))
 
 
 def plain(state: int, _: int) -> list[LikelyArrow]:

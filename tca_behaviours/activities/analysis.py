@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-_EXACT = 1e-9  # the share of a period that rounding may cause
+_ROUNDING = 1e-9  # the share of a period that rounding may cause
 
 
 class Demand(NamedTuple):
@@ -52,12 +52,8 @@ def response_bounds(
     bounds = []
     for number, processor in enumerate(processors):
         higher = [activity for each in processors[:number] for activity in each]
-        lower = (
-            []
-            if preemptive
-            else [activity for each in processors[number + 1 :] for activity in each]
-        )
-        bounds.append(response_bound(processor, higher, lower))
+        lower = [activity for each in processors[number + 1 :] for activity in each]
+        bounds.append(response_bound(processor, higher, [] if preemptive else lower))
     return bounds
 
 
@@ -69,18 +65,17 @@ def response_bound(
     *higher* are activities of higher priority, *lower* those of lower priority that can't be
     preempted.
     """
-    limit = period(processor) * (1 + _EXACT)
-    own = max((activity.cost for activity in lower), default=0.0) + sum(
-        activity.cost for activity in processor
-    )
+    limit = period(processor) * (1 + _ROUNDING)
+    blocking = max((activity.cost for activity in lower), default=0.0)
+    own = blocking + sum(activity.cost for activity in processor)
     bound = own + sum(activity.cost for activity in higher)
     while bound <= limit:
-        found = own + sum(
-            math.ceil(bound / activity.period - _EXACT) * activity.cost for activity in higher
+        next_bound = own + sum(
+            math.ceil(bound / activity.period - _ROUNDING) * activity.cost for activity in higher
         )
-        if found <= bound * (1 + _EXACT):
+        if next_bound <= bound * (1 + _ROUNDING):
             return bound
-        bound = found
+        bound = next_bound
     return None
 
 
@@ -126,13 +121,14 @@ def automatic(activities: Sequence[Demand]) -> Allocation:
     the one before it, unless that would not be schedulable any more. An activity that is not
     schedulable alone gets a processor of its own.
 
-    No other way to cut this order into processors needs fewer. A processor that starts later in the
-    order has a longer period, and the same activities before it.
+    No other division of this order into processors needs fewer. Compare two processors with the
+    same last activity: the one that starts later in the order has no shorter period, and its bound
+    counts the same activities.
     """
     # The sort is stable: equal periods stay in the order of subscription.
     order = sorted(activities, key=lambda activity: activity.period)
     groups: list[list[Demand]] = []
-    start = 0
+    start = 0  # the place of the first activity of the last group
     for place, activity in enumerate(order):
         joined = order[start : place + 1]
         if groups and response_bound(joined, order[:start], order[place + 1 :]) is not None:

@@ -82,7 +82,7 @@ class Application:
             component: The component; its name must be new.
 
         Raises:
-            MisuseError: Its name, or that of an activity, is in use.
+            MisuseError: Its name is in use, or that of one of its activities.
             UnsoundMachine: One of its regions can't be run.
         """
         self._add(component)
@@ -171,7 +171,7 @@ class Application:
             MisuseError: An activity is missing, unknown, allocated twice, or lacks an execution
                 time.
         """
-        allocation = _checked(policy(self._demands(policy)) if callable(policy) else policy)
+        allocation = _checked_shape(policy(self._demands(policy)) if callable(policy) else policy)
         _check_complete(allocation, self._baton.schedule)
         prepared = self._baton.prepare(allocation)
         with self._baton.changing() as schedule:
@@ -183,8 +183,8 @@ class Application:
             ]
             for processor, activities in zip(processors, allocation.values(), strict=True):
                 processor.priority = 0
-                for each in activities:
-                    schedule.put(schedule.activities[each], processor, now)
+                for activity in activities:
+                    schedule.put(schedule.activities[activity], processor, now)
             schedule.processors = processors
             self.policy = next(
                 (name for name, known in POLICIES.items() if known is policy), BY_HAND
@@ -206,7 +206,7 @@ class Application:
         """
         check("move()", checks.LABEL, processor=processor)
         check("move()", _POSITION, position=position)
-        with self._by_hand() as schedule:
+        with self._changing_by_hand() as schedule:
             now = self._baton.clock()
             scheduled = schedule.activity(activity)
             schedule.put(
@@ -218,7 +218,7 @@ class Application:
 
     def remove(self, activity: str) -> None:
         """Remove an activity from its processor. It is not ticked until it is moved to another."""
-        with self._by_hand() as schedule:
+        with self._changing_by_hand() as schedule:
             schedule.unassign(schedule.activity(activity))
 
     def set_period(self, activity: str, seconds: float) -> None:
@@ -238,7 +238,7 @@ class Application:
         if there is no such processor.
         """
         check("set_priority()", _PRIORITY, priority=priority)
-        with self._by_hand() as schedule:
+        with self._changing_by_hand() as schedule:
             processors = {one.name: one for one in schedule.processors}
             checks.check_known("there is no processor", processor, processors)
             processors[processor].priority = priority
@@ -251,7 +251,9 @@ class Application:
         self._change_observers.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each component, now and when one is added, before it is ticked."""
+        """Call a function with each present component now, and with each new one before it is
+        ticked.
+        """
         self._add_observers.append(function)
         for component in self.components.values():
             function(component)
@@ -273,8 +275,8 @@ class Application:
     # --- inside -----------------------------------------------------------------------------------
 
     @contextmanager
-    def _by_hand(self) -> Iterator[Schedule]:
-        """A block that changes the schedule. Afterwards no policy determines the allocation."""
+    def _changing_by_hand(self) -> Iterator[Schedule]:
+        """A block that changes the schedule by hand: no policy determines the allocation then."""
         with self._baton.changing() as schedule:
             yield schedule
             self.policy = BY_HAND
@@ -297,8 +299,8 @@ class Application:
             function()
 
 
-def _checked(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
-    """Check that an allocation has the right shape."""
+def _checked_shape(allocation: Mapping[str, Sequence[str]]) -> _Allocation:
+    """The allocation as a dictionary of lists. Raises MisuseError if it has another shape."""
     try:
         return msgspec.convert(allocation, _Allocation)
     except msgspec.ValidationError as error:

@@ -14,7 +14,8 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
-"""How long a late tick overrules the analysis: in seconds and in periods; the longer counts."""
+"""How long a late tick overrules the analysis, in seconds and in periods: the longer time counts.
+"""
 
 
 def allocation_report(
@@ -40,35 +41,36 @@ def application_figures(
     application: str, running_for: float, now: float, schedule: Schedule
 ) -> reports.ApplicationFigures:
     """The measurements, and the results of the analysis."""
-    demands = [
-        demand for one in schedule.processors if (demand := _demands(one.activities)) is not None
-    ]
-    is_known = len(demands) == len(schedule.processors)
-    bounds = response_bounds(demands) if is_known else [None for _ in schedule.processors]
+    found = [_demands(processor.activities) for processor in schedule.processors]
+    demands = [each for each in found if each is not None]
+    is_known = len(demands) == len(found)
+    bounds = response_bounds(demands) if is_known else [None] * len(found)
     processors = [
-        _processor(schedule, one, bound, is_known, now)
-        for one, bound in zip(schedule.processors, bounds, strict=True)
+        _processor_figures(schedule, processor, bound, is_known, now)
+        for processor, bound in zip(schedule.processors, bounds, strict=True)
     ]
-    verdicts = {one.is_schedulable for one in processors}
+    verdicts = {each.is_schedulable for each in processors}
     return reports.ApplicationFigures(
-        application,
-        running_for,
-        sum(one.load for one in processors),
-        sum(utilisation(one) for one in demands) if is_known else None,
-        liu_layland(len(schedule.processors)),
-        is_hyperbolic(utilisation(one) for one in demands) if is_known else None,
-        None if verdicts == {None} else False not in verdicts,
-        processors,
-        [_activity(one) for one in schedule.activities.values()],
-        schedule.held_by(now),
-        next((f"{one.name}: {one.refuted}" for one in processors if one.refuted), ""),
+        application=application,
+        running_for=running_for,
+        load=sum(each.load for each in processors),
+        utilisation=sum(map(utilisation, demands)) if is_known else None,
+        liu_layland=liu_layland(len(schedule.processors)),
+        is_hyperbolic=is_hyperbolic(map(utilisation, demands)) if is_known else None,
+        is_schedulable=None if verdicts == {None} else False not in verdicts,
+        processors=processors,
+        activities=[_activity_figures(each) for each in schedule.activities.values()],
+        held_by=schedule.held_by(now),
+        refuted=next((f"{each.name}: {each.refuted}" for each in processors if each.refuted), ""),
     )
 
 
 def _demands(activities: Sequence[ScheduledActivity]) -> list[Demand] | None:
     """The demands of activities; None while an execution time is unknown."""
-    known = [Demand(one.name, one.period, one.cost) for one in activities if one.cost is not None]
-    return known if len(known) == len(activities) else None
+    demands = [
+        Demand(each.name, each.period, each.cost) for each in activities if each.cost is not None
+    ]
+    return demands if len(demands) == len(activities) else None
 
 
 def _entry(activity: ScheduledActivity) -> reports.ActivityEntry:
@@ -77,46 +79,45 @@ def _entry(activity: ScheduledActivity) -> reports.ActivityEntry:
     )
 
 
-def _activity(activity: ScheduledActivity) -> reports.ActivityFigures:
+def _activity_figures(activity: ScheduledActivity) -> reports.ActivityFigures:
     execution, left_out = activity.execution, activity.release.left_out
     return reports.ActivityFigures(
-        activity.name,
-        execution.ticks,
-        activity.release.missed - left_out,
-        left_out,
-        execution.errors,
-        execution.error,
-        execution.mean,
-        execution.longest,
-        activity.times.response,
-        activity.times.jitter,
+        name=activity.name,
+        ticks=execution.ticks,
+        overruns=activity.release.missed - left_out,
+        left_out=left_out,
+        errors=execution.errors,
+        error=execution.error,
+        mean=execution.mean,
+        longest=execution.longest,
+        response=activity.times.response,
+        jitter=activity.times.jitter,
     )
 
 
-def _processor(
+def _processor_figures(
     schedule: Schedule, processor: Processor, bound: float | None, is_known: bool, now: float
 ) -> reports.ProcessorFigures:
-    """The figures of a processor. A recent late tick overrules the analysis."""
-    jitter = max((each.times.jitter for each in processor.activities), default=0.0)
-    margin = processor.period - bound if bound is not None else None
+    """The figures of a processor. A recent late tick overrules the verdict of the analysis."""
     verdict = bound is not None if is_known else None
-    last_late, refuted = None, ""
-    if late := schedule.last_late(processor, bound or processor.period, now):
-        last_late = now - late[0]
+    last_late, refuted, limit = None, "", bound or processor.period
+    if late := schedule.last_late(processor, limit, now):
+        ended_at, response = late
+        last_late = now - ended_at
         if verdict is not False and last_late <= max(_RECENT, _RECENT_PERIODS * processor.period):
-            took = f"{duration(late[1])} from due to done {duration(last_late)} ago"
-            limit = f"the {'bound' if bound else 'period'} is {duration(bound or processor.period)}"
-            verdict, refuted = False, f"refuted by measurement: {took}; {limit}"
+            took = f"{duration(response)} from due to done {duration(last_late)} ago"
+            known = f"the {'bound' if bound else 'period'} is {duration(limit)}"
+            verdict, refuted = False, f"refuted by measurement: {took}; {known}"
     return reports.ProcessorFigures(
-        processor.name,
-        processor.ticks,
-        processor.load.share(now),
-        processor.times.response,
-        jitter,
-        processor.overruns,
-        bound,
-        margin,
-        verdict,
-        refuted,
-        last_late,
+        name=processor.name,
+        ticks=processor.ticks,
+        load=processor.load.share(now),
+        response=processor.times.response,
+        jitter=max((each.times.jitter for each in processor.activities), default=0.0),
+        overruns=processor.overruns,
+        bound=bound,
+        margin=processor.period - bound if bound is not None else None,
+        is_schedulable=verdict,
+        refuted=refuted,
+        last_late=last_late,
     )

@@ -1,4 +1,4 @@
-"""Coordination of a robot's activities by a state machine that looks ahead."""
+"""Coordination of a robot's activities by a state machine whose next states are foreseen."""
 
 from tca_behaviours.coordination.learning import count_transitions as count_transitions
 from tca_behaviours.coordination.model.activities import Activity as Activity

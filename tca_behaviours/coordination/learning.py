@@ -34,18 +34,20 @@ def count_transitions(
     counts: Counter[tuple[str, str]] = Counter()
     for journal in journals:
         entries = Log(Path(journal)) if isinstance(journal, Path | str) else journal
-        for run, report in _reports(entries):
+        for machine, report in _reports(entries):
             if (
-                run.name == chart.name
+                machine.name == chart.name
                 and report.taken in symbols
-                and 0 <= report.before < len(run.states)
+                and 0 <= report.before < len(machine.states)
             ):
-                counts[run.states[report.before].label, report.taken] += 1
-    return {pair: count for pair, count in counts.items() if pair[0] in labels}
+                label = machine.states[report.before].label
+                if label in labels:
+                    counts[label, report.taken] += 1
+    return dict(counts)
 
 
 def _reports(entries: Iterable[Entry]) -> Iterator[tuple[MachineChart, CoordinationReport]]:
-    """The reports of the coordinators in a journal, each with its machine."""
+    """The reports of the coordinators in a journal, each with the chart of its machine."""
     formats: dict[str, str] = {}
     charts: dict[int, MachineChart] = {}
     for entry in entries:

@@ -17,9 +17,7 @@ except ImportError:
 
 
 class LibraryChart(Generic[S]):
-    """A statechart with the definition that a subclass makes. It calls ``enter`` and ``exit`` of
-    states.
-    """
+    """A statechart of the library, from the definition that a subclass passes to ``_compile``."""
 
     def __init__(self, states: Sequence[S]) -> None:
         """*states*: all states, in writing order."""
@@ -36,7 +34,7 @@ class LibraryChart(Generic[S]):
             validate_disconnected_states=False,
             validate_final_reachability=False,
         )
-        for order, state in enumerate(_in_order(self._class.states), 1):
+        for order, state in enumerate(_in_document_order(self._class.states), 1):
             state.document_order = order  # version 3.2 counts from 1 again in each container
 
     def begin(self) -> None:
@@ -66,10 +64,10 @@ class LibraryChart(Generic[S]):
         return self._chart.configuration_values
 
 
-def _in_order(states: Any) -> Iterator[Any]:
+def _in_document_order(states: Any) -> Iterator[Any]:
     for state in states:
         yield state
-        yield from _in_order(state.states)
+        yield from _in_document_order(state.states)
 
 
 class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
@@ -84,19 +82,19 @@ class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
         events = dict.fromkeys(arrow.event for state in states for arrow in state.arrows)
         # The library allows only some names of events; the user's may be any.
         self._events = {event: f"e{number}" for number, event in enumerate(events)}
-        self._now: Any = None
+        self._situation: Any = None
         self._taken: list[A] = []
-        tops = [state for state in states if state.parent not in self._names]
+        top_states = [state for state in states if state.parent not in self._names]
         self._compile(
             {
-                self._names[state]: self._definition_of(state, is_first=state is tops[0])
-                for state in tops
+                self._names[state]: self._definition_of(state, is_first=state is top_states[0])
+                for state in top_states
             }
         )
 
-    def take(self, event: str, now: Any = None) -> Sequence[A]:
-        """Process an event; guards read *now*. Returns the arrows that were taken."""
-        self._now, self._taken = now, []
+    def take(self, event: str, situation: Any = None) -> Sequence[A]:
+        """Process an event; guards read *situation*. Returns the arrows that were taken."""
+        self._situation, self._taken = situation, []
         if event in self._events:
             self.send(self._events[event])
         return self._taken
@@ -125,6 +123,6 @@ class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
     def _transition(self, arrow: A) -> dict[str, Any]:
         return {
             "target": self._names[arrow.target],
-            "cond": lambda: arrow.holds(self._now),
+            "cond": lambda: arrow.holds(self._situation),
             "on": lambda: self._taken.append(arrow),
         }

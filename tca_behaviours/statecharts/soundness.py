@@ -40,13 +40,15 @@ def check_arrows(states: Sequence[State[Any, A]]) -> None:
                     " and write the one without a guard last"
                 )
     leaves = [state for state in states if not state.children]
-    taken = {leaf: arrows_of(leaf) for leaf in leaves}
-    reached = all_reached(states[0].leaf, lambda leaf: (arrow.target.leaf for arrow in taken[leaf]))
+    ways_out = {leaf: arrows_of(leaf) for leaf in leaves}
+    reached = all_reached(
+        states[0].leaf, lambda leaf: (arrow.target.leaf for arrow in ways_out[leaf])
+    )
     entered = reached | {outer for leaf in reached for outer in leaf.containers()}
-    check_all_reached([state for state in states if state not in entered])
-    known = {arrow for arrows in taken.values() for arrow in arrows}
+    refuse_unreached([state for state in states if state not in entered])
+    takeable = {arrow for arrows in ways_out.values() for arrow in arrows}
     if dead := next(
-        (arrow for state in states for arrow in state.arrows if arrow not in known), None
+        (arrow for state in states for arrow in state.arrows if arrow not in takeable), None
     ):
         raise UnsoundMachine(
             f"{dead.source!r}: its transition for '{dead.symbol}' is never taken: in each state"
@@ -54,29 +56,29 @@ def check_arrows(states: Sequence[State[Any, A]]) -> None:
         )
 
 
-def all_reached(first: T, following: Callable[[T], Iterable[T]]) -> set[T]:
+def all_reached(first: T, successors: Callable[[T], Iterable[T]]) -> set[T]:
     """All items that are reached from the first, itself included."""
     reached, todo = {first}, [first]
     while todo:
-        new = set(following(todo.pop())) - reached
+        new = set(successors(todo.pop())) - reached
         reached |= new
         todo += new
     return reached
 
 
-def check_all_reached(lost: Sequence[object]) -> None:
-    """Raise UnsoundMachine if any states were not reached."""
-    if lost:
-        them = "them" if len(lost) > 1 else "it"
+def refuse_unreached(unreached: Sequence[object]) -> None:
+    """Raise UnsoundMachine unless the list is empty."""
+    if unreached:
+        them = "them" if len(unreached) > 1 else "it"
         raise UnsoundMachine(
-            f"{named(lost)} can't be reached: add a transition to {them}, or remove {them}"
+            f"{named(unreached)} can't be reached: add a transition to {them}, or remove {them}"
         )
 
 
-def check_no_cycle(after: Mapping[T, Iterable[T]]) -> None:
+def check_no_cycle(successors: Mapping[T, Iterable[T]]) -> None:
     """Raise UnsoundMachine if states that do nothing lead to each other in a cycle."""
     try:
-        TopologicalSorter(after).prepare()
+        TopologicalSorter(successors).prepare()
     except CycleError as error:
         raise UnsoundMachine(
             f"{named(dict.fromkeys(error.args[1]))} lead to each other for ever and do nothing: "

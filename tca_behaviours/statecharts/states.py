@@ -56,7 +56,7 @@ class State(Generic[S, A]):
         return arrow
 
     def lines(self) -> Iterator[str]:
-        """The lines of a picture that say what the state does."""
+        """The lines that describe the state in a picture."""
         yield from ()
 
     def chart_state(self) -> ChartState:
@@ -78,7 +78,7 @@ class State(Generic[S, A]):
 
     @cached_property
     def path(self) -> tuple[S, ...]:
-        """This state and the containers around it, innermost first, without the whole machine."""
+        """This state and the containers around it, innermost first, except the whole machine."""
         return (
             cast("S", self),
             *(state for state in self.containers() if state.parent is not None),
@@ -132,13 +132,15 @@ class Arrow(Generic[S]):
 
     @property
     def key(self) -> object:
-        """Two arrows of one state with the same key are alternatives: the second is never taken."""
+        """Its event and conditions: of two arrows of one state with one key, the second is never
+        taken.
+        """
         return self.symbol
 
     @property
     def is_inherited(self) -> bool:
-        """Whether it also leaves the states inside its source. False if the end of a compound takes
-        it.
+        """Whether it also leads out of the states inside its source. False if it waits for the end
+        of a compound.
         """
         return True
 
@@ -148,7 +150,7 @@ class Arrow(Generic[S]):
         both = frozenset(self.source.containers()) & frozenset(self.target.containers())
         return both - {self.source, self.target}
 
-    def holds(self, _now: Any = None) -> bool:
+    def holds(self, _situation: Any = None) -> bool:
         """Whether its guard allows it in the present situation."""
         return True
 

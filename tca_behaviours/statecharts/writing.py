@@ -23,17 +23,17 @@ class BlockState(State[B, A]):
 
     def __init__(self, kind: StateKind, label: str, parent: B | None) -> None:
         super().__init__(kind, label, parent)
-        self.open: list[B] = parent.open if parent is not None else []
+        self.open_blocks: list[B] = parent.open_blocks if parent is not None else []
         """The containers of the machine whose blocks are open, innermost last."""
 
     def __enter__(self) -> Self:
         if self.number != -1 or self.children or not self.kind.is_container:
             raise MisuseError(f"{self!r} can't be opened here: make a new container")
-        self.open.append(cast("B", self))
+        self.open_blocks.append(cast("B", self))
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.open.pop()
+        self.open_blocks.pop()
 
     def add_arrow(self, arrow: A) -> A:
         """Add a transition that leads out of this state. Raises MisuseError once the machine is
@@ -66,16 +66,16 @@ class BlockMachine(ABC, Generic[B]):
         if kind is None:
             self._build()
 
-    def _place(self, label: object) -> B:
-        """The container in which a state of this label is written."""
-        if not self.root.open:
+    def _container_for(self, label: object) -> B:
+        """The container that gets a new state of this label. Raises MisuseError."""
+        if not self.root.open_blocks:
             raise MisuseError(f"{self!r}: write its states inside its with block")
         check(self, LABEL, label=label)
         if label in self._labelled:
             raise UnsoundMachine(
                 f"{self!r} has two states '{label}': give one of them another label"
             )
-        return cast("B", self.root.open[-1])
+        return cast("B", self.root.open_blocks[-1])
 
     def _register(self, state: B) -> B:
         self._labelled[state.label] = state
@@ -94,10 +94,9 @@ class BlockMachine(ABC, Generic[B]):
         return chart_of(self.name, self.states)
 
     def _build(self) -> None:
-        if empty := next(
-            (one for one in self.root.all() if one.kind.is_container and not one.children), None
-        ):
-            raise UnsoundMachine(f"{empty!r} is empty: write a state inside it")
+        for state in self.root.all():
+            if state.kind.is_container and not state.children:
+                raise UnsoundMachine(f"{state!r} is empty: write a state inside it")
         states = self._numbered()
         for number, state in enumerate(states):
             state.number = number
@@ -122,6 +121,6 @@ class BlockMachine(ABC, Generic[B]):
         """Raise UnsoundMachine if the machine can't be run."""
 
 
-def line(text: str) -> str:
-    """Shorten a line that says what a state does, for pictures."""
+def short_line(text: str) -> str:
+    """Shorten a line of a state's description, for pictures."""
     return shortened(text, _LONGEST)

@@ -52,7 +52,7 @@ def wait_for_part(live: LiveApplication, part: str, words: str) -> None:
     """Wait until the newest value of a part contains some words."""
     since, end = 0, time.monotonic() + 30
     while time.monotonic() < end:
-        news = live.news(since, 1.0)
+        news = live.changes_since(since, 1.0)
         since = news["serial"]
         if words in str(news["parts"].get(part)):
             return
@@ -115,6 +115,6 @@ def test_page_shows_that_an_application_is_stalled(
             )
             is_drawn.set()
             end = time.monotonic() + 30
-            while live.news(0, 0.0)["parts"]["lost"]:
+            while live.changes_since(0, 0.0)["parts"]["lost"]:
                 assert time.monotonic() < end
                 time.sleep(0.05)

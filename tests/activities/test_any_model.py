@@ -11,7 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tca_behaviours.activities.components import initialise
-from tca_behaviours.activities.models.code import application, generated, skeleton
+from tca_behaviours.activities.models.code import (
+    application_module,
+    component_module,
+    generated_module,
+)
 from tca_behaviours.activities.models.dot import model_dot
 from tca_behaviours.activities.models.reading import model_of
 from tca_tools.errors import BadUserFile
@@ -81,8 +85,11 @@ def test_random_model_is_rejected_or_runs(tables: dict[str, Any]) -> None:
     except BadUserFile:
         return
     assert model_dot(model)
-    compile("\n".join(application(model, "")), "application.py", "exec")
-    modules = [generated(model), *(skeleton(model, name, "") for name in model.components)]
+    compile("\n".join(application_module(model, "")), "application.py", "exec")
+    modules = [
+        generated_module(model),
+        *(component_module(model, name, "") for name in model.components),
+    ]
     names: dict[str, Any] = {"__name__": "generated"}
     for module in modules:
         ours = "\n".join(line for line in module if not line.startswith("from generated"))

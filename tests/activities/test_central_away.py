@@ -74,7 +74,7 @@ def test_page_command_works_at_once_after_central_restart(tmp_path: Path) -> Non
 
     def until_lost(*, is_lost: bool) -> None:
         until = time.monotonic() + 60
-        while bool(live.news(0, 0.0)["parts"].get("lost", not is_lost)) is not is_lost:
+        while bool(live.changes_since(0, 0.0)["parts"].get("lost", not is_lost)) is not is_lost:
             assert time.monotonic() < until
             time.sleep(0.05)
 

@@ -251,7 +251,7 @@ def test_value_set_at_initialisation_arrives() -> None:
     for order in (components, components[::-1]):
         initialise(order)
         tick(components[1])
-        with components[1].turn:
+        with components[1].exclusion:
             assert components[1].data == [1.5]
 
 
@@ -294,7 +294,7 @@ def test_tick_sees_consistent_data_under_concurrent_ticks() -> None:
             thread.join()
     finally:
         sys.setswitchinterval(before)
-    with pair.turn:
+    with pair.exclusion:
         assert pair.data == {"left": 1200, "right": 1200}
 
 

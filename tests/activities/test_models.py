@@ -95,7 +95,7 @@ components.panel.all_joints.set("enable")
 robot.start()
 baton.run(1.0)
 print(components.x.movement.path, sum(one.ticks for one in robot.figures().activities) > 100)
-with components.y.turn:
+with components.y.exclusion:
     print(components.y.data)
 """
 CTRL_C = """

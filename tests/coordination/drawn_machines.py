@@ -15,7 +15,7 @@ from tca_behaviours.coordination import (
     PreviewLimits,
     Situation,
 )
-from tca_behaviours.coordination.preview.branches import BareArrow, live_variables
+from tca_behaviours.coordination.preview.branches import BareArrow, live_facts
 from tca_behaviours.coordination.preview.decide import EarlyWork, LookAhead, Present, WorkPhase
 from tca_module import Command
 from tca_wire.coordination import Reason
@@ -111,7 +111,7 @@ class PlayedRun:
             state: [BareArrow(arrow.target, arrow.symbol == "failed") for arrow in arrows]
             for state, arrows in machine.arrows.items()
         }
-        self.needed = live_variables(ways, machine.activities)
+        self.needed = live_facts(ways, machine.activities)
         self.plain: dict[str, Fact] = {"w": 0, "x": 0, "y": 0, "z": 0}
         self.now = dict(self.plain)
         self.work: list[EarlyWork] = []

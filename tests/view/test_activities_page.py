@@ -18,7 +18,7 @@ from playwright.sync_api import BrowserContext, Page, expect
 from tca_behaviours.activities import Application, one_for_all
 from tca_behaviours.activities.components import Component
 from tca_behaviours.activities.manager import Control, ControlField, Manager
-from tca_behaviours.activities.page.app import application as served_application
+from tca_behaviours.activities.page.app import page_app
 from tca_behaviours.activities.page.live import LiveApplication
 from tca_module import Command, Inform, Module, Task
 from tca_module.testing import LocalCentral
@@ -67,7 +67,7 @@ def town() -> Iterator[Town]:
         robot.enter_context(application.running())
         live, key = LiveApplication("robot", central), PageKey("tca activities")
         server = uvicorn.Server(
-            uvicorn.Config(served_application(live, ["127.0.0.1"], key), log_level="warning")
+            uvicorn.Config(page_app(live, ["127.0.0.1"], key), log_level="warning")
         )
         with live.running(), socket.create_server(("127.0.0.1", 0)) as door:
             thread = threading.Thread(target=server.run, kwargs={"sockets": [door]})

@@ -19,7 +19,7 @@ T = TypeVar("T")
 class _Exclusion:
     """A lock that admits one thread at a time to a component.
 
-    Processors take turns anyway, so none of them ever waits here.
+    Processors take turns, so a tick waits here only for calls of other threads.
     """
 
     def __init__(self) -> None:
@@ -56,14 +56,14 @@ class ComponentActivity:
         self.estimate = estimate
         self._step = step
         self._state = state
-        self._turn = component.turn
+        self._exclusion = component.exclusion
 
     def __repr__(self) -> str:
         return self.name
 
     def tick(self) -> None:
         """Do one step, with exclusive access to the component."""
-        with self._turn:
+        with self._exclusion:
             if self._state is None or self._state.is_active:
                 self._step()
 
@@ -102,7 +102,7 @@ class Component(Generic[D]):
         self.inputs: dict[str, InputPort[Any]] = {}
         self.outputs: dict[str, OutputPort[Any]] = {}
         self.regions: dict[str, Region] = {}
-        self.turn = _Exclusion()
+        self.exclusion = _Exclusion()
         self.is_initialised = False
         self._new_data = data
         self._data: D | None = None
@@ -166,13 +166,13 @@ class Component(Generic[D]):
 
         Raises MisuseError outside of its activities.
         """
-        if not self.turn.is_mine():
+        if not self.exclusion.is_mine():
             raise MisuseError(f"the data of {self!r} are for its own activities: use a port")
         assert self._data is not None, "call initialise() first"
         return self._data
 
     def post(self, event: str) -> None:
-        """Send an event to all regions that have a transition for it. From any thread.
+        """Send an event to all regions that have a transition for it. Thread-safe.
 
         Raises MisuseError if no region has.
         """
@@ -181,10 +181,10 @@ class Component(Generic[D]):
             region.events.append(event)
 
     def activities(self) -> list[ComponentActivity]:
-        """All its activities, in the order in which data pass through them.
+        """All its activities: the port handler, the state machines of the regions, and the
+        activities of the states.
 
-        First comes the port handler, then the state machines of the regions, then the activities of
-        the states. Raises UnsoundMachine.
+        Data pass through them in this order. Raises UnsoundMachine.
         """
         self._check()
         found: list[ComponentActivity] = []
@@ -207,13 +207,13 @@ class Component(Generic[D]):
         return found
 
     def initialise(self) -> None:
-        """Reset data, ports and regions, and enter the first states: see ``initialise``."""
+        """Reset data, ports and regions, and call the entry functions of the first states."""
         initialise([self])
 
     def reset(self) -> None:
         """Reset data, ports and states, without calling entry functions."""
         self._check()
-        with self.turn:
+        with self.exclusion:
             for input_ in self.inputs.values():
                 input_.clear()
             for output in self.outputs.values():
@@ -225,7 +225,7 @@ class Component(Generic[D]):
 
     def enter_first(self) -> None:
         """Call the entry functions of the first states."""
-        with self.turn:
+        with self.exclusion:
             for region in self.regions.values():
                 region.enter_first()
 
@@ -240,9 +240,8 @@ class Component(Generic[D]):
         """The regions that have a transition for an event, by event."""
         regions: dict[str, list[Region]] = {}
         for region in self.regions.values():
-            for event in {
-                event: None for state in region.states.values() for event in state.by_event if event
-            }:
+            events = [event for state in region.states.values() for event in state.by_event]
+            for event in filter(None, dict.fromkeys(events)):
                 regions.setdefault(event, []).append(region)
         return regions
 
@@ -272,7 +271,7 @@ def initialise(components: Iterable[Component[Any]]) -> None:
     """
     components = list(components)
     for component in components:
-        if component.turn.is_mine():
+        if component.exclusion.is_mine():
             raise MisuseError(
                 f"{component!r} can't be initialised from one of its own ticks: use another thread"
             )

@@ -20,22 +20,22 @@ class _Port(Generic[T]):
         self.component = component
         self.name = name
         self.type = type_
-        self._fits = (type_, int) if type_ is float else (type_,)  # float includes int, as in hints
+        # float includes int, as in type hints.
+        self._classes = (type_, int) if type_ is float else (type_,)
 
     def __repr__(self) -> str:
         return f"{self.component}.{self.name} ({self.type.__name__})"
 
     def _check(self, value: T) -> None:
-        if not isinstance(value, self._fits):
+        if not isinstance(value, self._classes):
             raise MisuseError(
                 f"port {self!r} does not accept {value!r:.60}, of type {type(value).__name__}"
             )
 
 
 class InputPort(_Port[T]):
-    """Holds arrived values until the component's port handler passes them to *take*, one by one.
-
-    It holds the newest value, or the *keep* newest ones.
+    """Holds the newest *keep* values until the port handler of its component passes them to
+    *take*, one by one.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class InputPort(_Port[T]):
         self._arrived: deque[T] = deque(maxlen=keep)
 
     def put(self, value: T) -> None:
-        """Receive a value. From any thread. Raises MisuseError if its type does not fit."""
+        """Receive a value. Thread-safe. Raises MisuseError if its type does not fit."""
         self._check(value)
         self.lost += len(self._arrived) == self._arrived.maxlen
         self._arrived.append(value)
@@ -66,7 +66,7 @@ class InputPort(_Port[T]):
 
     def fits(self, output: "_Port[T]") -> bool:
         """Whether all values of an output port fit here."""
-        return issubclass(output.type, self._fits)
+        return issubclass(output.type, self._classes)
 
 
 class OutputPort(_Port[T]):

@@ -35,7 +35,8 @@ class RegionChange(msgspec.Struct, frozen=True):
 class Region:
     """An orthogonal region of a component.
 
-    A test compares it with ``LibraryInterpreter``, its oracle.
+    It interprets its states itself, which is faster than ``LibraryInterpreter``. A test checks that
+    both make the same transitions.
     """
 
     def __init__(self, component: str, name: str, period: float, estimate: float | None) -> None:
@@ -47,6 +48,7 @@ class Region:
         self.period = period
         self.estimate = estimate
         self.state = self.root.state
+        """Adds a state, as ``RegionState.state`` does."""
         self.states = self.root.by_name
         """All its states, by name."""
         self.events: deque[str] = deque()
@@ -102,9 +104,8 @@ class Region:
         """Make the transition for the oldest event that has one, else a transition without an
         event.
         """
-        events = self.events
-        while events:
-            if self.take(events.popleft()):
+        while self.events:
+            if self.take(self.events.popleft()):
                 return
         self.take("")
 

@@ -9,8 +9,8 @@ from tca_wire.charts import ChartArrow, StateKind
 from tca_wire.text.measures import duration
 
 
-def every(period: float, estimate: float | None) -> str:
-    """Describe how often something is ticked, and how long a tick takes."""
+def tick_text(period: float, estimate: float | None) -> str:
+    """The period and the execution time of ticks, in words."""
     return f"every {duration(period)}" + (f", takes {duration(estimate)}" if estimate else "")
 
 
@@ -32,19 +32,19 @@ class RegionState(State["RegionState", "RegionTransition"]):
     def lines(self) -> Iterator[str]:
         """A line for each function that the state calls."""
         if self.activity is not None:
-            yield f"{name_of(self.activity)} {every(self.period, self.estimate)}"
+            yield f"{name_of(self.activity)} {tick_text(self.period, self.estimate)}"
         if self.entry is not None:
             yield f"entry: {name_of(self.entry)}"
         if self.exit is not None:
             yield f"exit: {name_of(self.exit)}"
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data: a line for the event, and for each
-        condition.
+        """The transitions that lead out of it, as data. The event and each condition have a line
+        of their own.
         """
         for arrow in self.arrows:
             conditions = ",\n".join(arrow.conditions)
-            symbol = "\n".join(filter(None, [arrow.event, conditions and f"[{conditions}]"]))
+            symbol = f"{arrow.event}\n[{conditions}]".lstrip() if conditions else arrow.event
             yield ChartArrow(self.number, arrow.target.number, symbol)
 
     def state(
@@ -146,9 +146,6 @@ class RegionTransition(Arrow[RegionState]):
         """The guard itself and the needs: different guards may have the same name."""
         return self.when, self.needs
 
-    def holds(self, _now: Any = None) -> bool:
+    def holds(self, _situation: Any = None) -> bool:
         """Whether its guard and the other regions allow it now."""
-        for state in self.needed:
-            if not state.is_active:
-                return False
-        return self.when is None or self.when()
+        return all(state.is_active for state in self.needed) and (self.when is None or self.when())

@@ -14,7 +14,7 @@ PERIOD = 0.1
 """Seconds between two publications of changes."""
 
 _MAX_WAITING = 10_000
-"""The most transitions that wait for central."""
+"""The most transitions that wait to be published."""
 
 _PICTURES, _FIGURES = 2, 10
 """The numbers of periods between two pictures, and between two reports of figures."""
@@ -48,11 +48,11 @@ class Manager:
         self.messages = messages.ApplicationMessages(application.name)
         self._controls = list(controls)
         self._picture = picture
-        self._drawn = ""
+        self._published_picture = ""
         self._module_name = ""
         self._changes: deque[RegionChange] = deque(maxlen=_MAX_WAITING)
         self._is_reallocated = False
-        self._is_behind = False
+        self._must_publish_all = False
         self._periods = 0
         application.on_change(self._on_reallocation)
         application.on_add(self._on_component)
@@ -66,25 +66,23 @@ class Manager:
             module: The module; it must not run yet.
         """
         self._module_name, application = module.name, self.application
-        resource = module.resource(f"application {self.application.name}")
+        resource = module.resource(f"application {application.name}")
         module.at_start(self._publish_all)
         module.every(PERIOD, resource=resource)(self._publish)
-        steps: dict[Any, Callable[[Any], object]] = {
+        changes: dict[Any, Callable[[Any], object]] = {
             self.messages.allocate: application.allocate,
             self.messages.move: self._move,
-            self.messages.set_period: lambda change: application.set_period(
-                change.activity, change.period
-            ),
-            self.messages.set_priority: lambda change: application.set_priority(
-                change.processor, change.priority
+            self.messages.set_period: lambda new: application.set_period(new.activity, new.period),
+            self.messages.set_priority: lambda new: application.set_priority(
+                new.processor, new.priority
             ),
             self.messages.set_policy: self._set_policy,
             self.messages.initialise: lambda _: application.initialise(),
             self.messages.start: lambda _: application.start(),
             self.messages.stop: lambda _: application.stop(),
         }
-        for message, step in steps.items():
-            module.handles(message, resource=resource)(_handler(step))
+        for message, change in changes.items():
+            module.handles(message, resource=resource)(_handler(change))
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -106,22 +104,21 @@ class Manager:
     def _on_component(self, component: Component[Any]) -> None:
         for region in component.regions.values():
             region.on_transition(self._changes.append)
-        self._is_behind = True
+        self._must_publish_all = True
 
     def _publish(self, sender: Callback) -> None:
         self._periods += 1
         try:
             self._publish_changes(sender)
         except (CentralLost, Timeout):
-            self._is_behind = True  # reports of this period may be lost
+            self._must_publish_all = True  # reports of this period may be lost
 
     def _publish_changes(self, sender: Sender) -> None:
-        """Publish all changes.
-
-        Publish everything after a component was added, or if central is new or was away.
+        """Publish the changes; everything if a component was added, or if central is new or was
+        away.
         """
         has_figures = self._periods % _FIGURES == 0
-        if self._is_behind or (
+        if self._must_publish_all or (
             has_figures and sender.get_variable(self.messages.application, None) is None
         ):
             self._publish_all(sender)
@@ -135,13 +132,16 @@ class Manager:
             sender.set_variable(self.messages.figures, self.application.figures(), wait=False)
 
     def _publish_all(self, sender: Sender) -> None:
-        self._is_behind = False
+        self._must_publish_all = False
         name, components = self.application.name, self.application.components
-        entries = [_component_entry(component) for component in components.values()]
+        entries = [
+            messages.ComponentEntry(each.name, [region.chart for region in each.regions.values()])
+            for each in components.values()
+        ]
         entry = messages.ApplicationEntry(
             name, self._module_name, entries, list(POLICIES), self._controls
         )
-        self._drawn = ""
+        self._published_picture = ""
         sender.set_variable(self.messages.application, entry)
         self._publish_allocation(sender)
         sender.set_variable(self.messages.figures, self.application.figures())
@@ -157,12 +157,12 @@ class Manager:
         states = {f"{region.component}.{region.name}": region.current for region in self._regions()}
         sender.set_variable(self.messages.states, messages.StatesReport(states, changes))
         for change in changes:  # remove a change only after central has it
-            if self._changes[0] is change:  # the full queue may have dropped it since
+            if self._changes[0] is change:  # else the full queue has dropped it since
                 self._changes.popleft()
 
     def _publish_picture(self, sender: Sender) -> None:
-        if self._picture is not None and (picture := self._picture()) != self._drawn:
-            self._drawn = picture
+        if self._picture is not None and (picture := self._picture()) != self._published_picture:
+            self._published_picture = picture
             sender.set_variable(self.messages.picture, picture, wait=False)
 
     def _regions(self) -> list[Region]:
@@ -170,21 +170,15 @@ class Manager:
         return [region for component in components for region in component.regions.values()]
 
 
-def _handler(step: Callable[[Any], object]) -> Callable[..., None]:
-    """Make a handler that calls *step* with the data of a command, and fails if the call is
-    refused.
+def _handler(change: Callable[[Any], object]) -> Callable[..., None]:
+    """Make a handler that calls *change* with the data of a command. It fails if the call raises
+    MisuseError.
     """
 
     def handle(_task: Task, data: Any = None) -> None:
         try:
-            step(data)
+            change(data)
         except MisuseError as error:
             raise messages.REFUSED(text=str(error)) from None
 
     return handle
-
-
-def _component_entry(component: Component[Any]) -> messages.ComponentEntry:
-    return messages.ComponentEntry(
-        component.name, [region.chart for region in component.regions.values()]
-    )

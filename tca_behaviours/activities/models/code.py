@@ -13,7 +13,7 @@ from tca_behaviours.activities.models.model import (
     StateModel,
 )
 from tca_behaviours.activities.models.names import file_of
-from tca_behaviours.activities.models.statecharts import ordered
+from tca_behaviours.activities.models.statecharts import in_tree_order
 
 MARK = "made by tca generate"
 _LONGEST = 88
@@ -34,12 +34,12 @@ from tca_behaviours.activities.components import Component
 '''
 
 
-def generated(model: ApplicationModel) -> Iterator[str]:
+def generated_module(model: ApplicationModel) -> Iterator[str]:
     """The module of data types and bases."""
     yield from _BASES.format(mark=MARK, model=model.name).splitlines()
     for name, kind in model.types.items():
         if kind.module:
-            yield from imported(kind.module, [name])
+            yield from import_lines(kind.module, [name])
     for name, kind in model.types.items():
         if not kind.module:
             yield from _class("@dataclass(frozen=True)", name, "Data that ports pass.")
@@ -71,18 +71,18 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
     yield from _class("", f"{name}Base(Component[{data}], ABC)", f"The base of {name}.")
     yield ""
     yield f"    def __init__(self, name: str, data: Callable[[], {data}] = {data}) -> None:"
-    yield from call(
+    yield from statement(
         8, "super().__init__(", ["name", "data", *_times(component.period, component.estimate)]
     )
     for port, input_ in component.inputs.items():
         keep = [f"keep={input_.keep}"] if input_.keep > 1 else []
         arguments = [literal(port), input_.type, f"self.take_{port}", *keep]
-        yield from call(8, f"self.{port} = self.input(", arguments)
+        yield from statement(8, f"self.{port} = self.input(", arguments)
     for port, kind in component.outputs.items():
-        yield from call(8, f"self.{port} = self.output(", [literal(port), kind])
+        yield from statement(8, f"self.{port} = self.output(", [literal(port), kind])
     for region, settings in component.regions.items():
         arguments = [literal(region), *_times(settings.period, settings.estimate)]
-        yield from call(8, f"self.{region} = self.region(", arguments)
+        yield from statement(8, f"self.{region} = self.region(", arguments)
     for region in component.regions:
         yield f"        self._write_{region}()"
     for region, settings in component.regions.items():
@@ -90,7 +90,7 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
         yield f"    def _write_{region}(self) -> None:"
         yield f"        region = self.{region}"
         yield from _region(settings)
-    for method in distinct(component):
+    for method in distinct_methods(component):
         yield ""
         yield "    @abstractmethod"
         yield from _method(method)
@@ -99,9 +99,9 @@ def _base(name: str, component: ComponentModel) -> Iterator[str]:
 def _region(region: RegionModel) -> Iterator[str]:
     if region.transitions or any(state.inside for state in region.states):
         yield "        states = region.states"
-    for state in ordered(region.states):
+    for state in in_tree_order(region.states):
         container = f"states[{literal(state.inside)}]" if state.inside else "region"
-        yield from call(8, f"{container}.state(", _state(state))
+        yield from statement(8, f"{container}.state(", _state(state))
     for transition in region.transitions:
         arguments = [f"states[{literal(transition.target)}]"]
         if transition.on:
@@ -110,7 +110,7 @@ def _region(region: RegionModel) -> Iterator[str]:
             arguments.append(f"when=self.{transition.when}")
         if transition.needs:
             arguments.append(f"needs=[{', '.join(map(literal, transition.needs))}]")
-        yield from call(8, f"states[{literal(transition.source)}].to(", arguments)
+        yield from statement(8, f"states[{literal(transition.source)}].to(", arguments)
 
 
 def _state(state: StateModel) -> Iterator[str]:
@@ -128,11 +128,10 @@ def _times(period: float, estimate: float) -> Iterator[str]:
         yield f"estimate={estimate!r}"
 
 
-def distinct(component: ComponentModel) -> list[Method]:
-    """The methods that the user writes, each once."""
-    return list({method.name: method for method in reversed(list(methods(component)))}.values())[
-        ::-1
-    ]
+def distinct_methods(component: ComponentModel) -> list[Method]:
+    """The methods that the user writes, each once, in the order of the last places."""
+    last_first = reversed(list(methods(component)))
+    return list({method.name: method for method in last_first}.values())[::-1]
 
 
 def _method(method: Method) -> Iterator[str]:
@@ -143,7 +142,7 @@ def _method(method: Method) -> Iterator[str]:
 # --- the files of components, which are written once ----------------------------------------------
 
 
-def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
+def component_module(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
     """The first version of the module in which the user writes a component."""
     component = model.components[name]
     yield f'"""Component {name}. tca generate has created this file, and does not change it."""'
@@ -154,15 +153,15 @@ def skeleton(model: ApplicationModel, name: str, package: str) -> Iterator[str]:
     }:
         names.setdefault(model.types[kind].module or f"{package}generated", []).append(kind)
     for module in sorted(names):
-        yield from imported(module, names[module])
+        yield from import_lines(module, names[module])
     yield from _class("", f"{name}({name}Base)", f"The activities of {name}.")
-    for method in distinct(component):
+    for method in distinct_methods(component):
         yield ""
-        yield from written(method)
+        yield from stub_method(method)
 
 
-def written(method: Method) -> Iterator[str]:
-    """A method that does nothing yet."""
+def stub_method(method: Method) -> Iterator[str]:
+    """The lines of a method that does nothing yet."""
     yield from _method(method)
     if method.is_guard:
         yield "        return False"
@@ -185,18 +184,18 @@ from tca_behaviours.activities import Application
 '''
 
 
-def application(model: ApplicationModel, package: str) -> Iterator[str]:
+def application_module(model: ApplicationModel, package: str) -> Iterator[str]:
     """The module that creates the instances and connects them."""
     kinds = sorted({instance.component for instance in model.instances.values()})
     title = model.name.replace("_", " ").replace("-", " ")
     yield from _APPLICATION.format(mark=MARK, model=model.name).splitlines()
-    yield from imported(
+    yield from import_lines(
         "tca_behaviours.activities.components",
         ["Component", *["connect"] * bool(model.connections)],
     )
     for kind in kinds:
-        yield from imported(f"{package}{file_of(kind)}", [kind])
-    yield from imported(
+        yield from import_lines(f"{package}{file_of(kind)}", [kind])
+    yield from import_lines(
         f"{package}generated",
         [f"{instance.component}Data" for instance in model.instances.values() if instance.data],
     )
@@ -204,17 +203,17 @@ def application(model: ApplicationModel, package: str) -> Iterator[str]:
     yield ""
     yield "    def __init__(self) -> None:"
     for name, instance in model.instances.items():
-        yield from call(
+        yield from statement(
             8, f"self.{name} = {instance.component}(", _instance_arguments(name, instance)
         )
-    yield from call(
+    yield from statement(
         8, "self.all: list[Component[Any]] = [", [f"self.{name}" for name in model.instances], "]"
     )
     for connection in model.connections:
         ends = [
             f"self.{instance}.{port}" for instance, port in (connection.source, connection.target)
         ]
-        yield from call(8, "connect(", ends)
+        yield from statement(8, "connect(", ends)
     yield from _MAIN.format(literal(model.name)).splitlines()
 
 
@@ -244,14 +243,14 @@ def _instance_arguments(name: str, instance: InstanceModel) -> Iterator[str]:
 # --- layout: as formatters lay it out, whatever their line length ---------------------------------
 
 
-def call(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
-    """A statement whose *head* ends with a bracket."""
+def statement(indent: int, head: str, arguments: Iterable[str], tail: str = ")") -> list[str]:
+    """The lines of a statement: *head*, which ends with a bracket, the arguments, and *tail*."""
     arguments, space = list(arguments), " " * indent
     return _laid_out(f"{space}{head}{', '.join(arguments)}{tail}", space, head, arguments, tail)
 
 
-def imported(module: str, names: Iterable[str]) -> list[str]:
-    """An import of names."""
+def import_lines(module: str, names: Iterable[str]) -> list[str]:
+    """The lines that import names from a module; none if there are no names."""
     names = sorted(set(names), key=lambda name: (not name.isupper(), name.lower()))
     line = f"from {module} import {', '.join(names)}"
     return _laid_out(line, "", f"from {module} import (", names, ")") if names else []

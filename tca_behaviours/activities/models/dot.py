@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from tca_behaviours.activities.components.states import every
+from tca_behaviours.activities.components.states import tick_text
 from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
 from tca_behaviours.activities.models.statecharts import region_of
 from tca_tools.drawing.chart_dot import chart_lines, graph, small, text
@@ -50,13 +50,13 @@ def _chart(model: ApplicationModel) -> MachineChart:
         for region, settings in kind.regions.items():
             states.append(
                 ChartState(
-                    region, StateKind.COMPOUND, outer, every(settings.period, settings.estimate)
+                    region, StateKind.COMPOUND, outer, tick_text(settings.period, settings.estimate)
                 )
             )
             first, chart = len(states), region_of(region, settings).chart
             arrows += [
-                ChartArrow(way.source + first, way.target + first, way.symbol)
-                for way in chart.arrows
+                ChartArrow(arrow.source + first, arrow.target + first, arrow.symbol)
+                for arrow in chart.arrows
             ]
             states += [
                 msgspec.structs.replace(state, parent=state.parent + first)
@@ -72,4 +72,4 @@ def _ports(component: ComponentModel) -> Iterator[str]:
     for port, kind in component.outputs.items():
         yield f"out: {port} ({kind})"
     if component.inputs:
-        yield f"port handler {every(component.period, component.estimate)}"
+        yield f"port handler {tick_text(component.period, component.estimate)}"

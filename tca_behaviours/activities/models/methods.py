@@ -7,7 +7,7 @@ from tca_behaviours.activities.models.model import ComponentModel, StateModel
 
 
 class Method(NamedTuple):
-    """A method, and one place in the model that names it."""
+    """A method that the user writes, and one place in the model that names it."""
 
     name: str
     role: str
@@ -33,7 +33,7 @@ PORT_METHOD, STEP, GUARD = "the method of a port", "a step", "a guard"
 
 
 def methods(component: ComponentModel) -> Iterator[Method]:
-    """All methods of a component; a method that is named twice comes twice."""
+    """The methods of a component, one for each place that names it."""
     for port, input_ in component.inputs.items():
         about = f"A value has arrived at port '{port}'."
         yield Method(f"take_{port}", PORT_METHOD, f"inputs.{port}", about, input_.type)

@@ -5,8 +5,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-Word = Annotated[str, Meta(min_length=1, description="a name in quotes")]
-Words = Annotated[
+Name = Annotated[str, Meta(min_length=1, description="a name in quotes")]
+Names = Annotated[
     list[str], Meta(description='a list of names in quotes, such as ["enabling.enabled"]')
 ]
 Seconds = Annotated[float, Meta(gt=0, le=86400, description="a number of seconds above 0")]
@@ -38,7 +38,7 @@ class TypeModel(msgspec.Struct, frozen=True):
 class InputModel(msgspec.Struct, frozen=True):
     """An input port."""
 
-    type: Word
+    type: Name
     keep: Annotated[
         int, Meta(ge=1, le=1_000_000, description="a whole number of values, 1 or more")
     ] = 1
@@ -60,11 +60,11 @@ class StateModel(msgspec.Struct, frozen=True, kw_only=True):
 class TransitionModel(msgspec.Struct, frozen=True, kw_only=True):
     """A transition of a region: a row of ``transitions``."""
 
-    source: Word = msgspec.field(name="from")
-    target: Word = msgspec.field(name="to")
+    source: Name = msgspec.field(name="from")
+    target: Name = msgspec.field(name="to")
     on: Annotated[str, Meta(description="the name of an event")] = ""
     when: Annotated[str, Meta(description="the name of a method")] = ""
-    needs: Words = []
+    needs: Names = []
 
 
 _ROWS = 'a list of tables, such as [{ name = "stopped" }]'
@@ -95,7 +95,7 @@ class ComponentModel(msgspec.Struct, frozen=True, kw_only=True):
 class InstanceModel(msgspec.Struct, frozen=True, kw_only=True):
     """A component of the application."""
 
-    component: Word
+    component: Name
     data: Values = {}
     """The first values that differ from those of its kind."""
 

@@ -11,12 +11,12 @@ from tca_tools.errors import BadUserFile
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]{0,39}")
-_OF_COMPONENTS = {
+_COMPONENT_ATTRIBUTES = {
     name for name in {*dir(Component), *vars(Component("", dict))} if not name.startswith("__")
 }
 FILES = ("generated", "application")
 """The modules that are overwritten each time."""
-_TAKEN = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
+_RESERVED_CLASSES = {"ABC", "Any", "Callable", "Component", "Components", "Event", *dir(builtins)}
 
 
 def check_name(place: str, name: str) -> None:
@@ -30,7 +30,7 @@ def check_name(place: str, name: str) -> None:
 
 def check_class(place: str, name: str) -> None:
     """Raise BadUserFile unless a type or component may have this name."""
-    if not _CLASS.fullmatch(name) or name in _TAKEN:
+    if not _CLASS.fullmatch(name) or name in _RESERVED_CLASSES:
         raise BadUserFile(
             f"{place}: '{name}' can't be a class: use letters and digits, a capital first, "
             "and no built-in name of Python"
@@ -43,7 +43,7 @@ def check_attributes(place: str, component: ComponentModel) -> None:
     named += [(name, "an output port", f"outputs.{name}") for name in component.outputs]
     named += [(name, "a region", f"regions.{name}") for name in component.regions]
     named += [(method.name, method.role, method.place) for method in methods(component)]
-    used = dict.fromkeys(_OF_COMPONENTS, "part of every component")
+    used = dict.fromkeys(_COMPONENT_ATTRIBUTES, "part of every component")
     for name, role, where in named:
         check_name(f"{place}.{where}", name)
         is_shared = role in (STEP, GUARD)  # several states may use one method

@@ -49,11 +49,11 @@ def model_of(name: str, tables: dict[str, Any]) -> ApplicationModel:
         kind: _component(kind, table, types) for kind, table in tables["components"].items()
     }
     _check_classes(types, components)
-    given = _in_full(tables.get("instances", {}), "component")
-    instances = {one: _instance(one, table, components) for one, table in given.items()}
+    given = _expanded(tables.get("instances", {}), "component")
+    instances = {label: _instance(label, table, components) for label, table in given.items()}
     model = ApplicationModel(name, types, components, instances, [])
-    for one, outputs in tables.get("connections", {}).items():
-        model.connections.extend(_connections(model, one, outputs))
+    for instance, outputs in tables.get("connections", {}).items():
+        model.connections.extend(_connections(model, instance, outputs))
     return model
 
 
@@ -65,8 +65,8 @@ def _check_tables(tables: dict[str, Any]) -> None:
         raise BadUserFile("the model has no component: add a table [components.NAME]")
 
 
-def _in_full(tables: Any, key: str) -> Any:
-    """Expand tables that are given as the text of one *key*."""
+def _expanded(tables: Any, key: str) -> Any:
+    """Expand each table that is given as a text: the text is the value of *key*."""
     if not isinstance(tables, dict):
         return tables
     return {
@@ -75,7 +75,7 @@ def _in_full(tables: Any, key: str) -> Any:
 
 
 def _check_classes(types: Iterable[str], components: Iterable[str]) -> None:
-    """Check that no class or module that is written has the name of another one."""
+    """Check that the classes and files that are generated have different names."""
     classes = {name: f"types.{name}" for name in types}
     files = dict.fromkeys(FILES, "tca generate itself") | dict.fromkeys(
         sys.stdlib_module_names, "Python"
@@ -126,7 +126,7 @@ def _component(name: str, given: Any, types: dict[str, TypeModel]) -> ComponentM
     place = f"components.{name}"
     check_class(place, name)
     if isinstance(given, dict) and "inputs" in given:
-        given = {**given, "inputs": _in_full(given["inputs"], "type")}
+        given = {**given, "inputs": _expanded(given["inputs"], "type")}
     component = read_table(ComponentModel, place, given)
     for field in component.data:
         check_name(f"{place}.data.{field}", field)
@@ -160,10 +160,8 @@ def _instance(name: str, given: Any, components: dict[str, ComponentModel]) -> I
     data = components[instance.component].data
     for field, value in instance.data.items():
         check_known(f"{place}.data", "field", field, data)
-        if type(value) is not type(data[field]) and (type(value), type(data[field])) != (
-            int,
-            float,
-        ):
+        kinds = type(value), type(data[field])
+        if kinds[0] is not kinds[1] and kinds != (int, float):
             raise BadUserFile(
                 f"{place}.data.{field} must be like {shown(data[field])}, not {shown(value)}"
             )
@@ -197,6 +195,7 @@ def _connection(model: ApplicationModel, source: tuple[str, str], given: Any) ->
 
 
 def _kind_of(model: ApplicationModel, place: str, instance: str) -> ComponentModel:
+    """The component of which *instance* is one. Raises BadUserFile for an unknown instance."""
     check_known(place, "instance", instance, model.instances)
     return model.components[model.instances[instance].component]
 
@@ -207,6 +206,10 @@ _T = TypeVar("_T")
 def _port(
     place: str, port: tuple[str, str], ports: dict[str, _T], others: dict[str, Any], wanted: str
 ) -> _T:
+    """The model of a port, from the ports of the wanted direction. *others* has the opposite ones.
+
+    Raises BadUserFile.
+    """
     if port[1] in others:
         raise BadUserFile(f'{place}: {".".join(port)} is not {wanted} port: write OUTPUT = "INPUT"')
     check_known(f"{place}, instance '{port[0]}'", "port", port[1], ports)

@@ -22,11 +22,11 @@ def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None
     """Raise BadUserFile if a region can't be run."""
     region = regions[name]
     check_estimate(place, region.period, region.estimate)
-    above: dict[str, StateModel] = {}
+    earlier: dict[str, StateModel] = {}
     initial: dict[str, str] = {}
     for state in region.states:
-        _check_state(f"{place}.states.{state.name}", state, above, initial)
-        above[state.name] = state
+        _check_state(f"{place}.states.{state.name}", state, earlier, initial)
+        earlier[state.name] = state
     for number, transition in enumerate(region.transitions, 1):
         _check_transition(f"{place}.transitions.{number}", transition, region, regions)
     try:
@@ -36,10 +36,10 @@ def check_region(place: str, name: str, regions: dict[str, RegionModel]) -> None
 
 
 def _check_state(
-    place: str, state: StateModel, above: dict[str, StateModel], initial: dict[str, str]
+    place: str, state: StateModel, earlier: dict[str, StateModel], initial: dict[str, str]
 ) -> None:
     if state.inside:
-        check_known(f"{place}.inside", "outer state", state.inside, above)
+        check_known(f"{place}.inside", "outer state", state.inside, earlier)
     if state.initial:
         if other := initial.get(state.inside):
             raise BadUserFile(f"{place}: '{other}' is initial, too: make only one of them initial")
@@ -64,18 +64,18 @@ def _check_transition(
         check_known(at, "state", state, [known.name for known in regions[other].states])
 
 
-def ordered(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
+def in_tree_order(states: list[StateModel], inside: str = "") -> Iterator[StateModel]:
     """The states, each before those inside it; in each container the initial state comes first."""
     siblings = [state for state in states if state.inside == inside]
     for state in sorted(siblings, key=lambda state: not state.initial):
         yield state
-        yield from ordered(states, state.name)
+        yield from in_tree_order(states, state.name)
 
 
 def region_of(name: str, model: RegionModel) -> Region:
     """The region, with methods that do nothing. Raises MisuseError."""
     region = Region("", name, model.period, model.estimate)
-    for state in ordered(model.states):
+    for state in in_tree_order(model.states):
         container = region.states[state.inside] if state.inside else region
         container.state(
             state.name,

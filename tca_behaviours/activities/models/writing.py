@@ -6,11 +6,11 @@ from pathlib import Path
 
 from tca_behaviours.activities.models.code import (
     MARK,
-    application,
-    distinct,
-    generated,
-    skeleton,
-    written,
+    application_module,
+    component_module,
+    distinct_methods,
+    generated_module,
+    stub_method,
 )
 from tca_behaviours.activities.models.model import ApplicationModel, ComponentModel
 from tca_behaviours.activities.models.names import file_of
@@ -18,25 +18,26 @@ from tca_tools.errors import BadUserFile
 
 
 def write_code(model: ApplicationModel, folder: Path) -> list[str]:
-    """Write all modules. Returns a line for each, which says whether it was written.
+    """Write all modules. Returns a report for each: whether it was written, or what it lacks.
 
-    Raises BadUserFile, before anything is written, if an existing file can't be used; and OSError.
+    Raises BadUserFile, before anything is written, if an existing file can't be used. Raises
+    OSError.
     """
     package = _package(folder)
-    overwritten = {"generated.py": generated(model)}
+    overwritten = {"generated.py": generated_module(model)}
     if model.instances:
-        overwritten["application.py"] = application(model, package)
+        overwritten["application.py"] = application_module(model, package)
     for name in overwritten:
         _check_ours(folder / name)
     by_hand = {folder / f"{file_of(name)}.py": name for name in model.components}
-    found = {file: _names(file) for file in by_hand if file.exists()}
+    names_by_file = {file: _names_in(file) for file in by_hand if file.exists()}
     folder.mkdir(parents=True, exist_ok=True)
     report = [_write(folder / name, lines) for name, lines in overwritten.items()]
     for file, name in by_hand.items():
-        if file in found:
-            report += _lacking(file, name, model.components[name], found[file])
+        if file in names_by_file:
+            report += _report_on(file, name, model.components[name], names_by_file[file])
         else:
-            report.append(_write(file, skeleton(model, name, package)))
+            report.append(_write(file, component_module(model, name, package)))
     return report
 
 
@@ -51,6 +52,7 @@ def _package(folder: Path) -> str:
 
 
 def _check_ours(file: Path) -> None:
+    """Raise BadUserFile if a file exists and was not generated."""
     if file.exists() and MARK not in file.read_text(errors="replace"):
         raise BadUserFile(
             f"{file} exists already, and was not {MARK}: "
@@ -66,7 +68,7 @@ def _write(file: Path, lines: Iterable[str]) -> str:
     return f"{file}: written"
 
 
-def _names(file: Path) -> set[str]:
+def _names_in(file: Path) -> set[str]:
     """All names that a module of the user defines or imports."""
     try:
         tree = ast.parse(file.read_bytes())
@@ -77,11 +79,12 @@ def _names(file: Path) -> set[str]:
     return {node.name for node in ast.walk(tree) if isinstance(node, kinds)}
 
 
-def _lacking(file: Path, name: str, component: ComponentModel, names: set[str]) -> Iterator[str]:
+def _report_on(file: Path, name: str, component: ComponentModel, names: set[str]) -> Iterator[str]:
+    """Report what the user's file of a component lacks. *names* are those that the file has."""
     if name not in names:
         yield f"{file}: yours, not changed; it lacks class {name}: add it"
         return
-    lacking = [method for method in distinct(component) if method.name not in names]
+    lacking = [method for method in distinct_methods(component) if method.name not in names]
     if not lacking:
         yield f"{file}: yours, not changed"
         return
@@ -89,4 +92,4 @@ def _lacking(file: Path, name: str, component: ComponentModel, names: set[str]) 
     yield f"{file}: yours, not changed; class {name} lacks {names_lacking}. Add:"
     for method in lacking:
         yield ""
-        yield from written(method)
+        yield from stub_method(method)

@@ -1,4 +1,4 @@
-"""The HTTP server of the page."""
+"""The web application that serves the page."""
 
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,10 @@ _PATIENCE = 10.0
 """Seconds that a page's request for changes may stay open."""
 
 
-def application(
+def page_app(
     live: LiveApplication, hosts: list[str], key: PageKey | None = None, token: str = ""
 ) -> Starlette:
-    """The server of one page.
+    """The web application that serves one page.
 
     Args:
         live: The application that the page shows.
@@ -47,7 +47,7 @@ def application(
 async def _news(live: LiveApplication, request: Request) -> Response:
     since = request.query_params.get("since", "0")
     return JSONResponse(
-        await run_in_threadpool(live.news, int(since) if since.isdigit() else 0, _PATIENCE)
+        await run_in_threadpool(live.changes_since, int(since) if since.isdigit() else 0, _PATIENCE)
     )
 
 

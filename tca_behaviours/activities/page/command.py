@@ -25,17 +25,17 @@ def activities(
     """
     with extra("view", "tca activities"):
         # The page is an extra, so these imports come late.
-        from tca_behaviours.activities.page.app import application  # noqa: PLC0415
+        from tca_behaviours.activities.page.app import page_app  # noqa: PLC0415
         from tca_tools.view.guards import PageKey  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
-    live = LiveApplication(_chosen(name, central), central)
+    live = LiveApplication(_choose(name, central), central)
     with listening(host, port) as door, live.running():
         key = PageKey("tca activities") if host == LOCAL and not read_only else None
         serve_page(
             door,
             host,
             key.text if key else "",
-            lambda hosts, token: application(live, hosts, key, token),
+            lambda hosts, token: page_app(live, hosts, key, token),
             name=live.name,
             notes=[],
             browser=browser,
@@ -43,8 +43,8 @@ def activities(
         )
 
 
-def _chosen(name: str | None, central: str | None) -> str:
-    """The name of the chosen application. Raises ToolError."""
+def _choose(name: str | None, central: str | None) -> str:
+    """Choose an application: the named one, or the only one. Raises ToolError."""
     with talking("activities", central) as client:
         names = applications(client)
     if name in names or (name is None and len(names) == 1):

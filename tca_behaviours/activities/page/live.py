@@ -45,20 +45,24 @@ class PageCommand(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def applications(client: Client) -> list[str]:
     """The names of the applications that central knows."""
-    names = [one.name for one in client.messages() if one.message_class == "variable"]
+    names = [each.name for each in client.messages() if each.message_class == "variable"]
     return sorted(name.removeprefix(APPLICATION) for name in names if name.startswith(APPLICATION))
 
 
 class LiveApplication:
-    """The newest values of an application's variables, as JSON, each with its change's number."""
+    """The newest values of an application's variables, as JSON.
+
+    Changes of them are numbered, so that a page can ask for those since its last request.
+    """
 
     def __init__(self, name: str, central: CentralAddress) -> None:
         self.name = name
         self.messages = ApplicationMessages(name)
         self._central = central
         self._module = Module(COMMAND, central)
+        #: The variables, by name: the number of the last change, and the value.
         self._parts: dict[str, tuple[int, Any]] = {}
-        self._serial = 0
+        self._serial = 0  #: the number of the newest change
         self._received_at = 0.0
         self._changed = threading.Condition()
         self._stopped = threading.Event()
@@ -83,7 +87,7 @@ class LiveApplication:
             self._stopped.set()
             self._changed.notify_all()
 
-    def news(self, since: int, patience: float) -> dict[str, Any]:
+    def changes_since(self, since: int, patience: float) -> dict[str, Any]:
         """The values that have changed since change number *since*. Waits up to *patience* for a
         change.
         """
@@ -127,19 +131,20 @@ class LiveApplication:
             self._changed.notify_all()
 
     def _watch(self) -> None:
-        """Check regularly whether central and the application are there, and publish the problem if
+        """Check regularly whether central and the application are there. Show the problem if
         not.
         """
         while not self._stopped.is_set():
             try:
                 with connect(COMMAND, self._central, patience=CHECK_PERIOD) as client:
                     while not self._stopped.wait(CHECK_PERIOD):
-                        self._store("lost", self._lost(client))
+                        self._store("lost", self._problem(client))
             except TcaError as error:
                 self._store("lost", str(error))
                 self._stopped.wait(CHECK_PERIOD)
 
-    def _lost(self, client: Client) -> str:
+    def _problem(self, client: Client) -> str:
+        """Why the application sends no reports; "" if it does."""
         _, entry = self._parts.get("application", (0, None))
         if entry is None:
             return ""

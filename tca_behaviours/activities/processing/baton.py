@@ -15,18 +15,18 @@ from tca_module import MisuseError
 from tca_module.log import log_of
 
 _LOG = log_of("activities")
-# Seconds between the starts of two threads. Without a pause the lock would be acquired again before
-# any waiting thread could get it.
-_GIVE_WAY = 0.0001
+# Seconds between the starts of two threads. Without a pause, prepare() would acquire the lock again
+# before any waiting thread could get it.
+_START_PAUSE = 0.0001
 _PATIENCE = 2.0  # seconds that stop() waits for a tick before it warns
 
 
-class ActivityProcessor:
+class ProcessorThread:
     """The thread of a processor."""
 
     def __init__(self, baton: "Baton", processor: Processor) -> None:
         self.processor = processor
-        self.turn = threading.Condition(baton.lock)
+        self.condition = threading.Condition(baton.lock)
         self.thread = threading.Thread(
             target=baton.work, args=[self], name=f"processor {processor.name}", daemon=True
         )
@@ -39,9 +39,9 @@ class Baton:
         self.schedule = Schedule()
         self.lock = threading.RLock()
         self.is_running = False
-        self._threads: dict[Processor, ActivityProcessor] = {}
-        self._leaving: list[threading.Thread] = []
-        self._holder: ActivityProcessor | None = None
+        self._threads: dict[Processor, ProcessorThread] = {}
+        self._dismissed: list[threading.Thread] = []
+        self._holder: ProcessorThread | None = None
 
     def clock(self) -> float:
         """The time by which activities are due."""
@@ -77,19 +77,19 @@ class Baton:
                 if not self.is_running:
                     continue
                 self._start_thread(created[name])
-            time.sleep(_GIVE_WAY)
+            time.sleep(_START_PAUSE)
         return created
 
     def start(self) -> None:
         """Start to tick; all activities are due."""
-        for thread in self._leaving:
+        for thread in self._dismissed:
             if thread is threading.current_thread():
                 raise MisuseError(
                     "start() was called from the tick that called stop(): use another thread"
                 )
             thread.join()
         with self.lock:
-            self._leaving.clear()
+            self._dismissed.clear()
             if not self.is_running:
                 self.is_running = True
                 self.schedule.start(self.clock())
@@ -102,15 +102,15 @@ class Baton:
             self.is_running = False
             for each in list(self._threads.values()):
                 self._dismiss(each)
-        for thread in self._leaving:
+        for thread in self._dismissed:
             if thread is not threading.current_thread():
                 thread.join(_PATIENCE)
                 if thread.is_alive() and (activity := self.schedule.ticked):
                     _LOG.warning("stop() waits for a tick of activity '%s'", activity.name)
                 thread.join()
 
-    def work(self, own: ActivityProcessor) -> None:
-        """Tick the activities of one processor; the main function of its thread."""
+    def work(self, own: ProcessorThread) -> None:
+        """Tick the activities of one processor until it is dismissed. Runs in its thread."""
         with self.lock:
             while self._wait_for_turn(own):
                 activity = self.schedule.begin(own.processor, self.clock())
@@ -123,13 +123,13 @@ class Baton:
             if self.is_running and self._holder is own:  # dismissed during its tick
                 self._hand_on()
 
-    def _wait_for_turn(self, own: ActivityProcessor) -> bool:
+    def _wait_for_turn(self, own: ProcessorThread) -> bool:
         """Wait until an activity of this processor must be ticked. False if the processor was
         dismissed.
         """
         while self._threads.get(own.processor) is own:
             if self._holder is not own:
-                own.turn.wait()
+                own.condition.wait()
                 continue
             now = self.clock()
             turn = self.schedule.next_turn(now)
@@ -138,7 +138,7 @@ class Baton:
             elif turn.at <= now:
                 return True
             else:
-                own.turn.wait(turn.at - now)
+                own.condition.wait(turn.at - now)
         return False
 
     def _hand_on(self) -> None:
@@ -147,11 +147,13 @@ class Baton:
             turn = self.schedule.next_turn(self.clock())
             self._holder = self._threads[turn.processor] if turn else None
             if self._holder is not None:
-                self._holder.turn.notify()
+                self._holder.condition.notify()
 
     def _match_threads(self) -> None:
-        """Start and dismiss threads, so that each processor of the schedule has one."""
-        self._leaving = [thread for thread in self._leaving if thread.is_alive()]
+        """Start and dismiss threads, so that each processor of the schedule, and no other, has
+        one.
+        """
+        self._dismissed = [thread for thread in self._dismissed if thread.is_alive()]
         for processor in set(self._threads) - set(self.schedule.processors):
             self._dismiss(self._threads[processor])
         for processor in self.schedule.processors:
@@ -159,10 +161,10 @@ class Baton:
                 self._start_thread(processor)
 
     def _start_thread(self, processor: Processor) -> None:
-        self._threads[processor] = ActivityProcessor(self, processor)
+        self._threads[processor] = ProcessorThread(self, processor)
         self._threads[processor].thread.start()
 
-    def _dismiss(self, each: ActivityProcessor) -> None:
+    def _dismiss(self, each: ProcessorThread) -> None:
         del self._threads[each.processor]
-        self._leaving.append(each.thread)
-        each.turn.notify()
+        self._dismissed.append(each.thread)
+        each.condition.notify()

@@ -15,7 +15,8 @@ class TickTimes:
 
     def __init__(self) -> None:
         self.response = 0.0  #: the longest time from due to done
-        # Ticks after which none took as long. The last tick above any limit is one of them.
+        # Ticks after which no other had so long a response time. The last tick above any limit is
+        # one of them.
         self._peaks: deque[Late] = deque(maxlen=_MAX_PEAKS)
         # From due to started.
         self._longest_delay, self._shortest_delay = -math.inf, math.inf
@@ -48,8 +49,8 @@ class Execution:
         self._longer = 0  # the number of ticks that took longer than declared
         self.ticks = 0
         self.errors = 0
-        self.error = ""
-        self.longest = 0.0
+        self.error = ""  #: the last error
+        self.longest = 0.0  #: the longest execution time, in seconds
         self._total = 0.0
 
     @property

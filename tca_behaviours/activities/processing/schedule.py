@@ -13,10 +13,10 @@ from tca_module.checks import check, check_known, number
 from tca_module.period import Period
 from tca_wire.text.measures import duration
 
-_EXACT = 1e-9  # seconds that rounding may cause
+_ROUNDING = 1e-9  # seconds that rounding may cause
 _LONG = 1.0  # seconds: a longer tick is suspicious
 _LONGEST = 1e9  # seconds: threads can't wait for much longer
-_PERIOD = number(f"{_EXACT:g} to {_LONGEST:g} seconds", _EXACT, _LONGEST)
+_PERIOD = number(f"{_ROUNDING:g} to {_LONGEST:g} seconds", _ROUNDING, _LONGEST)
 _ESTIMATE = number(f"0 to {_LONGEST:g} seconds", 0, _LONGEST).or_none()
 
 
@@ -43,7 +43,7 @@ class ScheduledActivity:
         self.name = activity.name
         self.period = activity.period  #: seconds, at present
         self.processor: Processor | None = None  #: None: it is not ticked
-        self.release = Period(0.0, activity.period)
+        self.release = Period(0.0, activity.period)  #: its due times
         self.execution = Execution(activity.estimate)
         self.times = TickTimes()
 
@@ -81,9 +81,7 @@ class Processor:
     def due(self) -> float:
         """When its next activity is due."""
         if self._due is None:
-            self._due = min(
-                (activity.release.due for activity in self.activities), default=math.inf
-            )
+            self._due = min((each.release.due for each in self.activities), default=math.inf)
         return self._due
 
     def invalidate_due(self) -> None:
@@ -105,7 +103,8 @@ class Schedule:
         self.activities: dict[str, ScheduledActivity] = {}
         self.processors: list[Processor] = []  #: in the order in which they go
         self.ticked: ScheduledActivity | None = None  #: the activity whose tick is running
-        self._ticking = Processor("", 0.0)
+        # Of the newest tick: its processor, the due times of its activity, and its start.
+        self._ticking_processor = Processor("", 0.0)
         self._release = Period(0.0, 1.0)
         self._began = 0.0
 
@@ -123,7 +122,7 @@ class Schedule:
     def next_turn(self, now: float) -> ProcessorTurn | None:
         """The processor that goes next, between two ticks; None if there is nothing to tick."""
         for processor in self.processors:
-            if processor.round or processor.due <= now + _EXACT:
+            if processor.round or processor.due <= now + _ROUNDING:
                 return ProcessorTurn(processor, now)
         earliest = min(self.processors, key=lambda processor: processor.due, default=None)
         if earliest is None or earliest.due == math.inf:
@@ -136,15 +135,15 @@ class Schedule:
             processor.round.extend(
                 activity
                 for activity in processor.activities
-                if activity.release.due <= now + _EXACT
+                if activity.release.due <= now + _ROUNDING
             )
-        self.ticked, self._ticking, self._began = processor.round.popleft(), processor, now
-        self._release = self.ticked.release
+        self.ticked = processor.round.popleft()
+        self._ticking_processor, self._release, self._began = processor, self.ticked.release, now
         return self.ticked
 
     def end(self, now: float, error: str = "") -> None:
         """End the tick."""
-        activity, processor = self.ticked, self._ticking
+        activity, processor = self.ticked, self._ticking_processor
         assert activity is not None
         due, took = self._release.due, now - self._began
         self._release.next(now, activity.period)
@@ -153,20 +152,21 @@ class Schedule:
         processor.ticks += 1
         processor.times.add(due, self._began, now)
         processor.load.add(now, took)
-        processor.overruns += now - due > processor.period + _EXACT
+        processor.overruns += now - due > processor.period + _ROUNDING
         self.ticked = None
         if activity.processor is not None:
             activity.processor.invalidate_due()
 
     def last_late(self, processor: Processor, limit: float, now: float) -> Late | None:
-        """The last tick of a processor whose response time exceeds a limit: one that has ended, or
-        is due.
+        """The last tick of a processor whose response time exceeds a limit, if any.
+
+        A tick counts if it has ended, or is due.
         """
         # A due activity may be late already: it may wait for a tick that does not end.
         waited = now - processor.due if self.ticked is not None else 0.0
-        if waited > limit + _EXACT:
+        if waited > limit + _ROUNDING:
             return now, waited
-        return processor.times.last_above(limit + _EXACT)
+        return processor.times.last_above(limit + _ROUNDING)
 
     def held_by(self, now: float) -> str:
         """The activity whose tick takes suspiciously long, if any."""
@@ -218,12 +218,9 @@ class Schedule:
             activity.release = Period(now, activity.period)
         else:
             self.unassign(activity)
-        place = (
-            len(processor.activities)
-            if position is None
-            else min(position, len(processor.activities))
-        )
-        processor.activities.insert(place, activity)
+        # list.insert() takes no huge position.
+        last = len(processor.activities)
+        processor.activities.insert(last if position is None else min(position, last), activity)
         activity.processor = processor
 
     def unassign(self, activity: ScheduledActivity) -> None:

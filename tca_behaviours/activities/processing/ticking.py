@@ -7,7 +7,7 @@ _LOG = log_of("activities")
 
 
 def tick(activity: StateActivity) -> str:
-    """Tick once. Returns the error as text, if the tick raises, and logs the traceback."""
+    """Tick once. If the tick raises, log the traceback and return the error as text, else ""."""
     try:
         activity.tick()
     except BaseException as error:  # noqa: BLE001 - it would end the thread of all processors

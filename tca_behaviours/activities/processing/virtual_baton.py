@@ -7,7 +7,7 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_behaviours.activities.processing.ticking import tick
 
 
-def declared(activity: StateActivity) -> float:
+def declared_cost(activity: StateActivity) -> float:
     """The declared execution time; 0 without a declaration."""
     return activity.estimate or 0.0
 
@@ -19,7 +19,7 @@ class VirtualBaton:
         cost: The virtual execution time of a tick in seconds; by default the declared one.
     """
 
-    def __init__(self, cost: Callable[[StateActivity], float] = declared) -> None:
+    def __init__(self, cost: Callable[[StateActivity], float] = declared_cost) -> None:
         self.schedule = Schedule()
         self.is_running = False
         self.lock = contextlib.nullcontext()

@@ -135,10 +135,10 @@ class Activity:
         return cost
 
     def data_at(self, share: float, rank: int) -> list[Any]:
-        """The data of its tasks at a share of full speed; with rank 0, in its own state, the
-        written data.
+        """The data of its tasks at a share of full speed.
 
-        Raises what ``adapt`` raises, and BadData if the data that it returns do not fit.
+        With rank 0, in its own state, they are the written data. Raises BadData if the data that
+        ``adapt`` returns do not fit, and any error of ``adapt``.
         """
         if rank == 0 or self.adapt is None:
             return [task.data for task in self.tasks]
@@ -167,13 +167,10 @@ class Activity:
             check("Activity", _DO, task=task)
         check(self, _COST_OR_FUNCTION, cost=self._cost)
         check(self, checks.FUNCTION_OR_NONE, progress=self._progress, adapt=self.adapt)
-        for task in self.tasks:
-            if self._progress is None and task.message.progress.kind not in (
-                float,
-                int,
-                type(None),
-            ):
-                problem = f"{task.message.title} reports {task.message.progress}"
+        for message in [task.message for task in self.tasks]:
+            reports = message.progress.kind
+            if self._progress is None and reports not in (float, int, type(None)):
                 raise MisuseError(
-                    f"{problem}: give Activity(..., progress=FUNCTION), which returns a number"
+                    f"{message.title} reports {message.progress}: "
+                    "give Activity(..., progress=FUNCTION), which returns a number"
                 )

@@ -1,7 +1,6 @@
 """A machine as a flat probabilistic automaton: its states are leaves, its arrows have likelihoods.
 
-The arrows of a state are evaluated on first use, once in a situation: a preview evaluates only the
-states that it visits.
+The arrows of a state are evaluated on first use, because a preview visits few states.
 """
 
 from collections.abc import Sequence
@@ -39,23 +38,20 @@ class Automaton(Protocol):
     def waits(self, state: int) -> bool:
         """Whether the machine waits for an event in a leaf.
 
-        It passes other leaves without an activity at once.
+        The machine leaves any other leaf without an activity at once.
         """
 
 
 def remainder_arrow(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow that gets the probability that the others leave.
+    """The arrow of a state that gets the probability that the other arrows leave, if any.
 
-    It is the only arrow for "done" without a likelihood. If there is no arrow for "done", it is the
-    only arrow without a likelihood, if others have one, and not one for "failed".
+    Only arrows for "done" are candidates. Without any, all arrows but those for "failed" are, if
+    some arrow has a likelihood. The candidate without a likelihood is it, if there is only one.
     """
-    done = [arrow for arrow in arrows if arrow.event == DONE]
-    others = (
-        [arrow for arrow in arrows if arrow.event != FAILED]
-        if any(arrow.model for arrow in arrows)
-        else []
-    )
-    without_model = [arrow for arrow in done or others if arrow.model is None]
+    candidates = [arrow for arrow in arrows if arrow.event == DONE]
+    if not candidates and any(arrow.model for arrow in arrows):
+        candidates = [arrow for arrow in arrows if arrow.event != FAILED]
+    without_model = [arrow for arrow in candidates if arrow.model is None]
     return without_model[0] if len(without_model) == 1 else None
 
 
@@ -68,7 +64,7 @@ class FlatAutomaton:
         self._states = states
         self._mistakes = mistakes
         self._situation = situation
-        self._known: dict[int, list[LikelyArrow]] = {}
+        self._evaluated: dict[int, list[LikelyArrow]] = {}
 
     @property
     def initial(self) -> int:
@@ -77,9 +73,14 @@ class FlatAutomaton:
 
     def arcs(self, state: int) -> Sequence[LikelyArrow]:
         """The transitions of a leaf, in their order. The sum of their likelihoods is at most 1."""
-        if state not in self._known:
-            self._known[state] = self._evaluated(self._states[state])
-        return self._known[state]
+        if state not in self._evaluated:
+            leaf = self._states[state]
+            arrows = arrows_of(leaf)
+            self._evaluated[state] = [
+                LikelyArrow(arrow.symbol, arrow.target.leaf.number, likelihood)
+                for arrow, likelihood in zip(arrows, self._likelihoods(leaf, arrows), strict=True)
+            ]
+        return self._evaluated[state]
 
     def activity(self, state: int) -> Activity | None:
         """The activity of a leaf, if it has one."""
@@ -88,34 +89,17 @@ class FlatAutomaton:
     def waits(self, state: int) -> bool:
         """Whether the machine waits for an event in a leaf.
 
-        It passes other leaves without an activity at once.
+        The machine leaves any other leaf without an activity at once.
         """
         return self._states[state].kind is StateKind.WAIT
 
-    def _evaluated(self, leaf: AuthoredState) -> list[LikelyArrow]:
-        arrows = arrows_of(leaf)
-        likelihoods = self._likelihoods(leaf, arrows)
-        return [
-            LikelyArrow(arrow.symbol, arrow.target.leaf.number, likelihood)
-            for arrow, likelihood in zip(arrows, likelihoods, strict=True)
-        ]
-
-    def _value(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
-        if arrow.model is None:
-            return 0.0
-        value = arrow.model.value(self._situation, leaf.label, arrow.symbol)
-        if value is None:
-            return None
-        return checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")
-
     def _likelihoods(self, leaf: AuthoredState, arrows: list[AuthoredArrow]) -> list[float]:
+        """The likelihoods of all arrows of a leaf. All are 0 if any of them is unknown."""
         found = []
+        consequence = f"nothing is foreseen beyond '{leaf.label}'"
         for arrow in arrows:
-            value = self._mistakes.value_or(
-                None,
-                f"nothing is foreseen beyond '{leaf.label}'",
-                partial(self._value, leaf, arrow),
-            )
+            evaluate = partial(self._modelled, leaf, arrow)
+            value = self._mistakes.value_or(None, consequence, evaluate)
             if value is None:
                 return [0.0] * len(arrows)
             found.append(value)
@@ -125,3 +109,12 @@ class FlatAutomaton:
         if (rest := remainder_arrow(arrows)) is not None:
             found[arrows.index(rest)] = 1 - total
         return found
+
+    def _modelled(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
+        """The likelihood of an arrow by its model: 0 without a model, None if it is unknown."""
+        if arrow.model is None:
+            return 0.0
+        value = arrow.model.value(self._situation, leaf.label, arrow.symbol)
+        if value is None:
+            return None
+        return checked_likelihood(value, f"the likelihood of '{arrow.symbol}'")

@@ -80,13 +80,13 @@ class Coordination(BlockMachine[AuthoredState]):
         """
         check(f"state {label!r:.60}", _ACTIVITY_OR_NONE, activity=activity)
         kind = StateKind.WAIT if activity is None else StateKind.ACTIVITY
-        return self._register(AuthoredState(kind, label, self._place(label), activity))
+        return self._register(AuthoredState(kind, label, self._container_for(label), activity))
 
     def final(self, label: str) -> AuthoredState:
         """Add the end of the compound in which it is written; outside of any compound, of the
         machine.
         """
-        return self._register(AuthoredState(StateKind.FINAL, label, self._place(label)))
+        return self._register(AuthoredState(StateKind.FINAL, label, self._container_for(label)))
 
     def compound(self, label: str) -> AuthoredState:
         """Add a state that holds the states written inside its ``with`` block.
@@ -94,7 +94,7 @@ class Coordination(BlockMachine[AuthoredState]):
         Its arrows apply in all of them. Only its arrows for "done" wait until a final state inside
         is reached.
         """
-        return self._register(AuthoredState(StateKind.COMPOUND, label, self._place(label)))
+        return self._register(AuthoredState(StateKind.COMPOUND, label, self._container_for(label)))
 
     # --- the whole machine ------------------------------------------------------------------------
 

@@ -7,11 +7,11 @@ T = TypeVar("T")
 
 
 class Mistakes:
-    """Handles errors in likelihoods, costs, policies, and in functions that read early work's
-    progress.
+    """Handles errors in likelihoods, costs, policies, and in functions that read the progress of
+    early work.
 
-    In a run, each error is reported once, and the run continues without that part of its preview.
-    Outside of a run the error is raised. Other reasons that stop a preview are reported once, too.
+    In a run, each consequence is reported once, and the run continues without that part of its
+    preview. Without a function *report* the error is raised.
     """
 
     def __init__(self, report: Callable[[str], object] | None = None) -> None:
@@ -21,7 +21,7 @@ class Mistakes:
     def value_or(self, value: T, consequence: str, function: Callable[[], T]) -> T:
         """Return the result of a function. If it raises, report that and return *value*.
 
-        *consequence* says what follows from the error, for the report.
+        *consequence* describes the effect of the error, for the report.
         """
         try:
             return function()
@@ -32,7 +32,7 @@ class Mistakes:
             return value
 
     def report(self, consequence: str, why: str) -> None:
-        """Report a consequence once, with its reason or with what to do."""
+        """Report a consequence once, with its reason or its remedy."""
         if consequence not in self._reported and self._report is not None:
             self._reported.add(consequence)
             self._report(f"{consequence}: {why}")

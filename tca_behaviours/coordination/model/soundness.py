@@ -89,11 +89,10 @@ def _check_way_out(leaf: AuthoredState) -> None:
     arrows = arrows_of(leaf)
     if leaf.kind is not StateKind.FINAL and not arrows:
         raise UnsoundMachine(f"{leaf!r} has no arrow: add one, or make it final(...)")
-    models = [(arrow.symbol, arrow.model) for arrow in arrows if arrow.model is not None]
     constants = {
-        symbol: model.value(Situation(), "", "") or 0.0
-        for symbol, model in models
-        if model.is_constant
+        arrow.symbol: arrow.model.value(Situation(), "", "") or 0.0
+        for arrow in arrows
+        if arrow.model is not None and arrow.model.is_constant
     }
     total = fsum(constants.values())
     if total > 1 + _ROUNDING:
@@ -112,10 +111,7 @@ def _check_ends(leaves: list[AuthoredState]) -> None:
 
 
 def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None:
-    """Check that each needed fact can hold.
-
-    It must hold at the start, or be made by an activity whose own needs can be met.
-    """
+    """Check that each needed fact can hold: at the start, or after an activity that can start."""
     blocked = {leaf: leaf.activity for leaf in leaves if leaf.activity is not None}
     makers: dict[tuple[str, Fact], AuthoredState] = {}
     for leaf, activity in blocked.items():
@@ -123,24 +119,18 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
             makers.setdefault(fact, leaf)
     can_hold = set(facts.items())
     for leaf, activity in blocked.items():
-        if unmet := next(
-            (
-                fact
-                for fact in activity.needs.items()
-                if fact not in can_hold and fact not in makers
-            ),
-            None,
-        ):
-            raise UnsoundMachine(
-                f"{leaf!r} needs {_fact(unmet)}, which no activity makes, and which does not hold "
-                "at the start: add it to makes= of an activity, or to facts= of the machine"
-            )
-    met = len(blocked) + 1
-    while met > len(blocked):
-        met = len(blocked)
-        for leaf, activity in list(blocked.items()):
-            if activity.needs.items() <= can_hold:
-                can_hold |= blocked.pop(leaf).makes.items()
+        for fact in activity.needs.items():
+            if fact not in can_hold and fact not in makers:
+                raise UnsoundMachine(
+                    f"{leaf!r} needs {_fact(fact)}, which no activity makes, and which does not"
+                    " hold at the start: add it to makes= of an activity, or to facts= of the"
+                    " machine"
+                )
+    while startable := [
+        leaf for leaf, activity in blocked.items() if activity.needs.items() <= can_hold
+    ]:
+        for leaf in startable:
+            can_hold |= blocked.pop(leaf).makes.items()
     if blocked:
         lacking = {
             leaf: next(fact for fact in activity.needs.items() if fact not in can_hold)
@@ -156,11 +146,11 @@ def _check_needs(leaves: list[AuthoredState], facts: Mapping[str, Fact]) -> None
         )
 
 
-def _cycle(after: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
-    """Follow the states until one repeats; it stands at the start and at the end."""
-    path = [next(iter(after))]
+def _cycle(successors: Mapping[AuthoredState, AuthoredState]) -> list[AuthoredState]:
+    """A cycle of states that follow each other. Its first state is also the last."""
+    path = [next(iter(successors))]
     while path.count(path[-1]) == 1:
-        path.append(after[path[-1]])
+        path.append(successors[path[-1]])
     return path[path.index(path[-1]) :]
 
 

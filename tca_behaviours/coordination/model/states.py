@@ -7,7 +7,7 @@ from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.likelihoods import Likelihood, LikelihoodModel, as_model
 from tca_behaviours.coordination.model.situation import Situation, check_confidence
 from tca_behaviours.statecharts.states import Arrow, name_of
-from tca_behaviours.statecharts.writing import BlockState, line
+from tca_behaviours.statecharts.writing import BlockState, short_line
 from tca_module import Variable
 from tca_module.checks import LABEL, ArgumentKind, check
 from tca_wire.charts import StateKind
@@ -36,7 +36,7 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
         """Its tasks, with the agents that they need."""
         for task in self.activity.tasks if self.activity is not None else ():
             agents = "+".join(agent.name for agent in task.agents)
-            yield line(task.text) + (f" ({agents})" if agents else "")
+            yield short_line(task.text) + (f" ({agents})" if agents else "")
 
     def to(
         self,
@@ -66,9 +66,10 @@ class AuthoredState(BlockState["AuthoredState", "AuthoredArrow"]):
             MisuseError: An argument does not fit, or the machine is built.
         """
         check(f"{self!r}.to(...)", LABEL, on=on)
-        name = guard_name or _name(when, f"{self!r}.to(..., on='{on}')") if when is not None else ""
+        if when is not None:
+            guard_name = guard_name or _name_of_guard(when, f"{self!r}.to(..., on='{on}')")
         model = None if likelihood is None else as_model(likelihood)
-        return self.add_arrow(AuthoredArrow(self, target, on, when, name, model))
+        return self.add_arrow(AuthoredArrow(self, target, on, when, guard_name, model))
 
 
 class AuthoredArrow(Arrow[AuthoredState]):
@@ -107,23 +108,24 @@ class AuthoredArrow(Arrow[AuthoredState]):
     def variables(self) -> list[Variable[Any]]:
         """The variables that its guard and its likelihood read."""
         of_guard = [self.guard] if isinstance(self.guard, Variable) else []
-        return [*of_guard, *(self.model.variables if self.model is not None else ())]
+        of_model = self.model.variables if self.model is not None else ()
+        return [*of_guard, *of_model]
 
-    def holds(self, now: Any = None) -> bool:
+    def holds(self, situation: Any = None) -> bool:
         """Whether its guard allows it in the present situation."""
         if self.guard is None:
             return True
         if isinstance(self.guard, Variable):
-            return (now.confidence(self.guard) or 0.0) >= 0.5
-        return bool(self.guard(now))
+            return (situation.confidence(self.guard) or 0.0) >= 0.5
+        return bool(self.guard(situation))
 
 
 _FUNCTION = ArgumentKind("a Variable or a function of the Situation", callable)
 
 
-def _name(guard: Any, place: str) -> str:
+def _name_of_guard(guard: Any, call: str) -> str:
     if isinstance(guard, Variable):
-        check_confidence(guard, f"{place}: when=")
+        check_confidence(guard, f"{call}: when=")
         return guard.name
-    check(place, _FUNCTION, when=guard)
+    check(call, _FUNCTION, when=guard)
     return name_of(guard)

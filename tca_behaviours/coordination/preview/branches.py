@@ -1,7 +1,7 @@
-"""The variables that a branch of a machine may need unchanged.
+"""The facts that a branch of a machine may need unchanged.
 
-Early work may change one only if it can be undone. They are the live variables that compilers
-compute, and follow from the structure of a machine alone.
+Early work may change such a fact only if the work can be undone. The facts follow from the
+structure of a machine alone: they are its live variables, as in a compiler.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,69 +22,69 @@ class BareArrow(NamedTuple):
 
 
 def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
-    """For each leaf, the variables that a branch after it may need unchanged.
+    """For each leaf, the facts that a branch after it may need unchanged.
 
-    Each variable has the leaf where that branch starts. An arrow whose likelihood is the constant 0
-    starts no branch.
+    The value of a fact is the leaf where that branch starts. An arrow whose likelihood is the
+    constant 0 starts no branch.
     """
     leaves = [state for state in machine.states if state.leaf is state]
-    arrows = {
-        leaf.number: [
-            BareArrow(arrow.target.leaf.number, arrow.event == FAILED)
-            for arrow in [arrow for arrow in arrows_of(leaf) if not arrow.is_impossible]
-            or arrows_of(leaf)
+    arrows = {}
+    for leaf in leaves:
+        written = arrows_of(leaf)
+        # If no arrow is possible, keep all: a state without arrows would count as an end.
+        possible = [arrow for arrow in written if not arrow.is_impossible] or written
+        arrows[leaf.number] = [
+            BareArrow(arrow.target.leaf.number, arrow.event == FAILED) for arrow in possible
         ]
-        for leaf in leaves
-    }
-    return live_variables(
+    return live_facts(
         arrows, {leaf.number: leaf.activity for leaf in leaves if leaf.activity is not None}
     )
 
 
-def live_variables(
+def live_facts(
     arrows: Mapping[int, Sequence[BareArrow]], activities: Mapping[int, Activity]
 ) -> dict[int, dict[str, int]]:
-    """For each state, the variables that some path after it needs before it changes them.
+    """For each state, the facts that some path after it needs before the path changes them.
 
-    Each variable has the first state of that path. A state without arrows is an end, and needs all
-    variables: the next run builds on the values that this run leaves.
+    The value of a fact is the first state of that path. A state without arrows is an end, and needs
+    all facts: the next run builds on the values that this run leaves.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
-    entering: dict[int, set[str]] = {
-        state: set() if following else changed for state, following in arrows.items()
+    needed_at: dict[int, set[str]] = {
+        state: set() if ways_out else changed for state, ways_out in arrows.items()
     }
     is_stable = False
     while not is_stable:
         is_stable = True
         # Needs travel against the arrows, so the last states first take the fewest rounds.
         for state in reversed([state for state in arrows if arrows[state]]):
-            live = _live_before(arrows[state], entering, activities.get(state))
-            if live != entering[state]:
-                entering[state] = live
+            live = _live_before(arrows[state], needed_at, activities.get(state))
+            if live != needed_at[state]:
+                needed_at[state] = live
                 is_stable = False
     return {
         state: {
-            variable: arrow.target
+            fact: arrow.target
             for arrow in reversed(arrows[state])
-            for variable in entering[arrow.target]
+            for fact in needed_at[arrow.target]
         }
         for state in arrows
     }
 
 
 def _live_before(
-    arrows: Sequence[BareArrow], entering: Mapping[int, set[str]], activity: Activity | None
+    arrows: Sequence[BareArrow], needed_at: Mapping[int, set[str]], activity: Activity | None
 ) -> set[str]:
-    """The variables that a state, or a state after it, needs unchanged when it is entered."""
-    later = set().union(*(entering[arrow.target] for arrow in arrows))
+    """The facts that a state, or a state after it, needs unchanged when it is entered."""
+    later = set().union(*(needed_at[arrow.target] for arrow in arrows))
     if activity is None:
         return later
     live = activity.needs.keys() | (later - activity.makes.keys())
-    if activity.needs:  # if they do not hold, the activity fails without having changed anything
-        live |= set().union(*(entering[arrow.target] for arrow in arrows if arrow.is_failure))
+    if activity.needs:  # if its needs do not hold, the activity fails and has changed nothing
+        live |= set().union(*(needed_at[arrow.target] for arrow in arrows if arrow.is_failure))
     return live
 
 
-def harmed(activity: Activity, needed: Mapping[str, int]) -> str | None:
-    """The first variable that an activity changes and a branch needs unchanged, if any."""
-    return next((variable for variable in activity.makes if variable in needed), None)
+def first_harmed_fact(activity: Activity, needed: Mapping[str, int]) -> str | None:
+    """The first fact that an activity changes and a branch needs unchanged, if any."""
+    return next((fact for fact in activity.makes if fact in needed), None)

@@ -12,7 +12,7 @@ from tca_behaviours.coordination.model.activities import Activity
 from tca_behaviours.coordination.model.automaton import Automaton
 from tca_behaviours.coordination.model.mistakes import Mistakes
 from tca_behaviours.coordination.model.situation import Fact, Situation
-from tca_behaviours.coordination.preview.branches import harmed
+from tca_behaviours.coordination.preview.branches import first_harmed_fact
 from tca_behaviours.coordination.preview.policy import Candidate, Policy, checked_share
 from tca_behaviours.coordination.preview.reservations import Places, Reservations
 from tca_behaviours.coordination.preview.walk import PreviewLimits, most_likely
@@ -49,7 +49,9 @@ class Present:
     current: int
     """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """The facts as the robot is now, changed by early work; those being changed are absent."""
+    """The facts of the robot now, as early work, too, has changed them. A fact that running work
+    makes is absent.
+    """
     situation: Situation
     """The situation as a machine without a preview sees it."""
     is_done: bool = False
@@ -58,7 +60,7 @@ class Present:
     """Whether the machine has taken a transition since the last decision."""
     work: Sequence[EarlyWork] = ()
     spoilt: Collection[str] = frozenset()
-    """Variables that early work has changed in vain, and that no task has restored or set since."""
+    """Facts that wasted work has changed, and that no task has restored or set since."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class LookAhead(NamedTuple):
 
 
 class _DecisionMaker:
-    """One decision. The states of the list have their turns, the next one first."""
+    """One decision. It considers the states of the list in order, the next one first."""
 
     def __init__(
         self, ahead: LookAhead, automaton: Automaton, present: Present, decision: Decision
@@ -109,14 +111,15 @@ class _DecisionMaker:
         self.decision = decision
         self.mistakes = ahead.mistakes
         self.work = {work.state: work for work in present.work}
-        self.earlier = Reservations()  # of the activities that come first
-        self.running = Reservations()  # of all running activities, in any order
-        self.allotted = Places()  # in the order of the turns
-        self.held = Places()  # of the activities that run now
-        self.uncertain = set(present.spoilt)  # variables whose values may be undone
-        self._reserve()
+        self.reserved_earlier = Reservations()  # for the activities that come first
+        self.reserved_by_running = Reservations()  # for all running activities, in any order
+        self.allotted_places = Places()  # of the activities considered so far
+        self.held_places = Places()  # of the activities that run now
+        self.uncertain = set(present.spoilt)  # facts whose values may be undone
+        self._reserve_for_present()
 
     def decide(self) -> None:
+        """Consider the states of the preview list in order, then other early work."""
         current = self.present.current
         seen, state_before, progress = {current}, current, self._progress_of_current()
         for index, foreseen in enumerate(self.decision.preview, start=1):
@@ -126,12 +129,13 @@ class _DecisionMaker:
                 if state in seen:
                     self.decision.refused.append(Objection(state, Reason.REPEATED))
                 else:
-                    self._turn(
-                        self._candidate(index, foreseen, activity, state_before, progress), activity
-                    )
+                    candidate = self._candidate(index, foreseen, activity, state_before, progress)
+                    self._consider(candidate, activity)
                     work = self.work.get(state)
                     is_done = work is not None and work.phase is WorkPhase.DONE
-                    self.earlier.add(state, activity.needs, activity.makes, is_done=is_done)
+                    self.reserved_earlier.add(
+                        state, activity.needs, activity.makes, is_done=is_done
+                    )
             if activity is not None or self.automaton.waits(state):
                 state_before, progress = state, self._progress(state)
             seen.add(state)
@@ -143,28 +147,26 @@ class _DecisionMaker:
 
     # --- reservations -----------------------------------------------------------------------------
 
-    def _reserve(self) -> None:
-        """Reserve variables and places for the current activity, which comes first, and for running
-        work.
-        """
+    def _reserve_for_present(self) -> None:
+        """Reserve facts and places for the current activity and for running work."""
         current = self.automaton.activity(self.present.current)
         if current is not None and not self.present.is_done:
-            self.earlier.add(self.present.current, current.needs, current.makes)
-            self.running.add(self.present.current, current.needs, current.makes)
-            self.allotted.occupy(current.tasks)
-            self.held.occupy(current.tasks)
+            self.reserved_earlier.add(self.present.current, current.needs, current.makes)
+            self.reserved_by_running.add(self.present.current, current.needs, current.makes)
+            self.allotted_places.occupy(current.tasks)
+            self.held_places.occupy(current.tasks)
         for work in self.present.work:
             activity = self._activity(work.state)
             self.uncertain |= activity.makes.keys()
             if work.phase is WorkPhase.RUNNING:
-                self.running.add(work.state, activity.needs, activity.makes)
-                self.held.occupy(activity.tasks)
+                self.reserved_by_running.add(work.state, activity.needs, activity.makes)
+                self.held_places.occupy(activity.tasks)
             elif work.phase is WorkPhase.STOPPING:
-                self.earlier.add(work.state, activity.needs, activity.makes)
-                self.held.occupy(activity.tasks)
+                self.reserved_earlier.add(work.state, activity.needs, activity.makes)
+                self.held_places.occupy(activity.tasks)
             elif work.phase is WorkPhase.RESTORING:
-                self.earlier.add(work.state, (), activity.makes)
-                self.held.occupy(activity.undo)
+                self.reserved_earlier.add(work.state, (), activity.makes)
+                self.held_places.occupy(activity.undo)
 
     def _activity(self, state: int) -> Activity:
         activity = self.automaton.activity(state)
@@ -182,8 +184,9 @@ class _DecisionMaker:
         return self.present.situation.progress
 
     def _progress(self, state: int) -> float:
-        """The progress of a foreseen state's activity, as later activities see it; 1 if it can't
-        report.
+        """The progress of a foreseen state's activity, as later activities see it.
+
+        It is 1 while the activity runs without reporting progress.
         """
         activity, work = self.automaton.activity(state), self.work.get(state)
         if activity is None or work is None:
@@ -199,7 +202,7 @@ class _DecisionMaker:
         """The candidate that the policy sees. *progress* is that of the state *before*."""
         work = self.work.get(foreseen.state)
         runs = work is not None and work.phase is WorkPhase.RUNNING
-        cost = self._evaluate(nan, activity, lambda: activity.cost(self.present.situation))
+        cost = self._evaluate(activity, lambda: activity.cost(self.present.situation))
         return Candidate(
             state=foreseen.state,
             index=index,
@@ -207,15 +210,15 @@ class _DecisionMaker:
             probability=foreseen.probability,
             progress_before=progress,
             cost=cost,
-            undo_cost=cost if harmed(activity, self.needed) else 0.0,
+            undo_cost=cost if first_harmed_fact(activity, self.needed) else 0.0,
             progress=work.progress if work is not None and runs else 0.0,
             share=work.share if work is not None and runs else 0.0,
             progress_of_current=self._progress_of_current(),
             state_before=before,
         )
 
-    def _turn(self, candidate: Candidate, activity: Activity) -> None:
-        """Start the activity, continue it, stop it, or refuse it."""
+    def _consider(self, candidate: Candidate, activity: Activity) -> None:
+        """Decide whether the activity starts, continues, stops or is refused."""
         state = candidate.state
         work = self.work.get(state)
         if work is None:
@@ -223,7 +226,7 @@ class _DecisionMaker:
         elif work.phase is WorkPhase.RUNNING:
             self._consider_running(candidate, activity)
         elif work.phase is WorkPhase.DONE:
-            if objection := self.earlier.clash(state, (), activity.makes):
+            if objection := self.reserved_earlier.objection_to(state, (), activity.makes):
                 self.decision.stops.append(objection)
             else:
                 self.uncertain -= activity.makes.keys()
@@ -234,95 +237,97 @@ class _DecisionMaker:
 
     def _consider_start(self, candidate: Candidate, activity: Activity) -> None:
         state = candidate.state
-        objection = self._objection(state, activity, is_running=False) or self._objection_to_start(
-            state, activity
-        )
-        share = self._allotted_share(candidate, activity, objection, self.decision.refused)
+        objection = self._objection_to_run(state, activity, is_running=False)
+        objection = objection or self._objection_to_start(state, activity)
+        share = self._allot(candidate, activity, objection, self.decision.refused)
         if not share:
             return
-        if agent := self.held.full(activity.tasks):  # the work that runs there must end first
+        if agent := self.held_places.full_agent(activity.tasks):
+            # Work that runs at this agent, although it comes later, must end first.
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
-        self.held.occupy(activity.tasks)
-        self.running.add(state, activity.needs, activity.makes)
+        self.held_places.occupy(activity.tasks)
+        self.reserved_by_running.add(state, activity.needs, activity.makes)
         self.decision.shares[state] = share
 
     def _consider_running(self, candidate: Candidate, activity: Activity) -> None:
-        objection = self._objection(candidate.state, activity, is_running=True)
-        share = self._allotted_share(candidate, activity, objection, self.decision.stops)
+        objection = self._objection_to_run(candidate.state, activity, is_running=True)
+        share = self._allot(candidate, activity, objection, self.decision.stops)
         if share and share != candidate.share:
             self.decision.shares[candidate.state] = share
 
-    def _allotted_share(
+    def _allot(
         self,
         candidate: Candidate,
         activity: Activity,
         objection: Objection | None,
         objections: list[Objection],
     ) -> float:
-        """The share of full speed that the policy wants, with reserved places at its agents.
+        """Reserve places for an activity, and return its share of full speed by the policy.
 
-        0 if it may not run; then *objections* gets the reason.
+        If the activity may not run, return 0 and add the reason to *objections*.
         """
         share = 0.0 if objection else self._share(candidate, activity)
         if isnan(share):
             objection = Objection(candidate.state, Reason.MISTAKE)
         elif not objection and not share:
             objection = Objection(candidate.state, Reason.UTILITY, other=candidate.state_before)
-        if not objection and (agent := self.allotted.full(activity.tasks)):
+        if not objection and (agent := self.allotted_places.full_agent(activity.tasks)):
             objection = Objection(candidate.state, Reason.AGENT, agent.name)
         if objection:
             objections.append(objection)
             return 0.0
-        self.allotted.occupy(activity.tasks)
+        self.allotted_places.occupy(activity.tasks)
         return share
 
     def _share(self, candidate: Candidate, activity: Activity) -> float:
+        """The share of full speed by the policy; NaN if the policy or the cost raises an error."""
         if isnan(candidate.cost):
             return nan
-        share = self._evaluate(nan, activity, lambda: checked_share(self.policy.share(candidate)))
+        share = self._evaluate(activity, lambda: checked_share(self.policy.share(candidate)))
         return share if activity.adapt is not None or share == 1 or isnan(share) else 0.0
 
-    def _evaluate(
-        self, otherwise: float, activity: Activity, function: Callable[[], float]
-    ) -> float:
-        return self.mistakes.value_or(otherwise, f"{activity!r} does not run early", function)
+    def _evaluate(self, activity: Activity, function: Callable[[], float]) -> float:
+        """The result of a function; NaN if it raises an error."""
+        return self.mistakes.value_or(nan, f"{activity!r} does not run early", function)
 
     # --- objections -------------------------------------------------------------------------------
 
-    def _objection(self, state: int, activity: Activity, *, is_running: bool) -> Objection | None:
+    def _objection_to_run(
+        self, state: int, activity: Activity, *, is_running: bool
+    ) -> Objection | None:
         """The reason why an activity must not run now, if any.
 
-        Running work may itself have changed the variables that it needed at its start.
+        Running work may itself have changed the facts that it needed at its start.
         """
-        for variable, value in activity.needs.items():
-            is_certain = (
-                variable not in self.uncertain and self.present.facts.get(variable) == value
-            )
-            if not is_certain and not (is_running and variable in activity.makes):
-                return Objection(state, Reason.NEEDS, variable)
-        return self.earlier.clash(state, activity.needs, activity.makes)
+        for fact, value in activity.needs.items():
+            is_certain = fact not in self.uncertain and self.present.facts.get(fact) == value
+            if not is_certain and not (is_running and fact in activity.makes):
+                return Objection(state, Reason.NEEDS, fact)
+        return self.reserved_earlier.objection_to(state, activity.needs, activity.makes)
 
     def _objection_to_start(self, state: int, activity: Activity) -> Objection | None:
         """The reason why an activity must not start now, if any."""
-        if clash := self.running.clash(state, activity.needs, activity.makes):
-            return clash
-        if not activity.undo and (variable := harmed(activity, self.needed)):
-            return Objection(state, Reason.BRANCH, variable, self.needed[variable])
-        variable = next(
-            (variable for variable in activity.makes if variable in self.uncertain), None
-        )
+        if objection := self.reserved_by_running.objection_to(
+            state, activity.needs, activity.makes
+        ):
+            return objection
+        if not activity.undo and (fact := first_harmed_fact(activity, self.needed)):
+            return Objection(state, Reason.BRANCH, fact, self.needed[fact])
+        uncertain = next((fact for fact in activity.makes if fact in self.uncertain), None)
         spoilt = self.uncertain & self.needed.keys()
-        if variable and spoilt:  # undoing the spoilt work would undo this result, too
-            return Objection(state, Reason.BRANCH, variable, self.needed[min(spoilt)])
+        if uncertain and spoilt:  # undoing the spoilt work would undo this result, too
+            return Objection(state, Reason.BRANCH, uncertain, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
         """The reason to stop work that is not foreseen any more, if any.
 
         Work that is done stays until the next transition, unless a running activity needs or
-        changes its variables.
+        changes its facts.
         """
         if work.phase is not WorkPhase.DONE or self.present.is_new:
             return Objection(work.state, Reason.NOT_FORESEEN)
-        return self.running.clash(work.state, (), self._activity(work.state).makes)
+        return self.reserved_by_running.objection_to(
+            work.state, (), self._activity(work.state).makes
+        )

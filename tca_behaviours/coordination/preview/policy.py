@@ -87,14 +87,14 @@ class Policy:
     def share(self, candidate: Candidate) -> float:
         """The share of full speed for an activity.
 
-        The progress of the activity before only decides when it starts. A running activity is not
-        slowed down by it: it keeps its speed until its path has become too unlikely.
+        The progress of the activity before decides only when this one starts. It does not slow down
+        a running activity, which keeps its speed until its path has become too unlikely.
         """
         share = self.wanted(self.utility(candidate))
         if not candidate.share:
             return share
-        at_its_turn = self.wanted(self.utility(replace(candidate, progress_before=1.0)))
-        return max(share, min(candidate.share, at_its_turn))
+        share_by_path = self.wanted(self.utility(replace(candidate, progress_before=1.0)))
+        return max(share, min(candidate.share, share_by_path))
 
 
 class Discrete(Policy):

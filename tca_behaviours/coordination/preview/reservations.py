@@ -1,4 +1,4 @@
-"""Reservations of early activities: variables, and places at agents. Earlier activities get them
+"""Reservations of early activities: facts, and places at agents. Earlier activities get them
 first.
 """
 
@@ -10,34 +10,35 @@ from tca_wire.coordination import Objection, Reason
 
 
 class Reservations:
-    """The variables of activities that come first or run. Later activities must not change them."""
+    """The facts of activities that come first or run. Later activities must not change them."""
 
     def __init__(self) -> None:
-        self._needed: dict[str, int] = {}  # by variable, the state whose activity needs it
+        self._needed: dict[str, int] = {}  # by fact, the state whose activity needs it
         self._made: dict[str, int] = {}
         self._being_made: dict[str, int] = {}  # the part of _made that is not done
 
     def add(
         self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False
     ) -> None:
-        """Reserve the variables of an activity. If it is *done*, later activities may need what it
-        made.
+        """Reserve the facts of an activity. Once it *is done*, later activities may need the facts
+        that it has made.
         """
-        for variable in needs:
-            self._needed.setdefault(variable, state)
-        for variable in makes:
-            self._made.setdefault(variable, state)
+        for fact in needs:
+            self._needed.setdefault(fact, state)
+        for fact in makes:
+            self._made.setdefault(fact, state)
             if not is_done:
-                self._being_made.setdefault(variable, state)
+                self._being_made.setdefault(fact, state)
 
-    def clash(self, state: int, needs: Iterable[str], makes: Iterable[str]) -> Objection | None:
-        """The objection for the first variable that an activity may not need or change, if any."""
-        changed = (
-            (variable, reserved) for variable in makes for reserved in (self._made, self._needed)
-        )
-        for variable, reserved in (*changed, *((variable, self._being_made) for variable in needs)):
-            if variable in reserved:
-                return Objection(state, Reason.CONFLICT, variable, reserved[variable])
+    def objection_to(
+        self, state: int, needs: Iterable[str], makes: Iterable[str]
+    ) -> Objection | None:
+        """The objection for the first fact that an activity may not change or need, if any."""
+        pairs = [(fact, reserved) for fact in makes for reserved in (self._made, self._needed)]
+        pairs += [(fact, self._being_made) for fact in needs]
+        for fact, reserved in pairs:
+            if fact in reserved:
+                return Objection(state, Reason.CONFLICT, fact, reserved[fact])
         return None
 
 
@@ -51,14 +52,9 @@ class Places:
         """Occupy a place for each task, at each agent that it needs."""
         self._taken.update(agent for task in tasks for agent in task.agents)
 
-    def full(self, tasks: Iterable[Do]) -> Agent | None:
+    def full_agent(self, tasks: Iterable[Do]) -> Agent | None:
         """The first agent that has too few free places for these tasks, if any."""
-        wanted = Counter(agent for task in tasks for agent in task.agents)
-        return next(
-            (
-                agent
-                for agent, places in wanted.items()
-                if self._taken[agent] + places > agent.tasks
-            ),
-            None,
-        )
+        for agent, places in Counter(agent for task in tasks for agent in task.agents).items():
+            if self._taken[agent] + places > agent.tasks:
+                return agent
+        return None

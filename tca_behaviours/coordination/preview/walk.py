@@ -52,20 +52,20 @@ _NO_LIMITS = PreviewLimits()
 
 
 class _Path:
-    """A path to a state: the arrow that enters it last, and the path before that.
+    """A path to a state: its last arrow, and the path *before* that arrow.
 
     The probability of a path of thousands of states is below the least float, so it is stored as a
     mantissa and an exponent.
     """
 
-    __slots__ = ("arrow", "before", "exponent", "length", "likelihood", "mantissa", "state")
+    __slots__ = ("before", "exponent", "length", "likelihood", "mantissa", "place", "state")
 
     def __init__(
-        self, state: int, before: "_Path | None" = None, arrow: int = 0, likelihood: float = 1.0
+        self, state: int, before: "_Path | None" = None, place: int = 0, likelihood: float = 1.0
     ) -> None:
         self.state = state
         self.before = before
-        self.arrow = arrow  # the place of the arrow in the state before
+        self.place = place  # of the last arrow, among those of the state that it leaves
         self.likelihood = likelihood
         self.length: int = before.length + 1 if before else 0
         mantissa, exponent = frexp(likelihood * before.mantissa if before else 1.0)
@@ -90,16 +90,16 @@ class _Path:
         mine, others = self, other
         while mine.before is not others.before and mine.before and others.before:
             mine, others = mine.before, others.before
-        return mine.arrow < others.arrow
+        return mine.place < others.place
 
     def foreseen(self) -> list[Foreseen]:
         """The states after the first one."""
-        steps = []
-        step = self
-        while step.before is not None:
-            steps.append(Foreseen(step.state, step.likelihood, step.probability))
-            step = step.before
-        return steps[::-1]
+        found = []
+        path = self
+        while path.before is not None:
+            found.append(Foreseen(path.state, path.likelihood, path.probability))
+            path = path.before
+        return found[::-1]
 
 
 def most_likely(
@@ -107,9 +107,10 @@ def most_likely(
 ) -> list[Foreseen]:
     """The most probable path from a state to the first steady state on it, which is included.
 
-    It is empty if the state itself is steady. A path of *horizon* states ends there. Among equally
-    probable paths, the shortest comes first, then the one whose arrows are written first. If no
-    steady state can be reached, it follows the likeliest arrow of each state until a state repeats.
+    It is empty if the current state is steady. It ends after *horizon* states at the latest. Among
+    equally probable paths, the shortest comes first, then the one whose arrows are written first.
+    If no steady state can be reached, it follows the likeliest arrow of each state until a state
+    repeats.
 
     Args:
         automaton: The machine in its present situation.
@@ -124,19 +125,20 @@ def most_likely(
     while queue:
         path = heappop(queue)
         # With a horizon the length of a path matters, too: the longer path ends sooner.
-        place = (path.state, path.length if limits.horizon else 0)
-        if place in visited:
+        node = (path.state, path.length if limits.horizon else 0)
+        if node in visited:
             continue
-        visited.add(place)
+        visited.add(node)
         if path.length == limits.horizon or limits.is_steady(automaton, path.state):
             return path.foreseen()
-        for number, arrow in enumerate(automaton.arcs(path.state)):
+        for place, arrow in enumerate(automaton.arcs(path.state)):
             if arrow.likelihood > 0:
-                heappush(queue, _Path(arrow.target, path, number, arrow.likelihood))
-    return list(_likeliest_round(automaton, state))
+                heappush(queue, _Path(arrow.target, path, place, arrow.likelihood))
+    return list(_likeliest_path(automaton, state))
 
 
-def _likeliest_round(automaton: Automaton, state: int) -> Iterator[Foreseen]:
+def _likeliest_path(automaton: Automaton, state: int) -> Iterator[Foreseen]:
+    """Follow the likeliest arrow of each state until a state repeats."""
     probability = 1.0
     entered = {state}
     while True:

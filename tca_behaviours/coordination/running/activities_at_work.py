@@ -1,8 +1,8 @@
 """The activities that a run has started: the current one, early work, and wasted work to undo.
 
-There are two sets of facts. The plain facts are changed only by activities whose states were
-entered. Guards and likelihoods see them, so that the machine moves as it would without a preview.
-The actual facts are those of the robot now, changed by early work, too.
+There are two sets of facts. The *plain* facts are changed only by activities whose states were
+entered. Guards and likelihoods read them, so that the machine moves as it would without a preview.
+The *actual* facts are those of the robot now: early work changes them, too.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -23,7 +23,7 @@ _LOG = log_of("coordination")
 
 
 class ActivitiesAtWork:
-    """The activities that a run has started, until they have ended and left nothing to undo."""
+    """The activities that a run has started and that still run, or still must be undone."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class ActivitiesAtWork:
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has started."""
         self.kept = self.wasted = 0
-        """The numbers of tasks that were started early, and kept or wasted."""
+        """The numbers of early tasks that were kept and that were wasted."""
         self._plain = KnownFacts(facts)
         self._actual = KnownFacts(facts)
         self._task = task
@@ -55,13 +55,13 @@ class ActivitiesAtWork:
         self._patience = patience
         self._enqueue = enqueue
         self._mistakes = mistakes
-        self._ahead: dict[int, StartedActivity] = {}
+        self._early: dict[int, StartedActivity] = {}
         self._stopping: list[StartedActivity] = []
         """The activities that were stopped and have not ended."""
         self._restoring: tuple[StartedActivity, StartedActivity] | None = None
-        """The activity that undoes wasted work, and that wasted work."""
+        """The activity that undoes wasted work, and the wasted work."""
         self._spoilers: list[StartedActivity] = []
-        """Wasted activities whose ``spoilt`` facts no task has set or restored, oldest first."""
+        """Wasted activities with ``spoilt`` facts, oldest first."""
         self._role_changed: list[StartedActivity] = []
         """The activities whose role has changed since the last report."""
 
@@ -84,14 +84,9 @@ class ActivitiesAtWork:
 
     def present(self, state: int, situation: Situation, *, is_new: bool) -> Present:
         """The state of the run in a machine state. *is_new*: no decision was made in it yet."""
-        work = [
-            EarlyWork(each.state, _phase(each), each.progress, each.share)
-            for each in self._ahead.values()
-        ]
-        work += [
-            EarlyWork(each.state, WorkPhase.STOPPING, each.progress, each.share)
-            for each in self._stopping
-        ]
+        phases = [(each, _phase(each)) for each in self._early.values()]
+        phases += [(each, WorkPhase.STOPPING) for each in self._stopping]
+        work = [EarlyWork(each.state, phase, each.progress, each.share) for each, phase in phases]
         if self._restoring is not None:
             work.append(EarlyWork(self._restoring[1].state, WorkPhase.RESTORING))
         spoilt = frozenset().union(*(each.spoilt for each in self._spoilers))
@@ -101,7 +96,7 @@ class ActivitiesAtWork:
     def _all(self) -> Iterator[StartedActivity]:
         if self.current is not None:
             yield self.current
-        yield from self._ahead.values()
+        yield from self._early.values()
         yield from self._stopping
         if self._restoring is not None:
             yield self._restoring[0]
@@ -117,17 +112,17 @@ class ActivitiesAtWork:
     def begin(self, state: int, activity: Activity) -> str:
         """Start the activity of the current state, unless it must wait.
 
-        It waits for conflicting work to end, and for spoilt facts to be restored. Returns why it
-        can never start; "" if it has started or waits.
+        It waits until conflicting work has ended and spoilt facts are restored. Returns the unmet
+        needs for which it can never start; "" if it has started or waits.
         """
         if unmet := self._plain.unmet(activity):
             return unmet
-        others = [each for each in self._all() if not each.is_over]
+        running = [each for each in self._all() if not each.is_over]
         if self._restoring is not None or any(
-            each.state == state or each.conflicts_with(activity) for each in others
+            each.state == state or each.conflicts_with(activity) for each in running
         ):
             return ""
-        if (spoiler := self._to_undo(activity)) is not None:
+        if (spoiler := self._first_to_undo(activity)) is not None:
             self._undo(spoiler)
             return ""
         if unmet := self._actual.unmet(activity):
@@ -139,8 +134,8 @@ class ActivitiesAtWork:
         self._start(work)
         return ""
 
-    def restore(self) -> None:
-        """Start to undo wasted work, the newest first: the machine has ended."""
+    def undo_next(self) -> None:
+        """Start to undo the newest wasted work, if no other is being undone."""
         if self._restoring is None and (spoiler := next(self._undoable(), None)) is not None:
             self._undo(spoiler)
 
@@ -153,56 +148,58 @@ class ActivitiesAtWork:
     def enter(self, state: int) -> bool:
         """Enter a state, and make its early work, if any, the current activity.
 
-        Early work that has failed, or that could not start without a preview, is dropped. Returns
-        whether early work was kept.
+        Early work is dropped if it has failed, or if its activity could not start here without a
+        preview. Returns whether early work was kept.
         """
-        work = self._ahead.get(state)
+        work = self._early.get(state)
         if work is None:
             return False
         if work.failed_task is not None or self._plain.unmet(work.activity):
             self.drop(state, "its state can't use it")
             return False
-        self.current = self._ahead.pop(state)
+        self.current = self._early.pop(state)
         self.kept += len(work.tasks)
         self._set_role(work, TaskRole.KEPT)
         work.share, work.rank, work.data = 1.0, 0, work.activity.data_at(1.0, 0)
         self._begin_entered(work.activity)
-        if work.is_finished:
+        if work.has_set_facts:
             self._plain.finish(work.activity)
         return True
 
     def _begin_entered(self, activity: Activity) -> None:
-        """Begin the activity of an entered state. Facts that it makes are not spoilt any more."""
+        """Apply the start of an entered state's activity: facts that it makes are not spoilt any
+        more.
+        """
         self._plain.begin(activity)
         for spoiler in self._spoilers:
             spoiler.spoilt -= activity.makes.keys()
 
     # --- early work -------------------------------------------------------------------------------
 
-    def begin_ahead(
+    def begin_early(
         self, state: int, activity: Activity, share: float, rank: int, data: list[Any]
     ) -> None:
-        """Start the activity of a foreseen state, at a share of its full speed, with the data for
-        that.
+        """Start the activity of a foreseen state at a share of full speed; *data* are for that
+        share.
         """
         work = StartedActivity(state, activity, TaskRole.AHEAD, self._actual.begin(activity))
         work.share, work.rank, work.data = share, rank, data
-        self._ahead[state] = work
+        self._early[state] = work
         self._start(work)
 
-    def ahead(self, state: int) -> StartedActivity | None:
+    def early_work(self, state: int) -> StartedActivity | None:
         """The early work of a state, if any."""
-        return self._ahead.get(state)
+        return self._early.get(state)
 
-    def adapt_speeds(self) -> None:
-        """Send new speeds to the handlers that can take them now."""
-        for work in (*self._ahead.values(), *([self.current] if self.current is not None else [])):
-            if work.activity.adapt is not None:
+    def update_tasks(self) -> None:
+        """Send new data, for another speed, to the handlers that can take them now."""
+        for work in (*self._early.values(), self.current):
+            if work is not None and work.activity.adapt is not None:
                 work.update_tasks()
 
     def drop(self, state: int, why: str) -> None:
         """Count the early work of a state as wasted, and stop it."""
-        work = self._ahead.pop(state)
+        work = self._early.pop(state)
         self._waste(work)
         if not work.is_over:
             self._stop(work, why)
@@ -215,11 +212,11 @@ class ActivitiesAtWork:
         work.spoilt = set(work.activity.makes)
         self._spoilers = [*(each for each in self._spoilers if each.spoilt), work]
 
-    def _to_undo(self, activity: Activity) -> StartedActivity | None:
+    def _first_to_undo(self, activity: Activity) -> StartedActivity | None:
         """The newest wasted work that must be undone before an activity, if any.
 
-        It has spoilt a fact that the activity needs, or some facts that the activity sets and
-        others that it does not.
+        Such work has spoilt a fact that the activity needs. Or it has spoilt facts of which the
+        activity makes only a part: to undo the others later would undo that part, too.
         """
         needs, makes = activity.needs.keys(), activity.makes.keys()
         for spoiler in self._undoable():
@@ -233,14 +230,12 @@ class ActivitiesAtWork:
 
     def _undo(self, spoiler: StartedActivity) -> None:
         """Start to undo wasted work, unless running work conflicts with that."""
-        if any(each.conflicts_with(_undoing(spoiler)) for each in self._all()):
+        makes = spoiler.activity.makes
+        activity = Activity(*spoiler.activity.undo, makes=makes, progress=_no_progress)
+        if any(each.conflicts_with(activity) for each in self._all()):
             return
-        work = StartedActivity(
-            spoiler.state,
-            _undoing(spoiler),
-            TaskRole.RESTORING,
-            self._actual.begin(spoiler.activity),
-        )
+        before = self._actual.begin(activity)
+        work = StartedActivity(spoiler.state, activity, TaskRole.RESTORING, before)
         self._restoring = work, spoiler
         self._start(work)
 
@@ -270,14 +265,15 @@ class ActivitiesAtWork:
     def _on_task_end(self, work: StartedActivity) -> None:
         """Process the end of a task of an activity."""
         if self._restoring is not None and work is self._restoring[0]:
-            self._on_restored(*self._restoring)
+            if work.is_over:
+                self._on_undo_end(*self._restoring)
             return
-        if work.is_done and not work.is_finished:
-            work.is_finished = True
+        if work.is_done and not work.has_set_facts:
+            work.has_set_facts = True
             self._actual.finish(work.activity)
             if work is self.current:
                 self._plain.finish(work.activity)
-        if work.failed_task is not None and work.kill_at is None:  # stop the others, too
+        if work.failed_task is not None and work.kill_at is None:  # stop its other tasks, too
             if work is not self.current:
                 self._waste(work)
             work.request_end(
@@ -286,25 +282,21 @@ class ActivitiesAtWork:
         if work.is_over and work in self._stopping:
             self._stopping.remove(work)
         if work.is_over and work.spoilt and not work.has_begun:
-            self._forget(work)
+            self._restore_facts(work)
 
-    def _on_restored(self, work: StartedActivity, spoiler: StartedActivity) -> None:
-        if not work.is_over:
-            return
+    def _on_undo_end(self, work: StartedActivity, spoiler: StartedActivity) -> None:
         self._restoring = None
-        if work.is_done:
-            self._forget(spoiler)
-        elif work.failed_task is not None:
-            _LOG.warning(
-                "%r did not undo wasted early work: its changes stay", work.failed_task.sent
-            )
-        spoiler.spoilt.clear()
+        if work.failed_task is None:
+            self._restore_facts(spoiler)
+        else:
+            text = "%r did not undo wasted early work: its changes stay"
+            _LOG.warning(text, work.failed_task.sent)
+            spoiler.spoilt.clear()
 
-    def _forget(self, spoiler: StartedActivity) -> None:
-        """Restore the facts that spoilt work has changed: the robot is as it was before."""
-        self._actual.known |= {
-            name: value for name, value in spoiler.before.items() if name in spoiler.spoilt
-        }
+    def _restore_facts(self, spoiler: StartedActivity) -> None:
+        """Restore the spoilt facts of wasted work: the robot is as it was before that work."""
+        for name in spoiler.spoilt & spoiler.facts_before.keys():
+            self._actual.known[name] = spoiler.facts_before[name]
         spoiler.spoilt.clear()
 
     # --- ends -------------------------------------------------------------------------------------
@@ -314,23 +306,20 @@ class ActivitiesAtWork:
         work.request_end(why, self._task.time() + self._patience)
 
     @property
-    def kill_due(self) -> float | None:
+    def next_kill_at(self) -> float | None:
         """The time at which the next stopped task is killed, if any."""
-        waited = [
+        times = [
             each.kill_at
             for each in self._all()
             if each.kill_at is not None and not (each.is_over or each.is_killed)
         ]
-        return min(waited, default=None)
+        return min(times, default=None)
 
     def kill_late(self) -> None:
         """Kill the tasks that have not ended in time after they were stopped."""
+        now = self._task.time()
         for work in self._all():
-            if (
-                work.kill_at is not None
-                and work.kill_at <= self._task.time()
-                and not work.is_killed
-            ):
+            if work.kill_at is not None and work.kill_at <= now and not work.is_killed:
                 work.kill(f"it has not ended within {self._patience:g} s")
 
     def kill_all(self, why: str) -> None:
@@ -345,6 +334,6 @@ def _phase(work: StartedActivity) -> WorkPhase:
     return WorkPhase.DONE if work.is_done else WorkPhase.RUNNING
 
 
-def _undoing(work: StartedActivity) -> Activity:
-    """The activity that undoes another one. Its progress is of no interest."""
-    return Activity(*work.activity.undo, makes=work.activity.makes, progress=lambda _: 0.0)
+def _no_progress(_report: object) -> float:
+    """The progress of an activity that undoes another one: nothing depends on it."""
+    return 0.0

@@ -26,7 +26,9 @@ from tca_wire.coordination import CoordinationReport
 from tca_wire.points import TaskId
 
 _PATIENCE = 5.0
+_MACHINE = instance_of("a Coordination", Coordination)
 _POLICY_OR_NONE = instance_of("a Policy such as Discrete(0.5)", Policy).or_none(" for no preview")
+_LIMITS_OR_NONE = instance_of("PreviewLimits(...)", PreviewLimits).or_none()
 
 
 class Coordinator:
@@ -61,11 +63,9 @@ class Coordinator:
             patience: Seconds that a task may take to end after a request; then it is killed.
                 Default 5.
         """
-        check("Coordinator", instance_of("a Coordination", Coordination), machine=machine)
+        check("Coordinator", _MACHINE, machine=machine)
         check("Coordinator", _POLICY_OR_NONE, policy=policy)
-        check(
-            "Coordinator", instance_of("PreviewLimits(...)", PreviewLimits).or_none(), limits=limits
-        )
+        check("Coordinator", _LIMITS_OR_NONE, limits=limits)
         check("Coordinator", DURATION, patience=patience)
         self.machine = machine
         self.chart = machine.chart
@@ -87,11 +87,13 @@ class Coordinator:
         self._failures = RecordedFailures(self.message.name)
         self._interpreter: Interpreter | None = None
         """All runs use it, one at a time; None if another program handles them."""
-        self._home = ""
+        self._module_name = ""
         """The name of the module that handles the runs."""
         self._run: CoordinationRun | None = None
-        self._early_events: list[tuple[TaskId, str]] = []
-        """Events that came before the handler of their run, with the run's task."""
+        self._events_before_run: list[tuple[TaskId, str]] = []
+        """Events that arrived before the handler of their run started, each with the run's
+        task.
+        """
         self._run_lock = Lock()
 
     def __repr__(self) -> str:
@@ -109,10 +111,9 @@ class Coordinator:
             MisuseError: The module has a coordinator already.
         """
         inputs = f"inputs of {self.machine.name}"
-        self._interpreter, self._home = self.machine.interpreter(), module.name
-        declare = module.handles(COORDINATION_EVENT, resource=inputs)
+        self._interpreter, self._module_name = self.machine.interpreter(), module.name
         try:
-            declare(self._on_event)
+            module.handles(COORDINATION_EVENT, resource=inputs)(self._on_event)
         except MisuseError:
             raise MisuseError(
                 f"module '{module.name}' has a coordinator already: "
@@ -123,7 +124,7 @@ class Coordinator:
         )
         self._failures.handle_in(module, self.message, inputs)
         for variable in self.machine.variables:
-            self._watch(module, variable, inputs)
+            self._watch_variable(module, variable, inputs)
 
     def run(self, sender: Sender) -> CoordinationEnd:
         """Run the machine and wait for its end.
@@ -131,7 +132,7 @@ class Coordinator:
         If the wait is interrupted, the run is killed.
 
         Args:
-            sender: The module, or a task below which the run shall hang.
+            sender: The module, or a task. The run then hangs below that task.
 
         Returns:
             The final state, and counts of transitions and early work.
@@ -140,18 +141,18 @@ class Coordinator:
             TaskFailed: The run failed: an activity failed and its state has no arrow for "failed".
             TaskKilled: The run was killed.
         """
-        run = sender.command(self.message, self.chart, sequential=False)
+        sent = sender.command(self.message, self.chart, sequential=False)
         try:
-            return run.result()
+            return sent.result()
         except BaseException:
             with suppress(TcaError):
-                run.kill("its sender does not wait any longer")
+                sent.kill("its sender does not wait any longer")
             raise
 
     def post(self, event: str) -> None:
-        """Send an event to the machine. From any thread of the process in which it runs.
+        """Send an event to the machine. May be called in any thread of the machine's process.
 
-        If no run is under way, or its current state has no arrow for the event, nothing happens.
+        Nothing happens if no run is under way, or if the current state has no arrow for the event.
 
         Args:
             event: The name of the event.
@@ -164,7 +165,7 @@ class Coordinator:
             run.enqueue_event(event)
 
     def _warn(self, text: str) -> None:
-        log_of(self._home).warning("%s", text)
+        log_of(self._module_name).warning("%s", text)
 
     # --- handlers ---------------------------------------------------------------------------------
 
@@ -180,12 +181,12 @@ class Coordinator:
         )
         with self._run_lock:
             self._run = run
-            for run_id, event in self._early_events:
-                if run_id == task.id:
+            for task_id, event in self._events_before_run:
+                if task_id == task.id:
                     run.enqueue_event(event)
-            self._early_events.clear()
+            self._events_before_run.clear()
         try:
-            return run.until_end()
+            return run.run_to_end()
         finally:
             self._run = None
 
@@ -193,24 +194,24 @@ class Coordinator:
         # "done" and "failed" are not among the events: only the machine's own tasks cause them.
         if event.machine != self.machine.name or event.event not in self.machine.events:
             return
-        assigned = self._assigned_run(task) if self._run is None else None
+        assigned = self._assigned_task(task) if self._run is None else None
         with self._run_lock:
             if self._run is not None:
                 self._run.enqueue_event(event.event)
             elif assigned is not None:
-                self._early_events.append((assigned, event.event))
+                self._events_before_run.append((assigned, event.event))
 
-    def _assigned_run(self, task: Task) -> TaskId | None:
-        """The run that central has assigned to this module, if any: its handler may be about to
-        start.
+    def _assigned_task(self, task: Task) -> TaskId | None:
+        """The task of a run that central has assigned to this module, if any. The handler of the
+        run is about to start.
         """
-        for run in task.tasks(self.message):
-            info = run.info()
-            if info is not None and info.module == self._home:
+        for ref in task.tasks(self.message):
+            info = ref.info()
+            if info is not None and info.module == self._module_name:
                 return info.id
         return None
 
-    def _watch(self, module: Module, variable: Variable[Any], resource: str) -> None:
+    def _watch_variable(self, module: Module, variable: Variable[Any], resource: str) -> None:
         def on_value(_: Task, value: Any) -> None:
             if (run := self._run) is not None:
                 run.enqueue_variable(variable.name, value)

@@ -7,7 +7,7 @@ from tca_behaviours.coordination.model.situation import Fact
 
 
 class KnownFacts:
-    """Facts that hold. A fact that an activity makes is unknown from its start until it is done."""
+    """Facts that hold. A fact is unknown while an activity that makes it runs."""
 
     def __init__(self, facts: Mapping[str, Fact]) -> None:
         self.known = dict(facts)

@@ -1,8 +1,8 @@
 """Failures of the tasks that a coordinator has sent: they are recorded, and the machine reacts.
 
-The exception handler is attached to the coordinator's message, before the handlers of other
-modules. Central asks it after the handlers of the failing task, of its message and of the
-coordinator's task, and before those of the root.
+The exception handler is attached to the coordinator's message. Central asks it after the handlers
+attached to the failing task, to its message and to the coordinator's task, and before those of the
+root.
 """
 
 from itertools import takewhile
@@ -45,16 +45,14 @@ class RecordedFailures:
         return self._failures.pop(task, None)
 
     def _record(self, handling: Task, data: Any) -> None:
-        trouble, failing, attached = (
-            handling.trouble,
-            handling.trouble.failing,
-            handling.trouble.attached,
-        )
-        if attached is None or failing.id == attached.id:
+        trouble = handling.trouble
+        failing, coordinator = trouble.failing, trouble.attached
+        if coordinator is None or failing.id == coordinator.id:
             raise trouble.reissue()  # the failure of the coordinator's own task
-        above = [failing, *takewhile(lambda task: task.id != attached.id, failing.ancestors())][-1]
-        self._failures[above.id] = RecordedFailure(trouble.failure, trouble.text, data)
-        if above is failing:
+        below_coordinator = takewhile(lambda task: task.id != coordinator.id, failing.ancestors())
+        sent = [failing, *below_coordinator][-1]  # the task that the coordinator has sent
+        self._failures[sent.id] = RecordedFailure(trouble.failure, trouble.text, data)
+        if sent is failing:
             trouble.resolved()  # the machine decides how to react
         else:
-            above.kill(f"{failing} failed: {trouble.failure}: {trouble.text.partition(chr(10))[0]}")
+            sent.kill(f"{failing} failed: {trouble.failure}: {trouble.text.partition(chr(10))[0]}")

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 from tca_behaviours.coordination.model.interpreter import Interpreter, TakenArrow
 from tca_behaviours.coordination.model.machine import Coordination
@@ -49,19 +49,19 @@ class CoordinationRun:
         self._events = deque[str]()
         self._variables: dict[str, Any] = {}
         self._mistakes = look_ahead.mistakes if look_ahead is not None else Mistakes()
-        self._work = ActivitiesAtWork(
+        self._at_work = ActivitiesAtWork(
             machine.facts, task, failures, patience, self._inbox.append, self._mistakes
         )
         self._unmet = ""
-        """Why the current activity can't start; "" if it can."""
+        """The unmet needs of the current activity; "" if it can start."""
         self._failed_since_event = set[int]()
-        """The states whose activity could not start, since the last event arrived.
+        """The states whose activity could not start since the last event arrived.
 
-        A second entry of one of them would be an endless cycle.
+        If one of them were entered again without a new event, the machine would never stop.
         """
-        self._is_entered = False
-        """Whether the activity of the current state, if any, has started or waits to start."""
-        self._taken: list[TakenArrow] = []
+        self._was_begun = False
+        """Whether the activity of the current state, if any, was told to start: it may wait."""
+        self._unreported: list[TakenArrow] = []
         """The transitions since the last report."""
         self._last_report: CoordinationReport | None = None
         self._transitions = 0
@@ -69,18 +69,18 @@ class CoordinationRun:
     # --- input ------------------------------------------------------------------------------------
 
     def enqueue_event(self, event: str) -> None:
-        """Enqueue an event. From any thread."""
+        """Enqueue an event. Thread-safe."""
         self._enqueue(lambda: self._events.append(event))
 
     def enqueue_variable(self, name: str, value: Any) -> None:
-        """Enqueue a new value of a variable. From any thread."""
+        """Enqueue a new value of a variable. Thread-safe."""
         self._enqueue(lambda: self._variables.update({name: value}))
 
     def _enqueue(self, change: Callable[[], object]) -> None:
         self._inbox.append(change)
         self._task.wake()
 
-    def until_end(self) -> CoordinationEnd:
+    def run_to_end(self) -> CoordinationEnd:
         """Run the machine to its end. No task that it has started outlives it."""
         try:
             for variable in self._machine.variables:
@@ -91,25 +91,27 @@ class CoordinationRun:
         except BaseException:
             # Without central no task can be killed; central kills them when the module is lost.
             with suppress(TcaError):
-                self._work.kill_all(f"{self._machine!r} has ended")
+                self._at_work.kill_all(f"{self._machine!r} has ended")
             raise
-        return CoordinationEnd(
-            self._interpreter.state.label, self._transitions, self._work.kept, self._work.wasted
-        )
+        label, work = self._interpreter.state.label, self._at_work
+        return CoordinationEnd(label, self._transitions, work.kept, work.wasted)
 
     def _is_over(self) -> bool:
-        return self._interpreter.is_ended and self._last_report is not None and self._work.is_over
+        return (
+            self._interpreter.is_ended and self._last_report is not None and self._at_work.is_over
+        )
 
     def _wait(self) -> None:
         """Wait for the next event, and process all that have arrived."""
         if not self._is_over():
-            due = self._work.kill_due
+            due = self._at_work.next_kill_at
             timeout = None if due is None else max(0.0, due - self._task.time())
-            self._task.wait_until(lambda: bool(self._inbox), timeout, on=self._work.running_tasks)
+            running = self._at_work.running_tasks
+            self._task.wait_until(lambda: bool(self._inbox), timeout, on=running)
         self._failed_since_event.clear()
         while self._inbox:
             self._inbox.popleft()()
-        self._work.kill_late()
+        self._at_work.kill_late()
 
     # --- transitions and activities ---------------------------------------------------------------
 
@@ -120,26 +122,27 @@ class CoordinationRun:
                 pass
             decision = self._decide()
             for stop in decision.stops:
-                self._work.drop(stop.state, why_stopped(self._machine.chart, stop))
+                self._at_work.drop(stop.state, why_stopped(self._machine.chart, stop))
             self._begin_current()
             if not (self._unmet or self._events):
                 break
             self._report(decision)
-        self._begin_ahead(decision)
+        self._begin_early(decision)
         self._report(decision)
 
     def _decide(self) -> Decision:
         if self._look_ahead is None:
             return Decision([])
         situation = self._situation()
-        present = self._work.present(self._interpreter.current, situation, is_new=bool(self._taken))
+        state, is_new = self._interpreter.current, bool(self._unreported)
+        present = self._at_work.present(state, situation, is_new=is_new)
         return self._look_ahead.decide(self._machine.automaton(situation, self._mistakes), present)
 
     def _situation(self) -> Situation:
-        current = self._work.current
+        current = self._at_work.current
         return Situation(
             self._interpreter.state.label,
-            self._work.plain_facts,
+            self._at_work.plain_facts,
             self._variables,
             current.progress if current is not None else 0.0,
         )
@@ -147,25 +150,23 @@ class CoordinationRun:
     def _begin_current(self) -> None:
         """Start the activity of the current state, if it has one that need not wait.
 
-        After the end of the machine, undo wasted work instead.
+        If the machine has ended, undo wasted work.
         """
         if self._interpreter.is_ended:
-            self._work.restore()
+            self._at_work.undo_next()
         activity = self._interpreter.state.activity
-        if activity is not None and self._work.current is None:
-            self._unmet = self._work.begin(self._interpreter.current, activity)
-        self._is_entered = True
+        if activity is not None and self._at_work.current is None:
+            self._unmet = self._at_work.begin(self._interpreter.current, activity)
+        self._was_begun = True
 
-    def _begin_ahead(self, decision: Decision) -> None:
+    def _begin_early(self, decision: Decision) -> None:
+        """Start early work, and adapt the speed of running early work."""
         ranks = {foreseen.state: rank for rank, foreseen in enumerate(decision.preview, 1)}
         for state, rank in ranks.items():
-            work, activity = self._work.ahead(state), self._machine.states[state].activity
+            work, activity = self._at_work.early_work(state), self._machine.states[state].activity
             share = decision.shares.get(state, work.share if work is not None else 0.0)
-            if (
-                activity is None
-                or not share
-                or (work is not None and (share, rank) == (work.share, work.rank))
-            ):
+            is_unchanged = work is not None and (share, rank) == (work.share, work.rank)
+            if activity is None or not share or is_unchanged:
                 continue
             consequence = "does not run early" if work is None else "keeps its speed"
             make_data = partial(activity.data_at, share, rank)
@@ -173,25 +174,25 @@ class CoordinationRun:
             if data is None:
                 continue
             if work is None:
-                self._work.begin_ahead(state, activity, share, rank, data)
+                self._at_work.begin_early(state, activity, share, rank, data)
             else:
                 work.share, work.rank, work.data = share, rank, data
-        self._work.adapt_speeds()
+        self._at_work.update_tasks()
 
     def _try_transition(self) -> bool:
         """Take one transition, if possible. Returns whether one was taken.
 
         A state is left only after its activity was started, or could not start.
         """
-        if not self._is_entered:
+        if not self._was_begun:
             return False
-        current = self._work.current
+        current = self._at_work.current
         if self._unmet:
             is_cycle = self._interpreter.current in self._failed_since_event
             self._failed_since_event.add(self._interpreter.current)
-            return (not is_cycle and self._take_arrow(FAILED)) or self._fail()
+            return (not is_cycle and self._take_arrow(FAILED)) or self._raise_failure()
         if current is not None and current.failed_task is not None:
-            return self._take_arrow(FAILED) or self._fail()
+            return self._take_arrow(FAILED) or self._raise_failure()
         if current is not None and current.is_done and self._take_arrow(DONE):
             return True
         while self._events:
@@ -204,19 +205,19 @@ class CoordinationRun:
         if not taken:
             return False
         self._unmet = ""
-        self._taken += taken
+        self._unreported += taken
         self._transitions += len(taken)
-        self._work.leave(f"{self._machine!r} has left its state by '{event}'")
-        self._is_entered = self._work.enter(self._interpreter.current)
+        self._at_work.leave(f"{self._machine!r} has left its state by '{event}'")
+        self._was_begun = self._at_work.enter(self._interpreter.current)
         return True
 
-    def _fail(self) -> bool:
+    def _raise_failure(self) -> NoReturn:
         """Fail the run: the current activity has failed, and the machine has no arrow for that."""
         label = self._interpreter.state.label
         if self._unmet:
             raise NEEDS_NOT_MET(text=f"'{label}' can't begin: {self._unmet}")
-        assert self._work.current is not None
-        failed = self._work.current.failed_task
+        assert self._at_work.current is not None
+        failed = self._at_work.current.failed_task
         assert failed is not None
         if failed.failure is not None:
             raise failed.failure.error_of(failed.sent)
@@ -225,28 +226,25 @@ class CoordinationRun:
     # --- reports ----------------------------------------------------------------------------------
 
     def _report(self, decision: Decision) -> None:
-        role_changes, last_report = self._work.role_changes(), self._last_report
-        for arrow in self._taken[:-1]:
+        role_changes, last_report = self._at_work.role_changes(), self._last_report
+        for arrow in self._unreported[:-1]:
             refused = last_report.refused if last_report is not None else []
             self._task.report(
                 CoordinationReport(arrow.after, arrow.symbol, arrow.before, refused=refused)
             )
-        last = self._taken[-1] if self._taken else TakenArrow(-1, "", -1)
-        self._taken.clear()
+        no_arrow = TakenArrow(-1, "", -1)  # the defaults of a report
+        last = self._unreported[-1] if self._unreported else no_arrow
+        self._unreported.clear()
+        current, refused = self._interpreter.current, decision.refused
         preview = [_rounded(foreseen) for foreseen in decision.preview]
         report = CoordinationReport(
-            self._interpreter.current,
-            last.symbol,
-            last.before,
-            preview,
-            role_changes,
-            decision.refused,
+            current, last.symbol, last.before, preview, role_changes, refused
         )
         if (
             last.symbol
             or role_changes
             or last_report is None
-            or (last_report.preview, last_report.refused) != (preview, decision.refused)
+            or (last_report.preview, last_report.refused) != (preview, refused)
         ):
             self._task.report(report)
             self._last_report = report

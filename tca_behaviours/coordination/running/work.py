@@ -21,8 +21,15 @@ class ActivityTask:
     def __init__(
         self, under: Task, do: Do, data: Any, activity: Activity, rank: int, on_change: OnChange
     ) -> None:
-        """*data*: the task's own data, or those for another speed. *rank*: the place in the preview
-        list, or 0.
+        """Send the task.
+
+        Args:
+            under: The coordinator's task.
+            do: The task, as it is written.
+            data: Its data: the written ones, or those for another speed.
+            activity: Its activity.
+            rank: Its place in the preview list; 0 if its state is entered.
+            on_change: Called with each change of the task.
         """
         self.do = do
         self.progress = 0.0
@@ -57,6 +64,8 @@ class ActivityTask:
                 read = partial(self._activity.progress, report)
                 self.progress = mistakes.value_or(self.progress, consequence, read)
         if change.state != self.do.message.life_cycle.initial:
+            # A kill by central or a request of the client needs no handler. If other changes may
+            # have been missed, assume that a handler has made one.
             is_killed = change.is_over and change.by == "central"
             self.has_begun |= (
                 change.is_late or change.missed > 0 or not (is_killed or change.by == "client")
@@ -94,15 +103,17 @@ class StartedActivity:
     """A started activity: the current one, early work, or one that undoes wasted work."""
 
     def __init__(
-        self, state: int, activity: Activity, role: TaskRole, before: dict[str, Fact]
+        self, state: int, activity: Activity, role: TaskRole, facts_before: dict[str, Fact]
     ) -> None:
         self.state = state
         self.activity = activity
         self.role = role
-        self.before = before
-        """The values of the facts that it makes, before it started."""
+        self.facts_before = facts_before
+        """The values of the facts that it makes before it started."""
         self.spoilt = set[str]()
-        """The facts that it has changed in vain, and that no task has set or restored since."""
+        """If it is wasted: the facts that it has changed, and that no task has set or restored
+        since.
+        """
         self.share = 1.0
         """The share of its full speed."""
         self.rank = 0
@@ -111,10 +122,10 @@ class StartedActivity:
         """The data of its tasks, for that share and rank."""
         self.tasks: list[ActivityTask] = []
         self.kill_at: float | None = None
-        """If it was asked to end: when it is killed."""
+        """The time at which it is killed if it still runs; None if it was not asked to end."""
         self.is_killed = False
-        self.is_finished = False
-        """Whether the facts that it makes are known to hold."""
+        self.has_set_facts = False
+        """Whether the facts that it makes were set, because it is done."""
 
     def start(self, under: Task, on_change: OnChange) -> None:
         """Send its tasks."""
@@ -174,26 +185,20 @@ class StartedActivity:
         """The present roles of its tasks in the machine."""
         return [
             RoleChange(
-                task.sent.id,
-                self.state,
-                "+".join(agent.name for agent in task.do.agents),
-                self.role,
+                task.sent.id, self.state, "+".join(each.name for each in task.do.agents), self.role
             )
             for task in self.tasks
         ]
 
     def conflicts_with(self, activity: Activity) -> bool:
-        """Whether another activity must wait for its end: the two share an agent or a fact."""
-        busy = {
-            agent
-            for task in self.tasks
-            if not task.is_over
-            for agent in task.do.agents
-            if agent.tasks == 1
-        }
+        """Whether another activity must wait for its end.
+
+        The two need one agent that takes one task at a time, or one makes a fact that the other
+        makes or needs.
+        """
+        running = [task.do for task in self.tasks if not task.is_over]
+        busy = {agent for do in running for agent in do.agents if agent.tasks == 1}
         wanted = {agent for do in activity.tasks for agent in do.agents}
         makes, needs = self.activity.makes.keys(), self.activity.needs.keys()
-        facts = (makes & (activity.needs.keys() | activity.makes.keys())) | (
-            needs & activity.makes.keys()
-        )
-        return not self.is_over and bool(busy & wanted or facts)
+        shared = makes & activity.needs.keys() | (makes | needs) & activity.makes.keys()
+        return bool(running and (busy & wanted or shared))

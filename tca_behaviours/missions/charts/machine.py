@@ -27,8 +27,8 @@ class StateMachine(BlockMachine[MachineState]):
 
     An ending of a state leads to the state that ``on`` names for it. An ending without a successor
     ends the machine. States are written inside the machine's ``with`` block, and checked at its
-    end. A state is made by the name of its task, if needed with a label: ``sm.GoTo("home",
-    goal_x=1.0)``.
+    end. ``sm.GoTo(goal_x=1.0)`` adds a state for task GoTo, and ``sm.GoTo("home", goal_x=1.0)``
+    one with the label "home".
 
     Args:
         name: The name of the machine, in the tree and in pictures.
@@ -73,7 +73,7 @@ class StateMachine(BlockMachine[MachineState]):
             raise MisuseError(
                 f"the label of a state is text, not {label!r:.60}; parameters are given by name"
             )
-        state = self._new(StateKind.TASK, label or self._unused_label(task))
+        state = self._new(StateKind.TASK, label, task)
         state.task, state.parameters = task, parameters
         return state
 
@@ -84,19 +84,19 @@ class StateMachine(BlockMachine[MachineState]):
 
     def epsilon(self, label: str = "", /) -> MachineState:
         """Add a state that does nothing and completes at once: to join paths or to name an exit."""
-        return self._new(StateKind.EPSILON, label or self._unused_label("epsilon"))
+        return self._new(StateKind.EPSILON, label, "epsilon")
 
     def sequence(self, label: str = "", /) -> MachineState:
         """Add a container whose states follow one another in writing order, as long as they
         complete.
         """
-        return self._new(StateKind.SEQUENCE, label or self._unused_label("sequence"))
+        return self._new(StateKind.SEQUENCE, label, "sequence")
 
     def machine(self, label: str = "", /) -> MachineState:
-        """Add a machine inside: it starts with its first state, and follows only written
-        transitions.
+        """Add a machine inside this one. It starts with its first state, and has no transitions but
+        the written ones.
         """
-        return self._new(StateKind.MACHINE, label or self._unused_label("machine"))
+        return self._new(StateKind.MACHINE, label, "machine")
 
     def concurrence(
         self, label: str = "", /, *, until: Literal["any", "all"] = "any"
@@ -109,17 +109,16 @@ class StateMachine(BlockMachine[MachineState]):
                 container completes when all states have completed; any other ending ends it at
                 once. States that still run are then stopped.
         """
-        return self._new(_concurrence(until), label or self._unused_label("concurrence"))
+        return self._new(_kind_of_concurrence(until), label, "concurrence")
 
-    def _new(self, kind: StateKind, label: str) -> MachineState:
-        return self._register(MachineState(kind, label, self._place(label)))
-
-    def _unused_label(self, default: str) -> str:
-        label, number = default, 1
-        while label in self._labelled:
-            number += 1
-            label = f"{default} {number}"
-        return label
+    def _new(self, kind: StateKind, label: str, default: str) -> MachineState:
+        """Add a state. Without a label it gets the default label, with a number if that is used."""
+        if not label:
+            label, number = default, 1
+            while label in self._labelled:
+                number += 1
+                label = f"{default} {number}"
+        return self._register(MachineState(kind, label, self._container_for(label)))
 
     # --- the whole machine ------------------------------------------------------------------------
 
@@ -169,9 +168,9 @@ class Concurrence(StateMachine):
 
     def __init__(self, name: str, *, until: Literal["any", "all"] = "any") -> None:
         super().__init__(name)
-        self.root.kind = _concurrence(until)
+        self.root.kind = _kind_of_concurrence(until)
 
 
-def _concurrence(until: str) -> StateKind:
+def _kind_of_concurrence(until: str) -> StateKind:
     check("a concurrence", one_of("'any' or 'all'", _KINDS), until=until)
     return _KINDS[until]

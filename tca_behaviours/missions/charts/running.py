@@ -1,12 +1,12 @@
-"""A running machine: starts and stops the tasks of the states that its statechart enters and
-leaves.
+"""A running machine: starts the tasks of states that its statechart enters, and stops those of
+states that it leaves.
 
 One thread runs the machine and waits for its tasks. If a kill, Ctrl-C, or an error ends that wait,
-all its tasks are stopped.
+all tasks of the machine are stopped.
 
-The machine is itself a task: a command that this process handles. Its data is the machine's
-structure; its progress is the active states. It stands in the tree with its tasks below it, can be
-watched, cancelled and killed, and ends if the process dies.
+The machine is itself a task: a command that this process handles. The command's data is the
+machine's structure; its progress is the active states. The task stands in the tree with the
+machine's tasks below it. It can be watched, cancelled and killed, and ends if the process dies.
 """
 
 from collections.abc import Callable
@@ -29,28 +29,28 @@ from tca_wire.charts import ActiveStates, Ending, MachineChart, StateKind
 _PATIENCE = 5.0
 """Seconds that a stopped machine waits for the ends of its tasks."""
 
-
-_ENDINGS: dict[Status, Ending] = {
+_ENDING_OF_STATUS: dict[Status, Ending] = {
     Status.COMPLETED: "completed",
     Status.TIMEOUT: "timeout",
     Status.INTERRUPTED: "interrupted",
 }
-
-
-def ending_of(status: int) -> Ending:
-    """The ending of a state whose task ended with this status."""
-    return _ENDINGS.get(Status.of(status), "failed")
+_ENDING_TEXTS: dict[Ending, str] = {
+    "completed": "has completed",
+    "failed": "has failed",
+    "timeout": "was not done in time",
+    "interrupted": "was interrupted",
+}
 
 
 class MachineEnd(NamedTuple):
     """How a machine ended, and the event that led to it."""
 
     ending: Ending
-    text: str
+    event: str
 
 
 class MachineRun:
-    """One run of the machine below *root*. It calls *publish* when the active states change."""
+    """One run of the machine *root*. It calls *publish* when the active states change."""
 
     def __init__(
         self, root: MachineState, mission: BaseMission, publish: Callable[[ActiveStates], object]
@@ -61,23 +61,23 @@ class MachineRun:
         self._chart = Statechart(root, self._on_enter, self._on_exit)
         self._running: dict[MachineState, TaskHandle] = {}
         self._stopping: list[TaskHandle] = []
+        """The tasks that were told to stop, and may run on for a while."""
 
-    def until_end(self) -> MachineEnd:
+    def run_to_end(self) -> MachineEnd:
         """Run the machine to its end. No task that it has started outlives it."""
         try:
             self._chart.begin()
-            text = ""
+            event = ""
             while (ending := self._chart.ending) is None:
                 running = [state.label for state in self._running]
-                self._publish(
-                    ActiveStates(running, text, [state.number for state in self._chart.active])
-                )
-                text = self._step()
-            self._wait_for_stopped()
+                active = [state.number for state in self._chart.active]
+                self._publish(ActiveStates(running, event, active))
+                event = self._step()
+            self._wait_for_stopping()
         except BaseException:
             self._stop_all()
             raise
-        return MachineEnd(ending, text)
+        return MachineEnd(ending, event)
 
     def _step(self) -> str:
         """Wait until a task has ended, and leave its state. Returns a description of the event."""
@@ -85,14 +85,15 @@ class MachineRun:
         state = next(state for state, task in self._running.items() if task is ended)
         end = ended.end
         assert end is not None
-        ending = ending_of(end.status)
-        description = f"{state.label} {_ENDING_TEXTS[ending]}"
+        ending = _ENDING_OF_STATUS.get(Status.of(end.status), "failed")
+        event = f"{state.label} {_ENDING_TEXTS[ending]}"
         self._chart.record_end(state, ending)
-        return f"{description}: {end.text}" if end.text and ending != "completed" else description
+        return f"{event}: {end.text}" if end.text and ending != "completed" else event
 
     def _on_enter(self, state: MachineState) -> None:
         if state.kind is StateKind.TASK:
-            self._wait_for_stopped()  # the tasks of the states before must have left the robot safe
+            # The tasks of the states before must first have left the robot safe.
+            self._wait_for_stopping()
             self._running[state] = self._mission.start(state.task, **state.parameters)
 
     def _on_exit(self, state: MachineState) -> None:
@@ -105,7 +106,7 @@ class MachineRun:
             task.stop(why)
             self._stopping.append(task)
 
-    def _wait_for_stopped(self, timeout: float | None = None) -> None:
+    def _wait_for_stopping(self, timeout: float | None = None) -> None:
         while remaining := [task for task in self._stopping if task.end is None]:
             if not self._mission.first_ended(remaining, timeout):
                 break
@@ -116,15 +117,7 @@ class MachineRun:
         with suppress(TcaError):
             for task in self._running.values():
                 self._stop(task, f"{self._root!r} is stopped")
-            self._wait_for_stopped(_PATIENCE)
-
-
-_ENDING_TEXTS: dict[Ending, str] = {
-    "completed": "has completed",
-    "failed": "has failed",
-    "timeout": "was not done in time",
-    "interrupted": "was interrupted",
-}
+            self._wait_for_stopping(_PATIENCE)
 
 
 # --- the machine as a task ------------------------------------------------------------------------
@@ -141,7 +134,7 @@ def run_as_task(root: MachineState, chart: MachineChart, mission: BaseMission) -
     @module.handles(command)
     def run(task: Task, _: MachineChart) -> TaskEnd:
         with Mission(mission.server, name=name, central=mission.central, under=task) as inner:
-            end = MachineRun(root, inner, task.report).until_end()
+            end = MachineRun(root, inner, task.report).run_to_end()
         return _result(task, end)
 
     with module.running():
@@ -159,13 +152,14 @@ def _check_tasks(root: MachineState, mission: BaseMission) -> None:
 
 
 def _result(task: Task, end: MachineEnd) -> TaskEnd:
-    """The result of the machine's own task. If it did not complete, it fails as a task of a server
-    does.
+    """The result of the machine's own task. It fails or is killed if the machine did not complete.
+
+    It ends as a task of a server would.
     """
     if end.ending == "failed":
-        raise MISSION_TASK_FAILED(text=end.text)
+        raise MISSION_TASK_FAILED(text=end.event)
     if end.ending == "timeout":
-        raise MISSION_TASK_TIMEOUT(text=end.text)
+        raise MISSION_TASK_TIMEOUT(text=end.event)
     if end.ending == "interrupted":
-        task.kill(end.text)
-    return TaskEnd(Status.COMPLETED | Status.TERMINATED, end.text)
+        task.kill(end.event)
+    return TaskEnd(Status.COMPLETED | Status.TERMINATED, end.event)

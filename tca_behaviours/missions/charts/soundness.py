@@ -6,16 +6,16 @@ The search goes from the inside out: the exits of a container follow from those 
 from tca_behaviours.missions.charts.states import ENDINGS, MachineState
 from tca_behaviours.statecharts.soundness import (
     all_reached,
-    check_all_reached,
     check_no_cycle,
     named,
+    refuse_unreached,
 )
 from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import Ending, StateKind
 
 Exits = dict[Ending | MachineState, bool]
-"""The exits of a state: an ending, or the state that follows. The value says whether the state may
-be left that way before any task has run.
+"""The exits of a state: endings, or states that follow. The value of an exit says whether the state
+may be left that way at once, before any task has run.
 """
 
 
@@ -33,8 +33,8 @@ class _Search:
     def exits(self, state: MachineState) -> Exits:
         """The exits of a state. An ending that leads to a state is replaced by that state."""
         _check_targets(state)
-        inside = self._inside(state)
-        self.endings[state] = [ending for ending in ENDINGS if ending in inside]
+        inner = self._inner_exits(state)
+        self.endings[state] = [ending for ending in ENDINGS if ending in inner]
         for ending in state.by_event:
             if ending not in self.endings[state]:
                 possible = " or ".join(self.endings[state])
@@ -43,19 +43,22 @@ class _Search:
                     f"{state!r} can't end as {ending}{only}: remove on({ending}=...)"
                 )
         found: Exits = {}
-        for exit_, is_idle in inside.items():
+        for exit_, is_at_once in inner.items():
             to = exit_ if isinstance(exit_, MachineState) else state.target(exit_) or exit_
-            found[to] = found.get(to, False) or is_idle
+            found[to] = found.get(to, False) or is_at_once
         return found
 
-    def _inside(self, state: MachineState) -> Exits:
+    def _inner_exits(self, state: MachineState) -> Exits:
+        """The exits of a state by the endings of its task, or by the exits of the states in it."""
         if state.kind is StateKind.TASK:
             return dict.fromkeys(ENDINGS, False)
         if state.kind is StateKind.EPSILON:
             return {"completed": True}
-        return self._concurrence(state) if state.kind.is_concurrent else self._one_at_a_time(state)
+        if state.kind.is_concurrent:
+            return self._exits_of_concurrence(state)
+        return self._exits_of_successive(state)
 
-    def _concurrence(self, state: MachineState) -> Exits:
+    def _exits_of_concurrence(self, state: MachineState) -> Exits:
         if len(state.children) == 1:
             raise UnsoundMachine(
                 f"{state!r} has only one state: add another, or remove the concurrence"
@@ -81,37 +84,37 @@ class _Search:
             found.discard("completed")
         return dict.fromkeys(found, False)
 
-    def _one_at_a_time(self, state: MachineState) -> Exits:
+    def _exits_of_successive(self, state: MachineState) -> Exits:
+        """The exits of a container whose states run one after the other."""
         exits_of = {child: self.exits(child) for child in state.children}
-        follow = {
+        successors = {
             child: [to for to in exits if to in exits_of] for child, exits in exits_of.items()
         }
-        reached = all_reached(state.children[0], follow.__getitem__)
-        check_all_reached([child for child in exits_of if child not in reached])
-        idle = {
-            child: [to for to, is_idle in exits.items() if is_idle and to in exits_of]
+        reached = all_reached(state.children[0], successors.__getitem__)
+        refuse_unreached([child for child in exits_of if child not in reached])
+        at_once = {
+            child: [to for to in successors[child] if exits[to]]
             for child, exits in exits_of.items()
         }
-        check_no_cycle(idle)
-        at_once = all_reached(state.children[0], idle.__getitem__)
+        check_no_cycle(at_once)
+        reached_at_once = all_reached(state.children[0], at_once.__getitem__)
         found: Exits = {}
         for child, exits in exits_of.items():
-            for to, is_idle in exits.items():
+            for to, is_at_once in exits.items():
                 if to not in exits_of:
-                    found[to] = found.get(to, False) or (is_idle and child in at_once)
+                    found[to] = found.get(to, False) or (is_at_once and child in reached_at_once)
         return found
 
 
 def _check_targets(state: MachineState) -> None:
-    """Check that each transition leads to a state beside its own, or beside a container around it.
-
-    No transition leads into a container.
+    """Check that no transition leads into a container from outside it, nor to a state that runs at
+    the same time.
     """
     containers = list(state.containers())
     for arrow in state.arrows:
         target = arrow.target
         if target is state or target in containers:
-            continue  # it is entered again
+            continue  # the target is entered again
         assert target.parent is not None, "the whole machine has no label"
         if target.parent not in containers:
             msg = (
@@ -119,7 +122,7 @@ def _check_targets(state: MachineState) -> None:
                 f"lead to a state beside or around {state!r}"
             )
         elif target.parent.kind.is_concurrent:
-            msg = f"{target!r} runs beside it in {target.parent!r}, and can't follow it"
+            msg = f"{target!r} runs at the same time in {target.parent!r}: lead to another state"
         else:
             continue
         raise UnsoundMachine(f"{state!r}: on({arrow.event}=...): {msg}")

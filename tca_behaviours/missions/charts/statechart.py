@@ -21,8 +21,8 @@ Callback = Callable[[MachineState], object]
 
 
 class Statechart(LibraryChart[MachineState]):
-    """The statechart of one machine. It calls *on_enter* and *on_exit* with each state, one at a
-    time.
+    """The statechart of one machine. It calls *on_enter* with each state that it enters, and
+    *on_exit* with each state that it leaves, one at a time.
     """
 
     def __init__(self, root: MachineState, on_enter: Callback, on_exit: Callback) -> None:
@@ -51,20 +51,20 @@ class Statechart(LibraryChart[MachineState]):
             "enter": lambda: self._on_enter(state),
             "exit": lambda: self._on_exit(state),
         }
-        leads = {ending: self._place_after(state, ending) for ending in ENDINGS}
+        targets = {ending: self._target_name(state, ending) for ending in ENDINGS}
         match state.kind:
             case StateKind.TASK:
                 defined["on"] = {
-                    _event(name, ending): [{"target": to}] for ending, to in leads.items()
+                    _event(name, ending): [{"target": to}] for ending, to in targets.items()
                 }
             case StateKind.EPSILON:
-                defined["transitions"] = [{"target": leads["completed"]}]
+                defined["transitions"] = [{"target": targets["completed"]}]
             case StateKind.ANY | StateKind.ALL:
                 defined["parallel"] = True
                 defined["states"] = {
                     f"{self._names[child]}_region": self._region(child) for child in state.children
                 }
-                defined["on"] = {f"done.state.{name}": [{"target": leads["completed"]}]}
+                defined["on"] = {f"done.state.{name}": [{"target": targets["completed"]}]}
             case _:
                 first = state.children[0]
                 inner = {
@@ -74,7 +74,10 @@ class Statechart(LibraryChart[MachineState]):
                 defined["states"] = inner | {
                     f"{name}_{ending}": _final(ending) for ending in ENDINGS
                 }
-                ended = [{"target": to, "cond": _has_ended(ending)} for ending, to in leads.items()]
+                ended = [
+                    {"target": to, "cond": _make_condition(ending)}
+                    for ending, to in targets.items()
+                ]
                 defined["on"] = {f"done.state.{name}": ended}
         return defined
 
@@ -87,9 +90,9 @@ class Statechart(LibraryChart[MachineState]):
             }
         }
 
-    def _place_after(self, state: MachineState, ending: Ending) -> str:
-        """The name of the state that an ending leads to: another state, or the final one of a
-        container.
+    def _target_name(self, state: MachineState, ending: Ending) -> str:
+        """The library's name of the state that an ending leads to: of another state, or of a final
+        state around it.
         """
         target, parent = state.target(ending), state.parent
         if target is not None:
@@ -100,7 +103,7 @@ class Statechart(LibraryChart[MachineState]):
             return f"{self._names[parent]}_{ending}"
         if parent.kind is StateKind.ALL and ending == "completed":
             return f"{self._names[state]}_done"
-        return self._place_after(parent, ending)
+        return self._target_name(parent, ending)
 
 
 def _event(name: str, ending: Ending) -> str:
@@ -112,5 +115,5 @@ def _final(ending: Ending) -> dict[str, Any]:
     return {"final": True, "donedata": lambda: {"outcome": ending}}
 
 
-def _has_ended(ending: Ending) -> Callable[[str], bool]:
+def _make_condition(ending: Ending) -> Callable[[str], bool]:
     return lambda outcome: outcome == ending

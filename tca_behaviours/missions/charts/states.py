@@ -8,7 +8,7 @@ from typing import Any, Self, get_args
 from msgspec.structs import replace
 
 from tca_behaviours.statecharts.states import Arrow
-from tca_behaviours.statecharts.writing import BlockState, line
+from tca_behaviours.statecharts.writing import BlockState, short_line
 from tca_module import MisuseError
 from tca_wire.charts import ChartArrow, ChartState, Ending, StateKind
 
@@ -39,10 +39,10 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         timeout: "MachineState | str | None" = None,
         interrupted: "MachineState | str | None" = None,
     ) -> Self:
-        """Set the states that follow an ending: each a state, or the label of one.
+        """Set the states that follow this one, each given as a state or its label.
 
-        Without a successor, *completed* leads to the next state of a sequence. Any other ending is
-        passed on to the container.
+        An ending that is not given here ends the container of this state in the same way. But
+        *completed* leads to the next state if the container is a sequence.
 
         Args:
             completed: The state that follows when this one has completed.
@@ -71,33 +71,32 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         """The state that follows an ending; None if the ending is passed on to the container."""
         if ending in self.by_event:
             return self.by_event[ending][0].target
-        if (
-            ending == "completed"
-            and self.parent is not None
-            and self.parent.kind is StateKind.SEQUENCE
-        ):
-            siblings = self.parent.children
-            return next(iter(siblings[siblings.index(self) + 1 :]), None)
+        parent = self.parent
+        if ending == "completed" and parent is not None and parent.kind is StateKind.SEQUENCE:
+            return next(iter(parent.children[parent.children.index(self) + 1 :]), None)
         return None
 
     def lines(self) -> Iterator[str]:
         """The parameters of its task."""
         shown = list(self.parameters.items())
         for name, value in shown[:_MOST_PARAMETERS]:
-            yield line(f"{name} = {value}")
+            yield short_line(f"{name} = {value}")
         if len(shown) > _MOST_PARAMETERS:
             yield f"and {len(shown) - _MOST_PARAMETERS} more"
 
     def chart_state(self) -> ChartState:
         """The state as data, once the states are numbered."""
         kind = self.task or self.kind
-        names_kind = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
+        # A default label, such as "GoTo 2", names the kind already.
+        is_obvious = self.label.rstrip("0123456789 ") == kind or kind is StateKind.EPSILON
         is_last = "completed" in self.endings and self.target("completed") is None
         completes = is_last and self.parent is not None and not self.parent.kind.is_concurrent
-        return replace(super().chart_state(), note="" if names_kind else kind, completes=completes)
+        return replace(super().chart_state(), note="" if is_obvious else kind, completes=completes)
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data; also the one to the next of a sequence."""
+        """The transitions that lead out of it, as data; in a sequence also that to the next
+        state.
+        """
         for ending in self.endings:
             if (to := self.target(ending)) is not None:
                 yield ChartArrow(self.number, to.number, "" if ending == "completed" else ending)

@@ -23,13 +23,13 @@ class Catalogue:
         self.server = server  #: its name; "" until the only server is found
         self._goal = goal
         self._known: dict[str, OfferedTask] = {}
-        self._known_at = -1  # the count of changes when the tasks were read
+        self._read_at = -1  # the count of changes when the tasks were read
         self._messages: dict[str, Command[Any, Any]] = {}
 
     @property
     def tasks(self) -> dict[str, OfferedTask]:
         """The tasks, by name."""
-        if self._known_at != self._goal.changes:
+        if self._read_at != self._goal.handler_changes:
             self._read()
         return self._known
 
@@ -89,7 +89,7 @@ class Catalogue:
 
     def _read(self) -> list[str]:
         """Ask central for the tasks. Returns the names of all servers."""
-        self._known_at = self._goal.changes
+        self._read_at = self._goal.handler_changes
         offered = [task for task in offered_tasks(self._goal.sender.messages()) if task.is_handled]
         self._known = {task.name: task for task in offered if task.server == self.server}
         return sorted({task.server for task in offered})

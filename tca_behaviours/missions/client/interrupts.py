@@ -16,8 +16,8 @@ def delay_interrupt() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs signal handlers in the main thread only
         return
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler:
+    original = signal.getsignal(signal.SIGINT)
+    if original is not signal.default_int_handler:
         yield  # the program handles SIGINT itself
         return
     held: list[int] = []
@@ -31,6 +31,6 @@ def delay_interrupt() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, original)
         if held:
             signal.raise_signal(signal.SIGINT)

@@ -1,6 +1,7 @@
 """Missions: the tasks of a server as functions, in plain Python."""
 
 import contextlib
+import math
 import sys
 import time
 from collections import deque
@@ -34,7 +35,7 @@ T = TypeVar("T")
 D = TypeVar("D")
 
 _PATIENCE = 10.0  # seconds that a mission waits for its server
-_ENDED = 10  # the number of ended tasks that a mission remembers
+_MOST_ENDED = 10  # the number of ended tasks that a mission remembers
 _UPDATED_WITHIN = 10.0  # seconds that a server may take to change parameters
 _CHECKPOINT = checks.instance_of("the path of a file", str | Path).or_none()
 _CONDITION = checks.instance_of("an object with a method is_verified()", MissionCondition)
@@ -75,7 +76,7 @@ class BaseMission:
         self._patience = patience
         self._name = name or _name_of_program()
         self._goal = MissionGoal(
-            self._name, server or self.SERVER, central, under, stays=leave_running
+            self._name, server or self.SERVER, central, under, leave_running=leave_running
         )
         self._catalogue = Catalogue(server or self.SERVER, self._goal)
         check("Mission", _CHECKPOINT, checkpoint=checkpoint)
@@ -84,9 +85,11 @@ class BaseMission:
         self._steps: Steps | None = None
         self._leave_running = leave_running
         self._is_open = False
-        self._checked_at: dict[int, int] = {}  # by task, the count of changes when it was checked
+        # By task, the count of handler changes when the task was checked for a lost server.
+        self._checked_at: dict[int, int] = {}
         self._running: dict[int, TaskHandle] = {}
-        self.ended = deque[TaskHandle](maxlen=_ENDED)  #: its last tasks that ended, oldest first
+        #: Its tasks that ended last, oldest first.
+        self.ended = deque[TaskHandle](maxlen=_MOST_ENDED)
         self._conditions: list[MissionCondition] = []
         # The exception with which a condition ends the next wait.
         self._interruption: ConditionVerified | MissionTaskFailed | None = None
@@ -108,7 +111,9 @@ class BaseMission:
         if self._is_open:
             raise MisuseError("this mission is open already")
         if self._checkpoint is not None:
-            self._steps = Steps(self._checkpoint, self._name, self._find_earlier_task, self._finish)
+            self._steps = Steps(
+                self._checkpoint, self._name, self._find_earlier_task, self._wait_or_stop
+            )
         self._is_open = True
         try:
             self._goal.open()
@@ -218,17 +223,17 @@ class BaseMission:
         server's.
         """
         self._check_open()
-        self._goal.check()
+        self._goal.raise_if_killed()
         if self._conditions:
             for running in list(self._running.values()):
                 running.end  # noqa: B018 - learn of its end now, before the new task begins
-            self._raise_verified()
+            self._raise_interruption()
         below = self._goal.below()
         with below.parallel():  # only the program orders the tasks of a mission
             sent = below.execute_if_handled(command, data)
         if sent is None:
             raise NotOffered(f"no server offers {command.name} any more: start its server")
-        handle = TaskHandle(name, sent, self._forget)
+        handle = TaskHandle(name, sent, self._on_task_end)
         self._running[handle.id] = handle
         if self._steps is not None:
             self._steps.record_task(handle)
@@ -257,10 +262,10 @@ class BaseMission:
 
         Raises MissionTaskFailed if it did not complete.
         """
-        self._finish(task)
+        self._wait_or_stop(task)
         return task.result()
 
-    def _finish(self, task: TaskHandle) -> None:
+    def _wait_or_stop(self, task: TaskHandle) -> None:
         """Wait for the end of a foreground task, and stop it if the wait ends with an error."""
         try:
             self._wait([task], None, in_foreground=[task])
@@ -340,17 +345,15 @@ class BaseMission:
         A verified condition, the loss of the server, or a kill of the mission ends it with an
         exception.
         """
-        until = None if timeout is None else time.monotonic() + timeout
+        until = math.inf if timeout is None else time.monotonic() + timeout
         while not (ended := [task for task in tasks if task.is_known_over]):
-            self._raise_verified(in_foreground)
-            remaining = None if until is None else until - time.monotonic()
-            if remaining is not None and remaining <= 0:
+            self._raise_interruption(in_foreground)
+            remaining = until - time.monotonic()
+            if remaining <= 0:
                 return [task for task in tasks if task.is_over]
-            if not self._wait_for_event(
-                tasks, CHECK_PERIOD if remaining is None else min(remaining, CHECK_PERIOD)
-            ):
+            if not self._wait_for_event(tasks, min(remaining, CHECK_PERIOD)):
                 self._stopping.warn_of_hung(tasks)
-        self._goal.check(ask=any(task.is_interrupted for task in ended))
+        self._goal.raise_if_killed(ask=any(task.is_interrupted for task in ended))
         return ended
 
     def _wait_for_event(self, tasks: Sequence[TaskHandle], timeout: float) -> bool:
@@ -358,17 +361,20 @@ class BaseMission:
         time.
         """
         awaited = {task.sent: task for task in [*tasks, *self._running.values()]}
-        is_certain = not self._conditions and timeout >= CHECK_PERIOD
         ended = first_ended(
             list(awaited),
             timeout,
-            lambda: self._is_verified() or self._newly_lost(tasks),
-            brief=not is_certain,
+            lambda: self._check_conditions() or self._newly_lost(tasks),
+            # A condition, or the end of a short timeout, ends the wait: it is no deadlock.
+            brief=bool(self._conditions) or timeout < CHECK_PERIOD,
         )
         for sent in ended:
             awaited[sent].record_end()  # type: ignore[index]
         for task in self._newly_lost(tasks):
-            if self._waits_forever(task):
+            self._checked_at[task.id] = self._goal.handler_changes
+            # A task that had begun is about to fail. One that had not would wait for ever.
+            info = task.sent.info()
+            if info is not None and not (info.module or info.failure):
                 why = f"no server offers {task.sent.message} any more"
                 task.stop(why)
                 raise NotOffered(f"{why}, and {task} waited for it: start its server")
@@ -376,25 +382,13 @@ class BaseMission:
 
     def _newly_lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
         """The tasks whose message has lost its last handler, and that were not checked since."""
-        changes, lost = self._goal.changes, self._goal.lost
-        if not lost:
-            return []
         return [
             task
             for task in tasks
-            if task.sent.message in lost
+            if task.sent.message in self._goal.lost_messages
             and not task.is_known_over
-            and self._checked_at.get(task.id) != changes
+            and self._checked_at.get(task.id) != self._goal.handler_changes
         ]
-
-    def _waits_forever(self, task: TaskHandle) -> bool:
-        """Whether a task of a lost server had not begun, so that it would wait forever.
-
-        If it had begun, its failure is about to arrive.
-        """
-        self._checked_at[task.id] = self._goal.changes
-        info = task.sent.info()
-        return info is not None and not (info.module or info.failure)
 
     # --- changing ---------------------------------------------------------------------------------
 
@@ -407,8 +401,9 @@ class BaseMission:
         """
         check_handles(task)
         offered, info = self._task(task.name), task.sent.info()
-        present = given_parameters(info) if info is not None else task.parameters
-        required = {name: present[name] for name in offered.required if name in present}
+        given = given_parameters(info) if info is not None else task.parameters
+        # An update, too, must give the parameters that have no default.
+        required = {name: given[name] for name in offered.required if name in given}
         task.sent.update(offered.validate({**required, **parameters}), timeout=_UPDATED_WITHIN)
         task.parameters = {**task.parameters, **parameters}
 
@@ -429,7 +424,7 @@ class BaseMission:
         """
         self._stopping.stop(list(self._running.values()), why)
 
-    def _forget(self, task: TaskHandle) -> None:
+    def _on_task_end(self, task: TaskHandle) -> None:
         self._checked_at.pop(task.id, None)
         self._stopping.forget(task)
         if self._running.pop(task.id, None) is not None:
@@ -464,23 +459,23 @@ class BaseMission:
 
             mission.step("to the corner", mission.GoTo, goal_x=1.0, goal_y=1.0)
         """
-        return self._opened_steps().run(
-            name, function, lambda: function(*args, **parameters), again=False
+        return self._require_steps().run(
+            name, function, lambda: function(*args, **parameters), is_repeatable=False
         )
 
     def repeatable_step(
         self, name: str, function: Callable[P, T], /, *args: P.args, **parameters: P.kwargs
     ) -> T:
         """Do a step as ``step`` does, but repeat it if it was under way when the program died."""
-        return self._opened_steps().run(
-            name, function, lambda: function(*args, **parameters), again=True
+        return self._require_steps().run(
+            name, function, lambda: function(*args, **parameters), is_repeatable=True
         )
 
     def skip_step(self, name: str) -> None:
         """Mark a step as done, with the value None."""
-        self._opened_steps().skip(name)
+        self._require_steps().skip(name)
 
-    def _opened_steps(self) -> Steps:
+    def _require_steps(self) -> Steps:
         self._check_open()
         if self._steps is None:
             raise MisuseError("steps need a file: Mission(..., checkpoint='patrol.steps')")
@@ -497,7 +492,7 @@ class BaseMission:
             sent = self._goal.sender.sent_task(
                 self._catalogue.message(offered), task.id, task.epoch
             )
-            handle = TaskHandle(task.name, sent, self._forget)
+            handle = TaskHandle(task.name, sent, self._on_task_end)
             handle.end  # noqa: B018 - raises if central does not know the task
         except (CentralLost, Refused):
             return None
@@ -508,7 +503,7 @@ class BaseMission:
     def add_condition(self, condition: MissionCondition) -> None:
         """Interrupt the mission's waits when a condition is verified.
 
-        All calls that wait then raise ConditionVerified; MissionTaskFailed if the condition's task
+        The waiting call then raises ConditionVerified, or MissionTaskFailed if the condition's task
         failed. A condition is a ConditionIsCompleted, or any object with a method
         ``is_verified()``.
         """
@@ -529,8 +524,10 @@ class BaseMission:
         self._conditions.clear()
         self._stopping.stop(tasks, "its condition was cleared")
 
-    def _is_verified(self) -> bool:
-        """Whether a condition ends the wait now: it is verified, or its task has failed."""
+    def _check_conditions(self) -> bool:
+        """Check whether a condition interrupts the mission: it is verified, or its task has
+        failed.
+        """
         try:
             verified = [condition for condition in self._conditions if condition.is_verified()]
             self._interruption = ConditionVerified(verified) if verified else None
@@ -538,9 +535,10 @@ class BaseMission:
             self._interruption = failed
         return self._interruption is not None
 
-    def _raise_verified(self, in_foreground: Sequence[TaskHandle] = ()) -> None:
+    def _raise_interruption(self, in_foreground: Sequence[TaskHandle] = ()) -> None:
+        """Raise the exception of a condition that interrupts the mission, if one does."""
         if self._interruption is None:
-            self._is_verified()
+            self._check_conditions()
         interruption, self._interruption = self._interruption, None
         if interruption is None:
             return

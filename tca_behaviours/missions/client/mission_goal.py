@@ -40,7 +40,7 @@ _numbers = itertools.count(1)  # make the names of this process's missions uniqu
 _Begun = tuple[int, LaterReply[None]]
 """A goal that has begun: the number of its task, and the reply that ends it."""
 
-_TOGETHER = "two missions of one name began at the same moment"
+_SAME_MOMENT = "two missions of one name began at the same moment"
 
 
 class MissionInfo(msgspec.Struct, frozen=True):
@@ -54,14 +54,17 @@ class _NameTakenError(Exception):
 
 
 def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
-    """Wait until the mission's own goal begins. Returns the reply that will end it."""
+    """Wait until the mission's own *goal* begins. Returns the later reply that will end it.
+
+    Raises _NameTakenError if another mission of the same name has got the goal.
+    """
     if wait_for_any([goal], until=lambda: bool(begun)) or not begun:
-        raise _NameTakenError  # another mission of the same name got the goal, and refused it
-    task, owed = begun[0]
-    if task != goal.id:
-        owed.fail(MISSION_FAILED(text=_TOGETHER))
+        raise _NameTakenError  # the other mission has refused it
+    task, reply = begun[0]
+    if task != goal.id:  # this mission has got the goal of the other one
+        reply.fail(MISSION_FAILED(text=_SAME_MOMENT))
         raise _NameTakenError
-    return owed
+    return reply
 
 
 class MissionGoal:
@@ -69,11 +72,18 @@ class MissionGoal:
 
     When the process dies, the goal fails with "module lost", and central kills the tasks below it.
     The module also handles the failures of the mission's tasks: it kills a task that fails. The
-    task stays *failed* then, the mission gets an exception, and the program decides what to do.
+    outcome of that task is *failed*. The mission gets an exception, and the program decides what
+    to do.
     """
 
     def __init__(
-        self, name: str, server: str, central: CentralAddress, under: Task | None, *, stays: bool
+        self,
+        name: str,
+        server: str,
+        central: CentralAddress,
+        under: Task | None,
+        *,
+        leave_running: bool,
     ) -> None:
         """Create the goal; ``open`` sends it.
 
@@ -83,18 +93,18 @@ class MissionGoal:
             central: The address of central.
             under: The task that the mission's tasks belong to. Then the mission needs no goal of
                 its own.
-            stays: Whether the tasks outlive the mission. Then they stand at the top of the tree,
-                without a goal above them.
+            leave_running: Whether the tasks outlive the mission. Then they stand at the top of the
+                tree, without a goal above them.
         """
         self._title = f"mission {name}"
         self._central = central
         self._server = server
-        self._under, self._stays = under, stays
+        self._under, self._leave_running = under, leave_running
         self._reply: LaterReply[None] | None = None
         self._top: TaskRef | None = None  # the task above all tasks of the mission
         self._stack = contextlib.ExitStack()
-        self.lost = set[str]()  #: messages that have lost their last handler
-        self.changes = 0  #: grows with each change of handlers that central reports
+        self.lost_messages = set[str]()  #: the names of messages that have lost their last handler
+        self.handler_changes = 0  #: the number of changes of handlers that central has reported
 
     def open(self) -> None:
         """Join central, and begin the goal. Raises CentralLost."""
@@ -119,7 +129,7 @@ class MissionGoal:
         def begin(task: Task, _: MissionInfo) -> LaterReply[None]:
             begun.append(own := (task.id, task.reply_later()))
             if begun[0] is not own:
-                raise MISSION_FAILED(text=_TOGETHER)
+                raise MISSION_FAILED(text=_SAME_MOMENT)
             return own[1]
 
         module.at_start(check_name)
@@ -133,7 +143,7 @@ class MissionGoal:
             if self._under is not None:
                 self._top = self._under.ref
                 stack.callback(self._top.on_failure(None, failure_handler).remove)
-            elif self._stays:
+            elif self._leave_running:
                 stack.enter_context(module.parallel())  # no task waits for the one sent before it
             else:
                 info = MissionInfo(self._server)
@@ -157,11 +167,11 @@ class MissionGoal:
         """A sender whose tasks hang below the mission's goal."""
         return self.sender.under(self._top) if self._top is not None else self.sender
 
-    def check(self, *, ask: bool = False) -> None:
+    def raise_if_killed(self, *, ask: bool = False) -> None:
         """Raise TaskKilled if the goal was killed, which ends the mission.
 
-        With *ask*, ask central. This thread may learn of a task's end before another thread learns
-        of the goal's.
+        With *ask*, always ask central: this thread may learn of the end of a task before the
+        goal's own thread learns of the kill.
         """
         if self._reply is None or self._top is None or not (ask or self._reply.cancelled):
             return
@@ -207,7 +217,7 @@ class MissionGoal:
 
     def _update_handlers(self, _: Task, count: HandlerCount) -> None:
         if count.handlers:
-            self.lost.discard(count.message)
+            self.lost_messages.discard(count.message)
         else:
-            self.lost.add(count.message)
-        self.changes += 1
+            self.lost_messages.add(count.message)
+        self.handler_changes += 1

@@ -1,6 +1,7 @@
 """The tasks that servers offer.
 
-Central knows them as messages. A mark in the format of the data tells them from other commands.
+Central knows them as messages. A mark in the format of their data distinguishes them from other
+commands.
 """
 
 import inspect
@@ -83,13 +84,14 @@ class OfferedTask:
         self.is_periodic = mark.periodic
         self.is_handled = any(handler.capacity for handler in info.handled_by)
         self._format = PlainFormat(info.data)
-        definitions, fields = schema.get("$defs", {}), _resolved(schema, schema.get("$defs", {}))
-        self.required: Sequence[str] = fields.get("required", ())
-        shapes = fields.get("properties", {})
-        declared = [name for name in mark.parameters if name in shapes]
+        definitions = schema.get("$defs", {})
+        struct = _resolved(schema, definitions)
+        self.required: Sequence[str] = struct.get("required", ())
+        properties = struct.get("properties", {})
+        declared = [name for name in mark.parameters if name in properties]
         self.parameters = [
-            TaskParameter(name, shapes[name], definitions, required=name in self.required)
-            for name in dict.fromkeys([*declared, *shapes])
+            TaskParameter(name, properties[name], definitions, required=name in self.required)
+            for name in dict.fromkeys([*declared, *properties])
         ]
 
     @property
@@ -105,13 +107,13 @@ class OfferedTask:
     def signature(self) -> inspect.Signature:
         """The signature of the mission's function for the task: all parameters are keyword-only."""
         kind = inspect.Parameter.KEYWORD_ONLY
-        named = [parameter for parameter in self.parameters if is_identifier(parameter.name)]
         return inspect.Signature(
             [
                 inspect.Parameter(
                     parameter.name, kind, default=parameter.default, annotation=parameter.type
                 )
-                for parameter in named
+                for parameter in self.parameters
+                if is_identifier(parameter.name)
             ],
             return_annotation=TaskEnd,
         )
@@ -165,6 +167,7 @@ def offered_tasks(messages: Iterable[MessageInfo]) -> Iterator[OfferedTask]:
 
 
 def _resolved(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The definition that a schema refers to; the schema itself if it is no reference."""
     return (
         definitions.get(str(schema["$ref"]).rpartition("/")[2], {}) if "$ref" in schema else schema
     )
@@ -191,7 +194,7 @@ def _type_of(schema: Mapping[str, Any], definitions: Mapping[str, Any], depth: i
 def _check_finite(name: str, value: Any) -> None:
     """Raise FieldMisfit if a number is infinite or NaN, also inside a list or mapping."""
     if isinstance(value, float) and not math.isfinite(value):
-        raise FieldMisfit(name, f"must be finite, and {value} is not")
+        raise FieldMisfit(name, f"must be finite, not {value}")
     if isinstance(value, dict | list | tuple):
         for part in value.values() if isinstance(value, dict) else value:
             _check_finite(name, part)
@@ -201,5 +204,4 @@ def _to_plain(value: Any) -> Any:
     """Convert a number or an array of numpy to plain values."""
     if hasattr(value, "tolist"):
         return value.tolist()
-    msg = f"objects of type {type(value).__name__} can't be sent"
-    raise TypeError(msg)
+    raise TypeError(f"objects of type {type(value).__name__} can't be sent")

@@ -29,18 +29,12 @@ class RunningTask(msgspec.Struct, frozen=True):
 
 def running_tasks(sender: Sender, server: str) -> list[RunningTask]:
     """The tasks of a server that have not ended, oldest first."""
-    found = [
-        _running(ref, server) for ref in sender.tasks() if ref.message.startswith(f"{server}.")
-    ]
-    return sorted((task for task in found if task is not None), key=lambda task: task.id)
-
-
-def _running(ref: TaskRef, server: str) -> RunningTask | None:
-    info = ref.info()
-    if info is None:
-        return None
-    name, parameters = ref.message.removeprefix(f"{server}."), given_parameters(info)
-    return RunningTask(info.id, name, _state(info), parameters, _newest_text(ref))
+    prefix, found = f"{server}.", []
+    for ref in sender.tasks():
+        if ref.message.startswith(prefix) and (info := ref.info()) is not None:
+            name, parameters = ref.message.removeprefix(prefix), given_parameters(info)
+            found.append(RunningTask(info.id, name, _state(info), parameters, _newest_text(ref)))
+    return sorted(found, key=lambda task: task.id)
 
 
 def _state(info: TaskInfo) -> str:

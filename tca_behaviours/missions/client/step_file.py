@@ -127,14 +127,13 @@ class StepFile:
             raise MisuseError(
                 f"{self._path} holds no steps of a mission: give another file"
             ) from None
-        if header.steps_of != mission or header.version != _VERSION:
-            owner = f"'{header.steps_of}'"
-            if header.version != _VERSION:
-                owner += f", in format {header.version}"
-            raise MisuseError(
-                f"{self._path} holds the steps of mission {owner}, not of '{mission}': "
-                "give another file"
-            )
+        if header.version != _VERSION:
+            problem = f"is in format {header.version}, not {_VERSION}"
+        elif header.steps_of != mission:
+            problem = f"holds the steps of mission '{header.steps_of}', not of '{mission}'"
+        else:
+            return
+        raise MisuseError(f"{self._path} {problem}: give another file")
 
     def _write(self, line: StepLine | _Header) -> None:
         data = msgspec.json.encode(line) + b"\n"

@@ -24,7 +24,7 @@ class Steps:
         self,
         path: Path,
         mission: str,
-        find: Callable[[TaskBegun], TaskHandle | None],
+        find_task: Callable[[TaskBegun], TaskHandle | None],
         finish: Callable[[TaskHandle], object],
     ) -> None:
         """Open the file, and read its steps.
@@ -32,16 +32,16 @@ class Steps:
         Args:
             path: The file that records the steps.
             mission: The mission's name.
-            find: Finds a task that an earlier run of the program has started; None if central has
-                forgotten it.
+            find_task: Finds a task that an earlier run of the program has started; None if central
+                has forgotten it.
             finish: Waits for the end of a task.
         """
         self._file = StepFile(path, mission)
-        self._find, self._finish = find, finish
-        self._last: dict[str, StepLine] = {}  # the newest line of each step, without those of tasks
+        self._find_task, self._finish = find_task, finish
+        self._newest: dict[str, StepLine] = {}  # by step, its newest line that is not of a task
         self._tasks: dict[str, list[TaskBegun]] = {}
         for line in self._file.lines:
-            self._learn(line)
+            self._index(line)
         self._begun_in_this_run = set[str]()
         self._under_way: list[str] = []  # innermost last
 
@@ -61,14 +61,14 @@ class Steps:
         self._record(StepLine(name, "done"))
 
     def run(
-        self, name: str, function: Callable[..., T], call: Callable[[], T], *, again: bool
+        self, name: str, function: Callable[..., T], call: Callable[[], T], *, is_repeatable: bool
     ) -> T:
         """Do a step by a *call* of its function. Return the recorded value if it was done before.
 
-        With *again*, a step that was interrupted by the end of the program is repeated.
+        A *repeatable* step that was interrupted by the end of the program is repeated.
         """
         check("a step", TEXT, name=name)
-        last = self._last.get(name)
+        last = self._newest.get(name)
         if name in self._begun_in_this_run and last is not None and last.is_ != "left":
             raise MisuseError(
                 f"step '{name}' was {last.is_} by this run of the program already: "
@@ -77,22 +77,24 @@ class Steps:
         if last is not None and last.is_ == "done":
             return _value(last, function)
         if last is not None and last.is_ == "begun":
-            end = self._resolve_interrupted(
-                name, is_task=hasattr(function, "task_of_mission"), again=again
-            )
+            is_task = hasattr(function, "task_of_mission")
+            end = self._end_of_interrupted(name, is_task=is_task, is_repeatable=is_repeatable)
             if end is not None:
                 self._record(line := StepLine(name, "done", end=end))
                 return _value(line, function)
         return self._do(name, function, call)
 
-    def _resolve_interrupted(self, name: str, *, is_task: bool, again: bool) -> TaskEnd | None:
+    def _end_of_interrupted(
+        self, name: str, *, is_task: bool, is_repeatable: bool
+    ) -> TaskEnd | None:
         """Find out how a step ended that was under way when the program died.
 
-        Returns the end of its task if the step was one task that completed, or None if the step
-        must be repeated. Raises StepUncertain.
+        Waits for its tasks if the step *is a task*, or if they are being stopped. Returns the end
+        of the task if the step was one task that completed, or None if the step must be repeated.
+        Raises StepUncertain.
         """
         tasks = self._tasks.get(name, [])
-        found = [self._find(task) for task in tasks]
+        found = [self._find_task(task) for task in tasks]
         for task in found:
             if task is not None and (is_task or task.is_being_stopped):
                 self._finish(task)
@@ -100,11 +102,10 @@ class Steps:
             end = found[0].end
             if end is not None and Status.of(end.status) is Status.COMPLETED:
                 return end
-        if again:
+        if is_repeatable:
             return None
-        raise StepUncertain(
-            name, [(str(task), _fate(handle)) for task, handle in zip(tasks, found, strict=True)]
-        )
+        states = map(_state_in_words, found)
+        raise StepUncertain(name, list(zip(map(str, tasks), states, strict=True)))
 
     def _do(self, name: str, function: Callable[..., T], call: Callable[[], T]) -> T:
         self._begun_in_this_run.add(name)
@@ -122,25 +123,25 @@ class Steps:
 
     def _record(self, line: StepLine) -> None:
         self._file.add(line)
-        self._learn(line)
+        self._index(line)
 
-    def _learn(self, line: StepLine) -> None:
+    def _index(self, line: StepLine) -> None:
         if line.task is not None:
             self._tasks.setdefault(line.step, []).append(line.task)
             return
-        self._last[line.step] = line
+        self._newest[line.step] = line
         if line.is_ == "begun":
             self._tasks[line.step] = []
 
 
-def _fate(task: TaskHandle | None) -> str:
-    """Describe what became of a task."""
+def _state_in_words(task: TaskHandle | None) -> str:
+    """Describe the state of a task, for StepUncertain."""
     try:
-        if task is None:
-            return _UNKNOWN
-        return describe_end(task.end) if task.end is not None else "is running"
+        if task is not None:
+            return describe_end(task.end) if task.end is not None else "is running"
     except TcaError:
-        return _UNKNOWN
+        pass
+    return _UNKNOWN
 
 
 def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLine:
@@ -169,8 +170,8 @@ def _line_of_done(name: str, value: Any, function: Callable[..., Any]) -> StepLi
 def _value(line: StepLine, function: Callable[..., T]) -> T:
     """The value of a step that is done, with the type that its function declares.
 
-    It is decoded from the file's bytes in the first run, too, so that a resumed mission gets the
-    same.
+    The value is decoded from the line even if the step was done just now, so that a resumed mission
+    gets the same value.
     """
     value: Any = line.end
     if line.value is not None:

@@ -38,9 +38,7 @@ class ServedTask(Generic[E]):
     task_timeout: float = parameter(
         0.0, "The most seconds that it may run after initialise(); 0: no limit", minimum=0
     )
-    foreground: bool = parameter(
-        True, "Whether it takes the place of the task in the foreground", fixed=True
-    )
+    foreground: bool = parameter(True, "Whether it replaces the task in the foreground", fixed=True)
 
     status_text = ""
     _run: RunInterface
@@ -55,7 +53,9 @@ class ServedTask(Generic[E]):
         raise NotImplementedError
 
     def terminate(self) -> None:
-        """Leave the robot safe. Called once, however the run ends; no kill wakes its waits."""
+        """Leave the robot safe. Called once, however the run ends. A kill does not end its
+        waits.
+        """
 
     def report(self, text: str) -> None:
         """Publish a text as the run's status: what it is doing, or why it failed.
@@ -168,15 +168,12 @@ class Definition:
             setattr(served, name, value)
         return served
 
-    def why_fixed(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
+    def reason_to_reject(self, served: ServedTask[Any], parameters: msgspec.Struct) -> str:
         """Why a running task can't be given these parameters; "" if it can."""
-        changed = [
-            name
-            for name, value in self.format.given_in(parameters).items()
-            if value != getattr(served, name)
-        ]
-        fixed = [name for name in changed if self.format.fields[name].is_fixed]
-        return f"parameter '{fixed[0]}' can't be changed while the task runs" if fixed else ""
+        for name, value in self.format.given_in(parameters).items():
+            if self.format.fields[name].is_fixed and value != getattr(served, name):
+                return f"parameter '{name}' can't be changed while the task runs"
+        return ""
 
     def change(self, served: ServedTask[Any], parameters: msgspec.Struct) -> Any:
         """Give a running task new values of the given parameters. Returns all its parameters."""
@@ -212,11 +209,8 @@ def environment_of(task: type) -> type:
     """The class of the environment that a task needs: *E* of its ``PeriodicTask[E]``."""
     for cls in task.__mro__:
         for base in vars(cls).get("__orig_bases__", ()):
-            origin, wanted = get_origin(base), get_args(base)
-            if (
-                isinstance(origin, type)
-                and issubclass(origin, ServedTask)
-                and isinstance(wanted[0], type)
-            ):
-                return wanted[0]
+            origin, arguments = get_origin(base), get_args(base)
+            is_task = isinstance(origin, type) and issubclass(origin, ServedTask)
+            if is_task and isinstance(arguments[0], type):
+                return arguments[0]
     return Environment

@@ -1,7 +1,7 @@
-"""Collects the tasks that a server offers: those given to it, of a folder, and of installed
+"""Collects the tasks that a server offers: given ones, those of a folder, and those of installed
 packages.
 
-A task that can't be offered never stops the others: it is left out and logged.
+A task of a folder or package that can't be offered is logged and left out.
 """
 
 import importlib.util
@@ -57,10 +57,10 @@ class TaskFinder:
             try:
                 module = _load(file)
             except (Exception, SystemExit) as error:  # noqa: BLE001 - a file may raise anything
-                self._leave_out(f"the tasks of {file} are", error)
+                self._log_left_out(f"the tasks of {file} are", error)
                 continue
             for task in _tasks_of(module):
-                self._try(task, str(file))
+                self._add_or_log(task, str(file))
 
     def add_installed(self) -> None:
         """Add the tasks of installed packages that are made for this environment."""
@@ -69,15 +69,16 @@ class TaskFinder:
             try:
                 task = check_task(entry.load())
             except (Exception, SystemExit) as error:  # noqa: BLE001 - a package may raise anything
-                self._leave_out(f"{where} is", error)
+                self._log_left_out(f"{where} is", error)
                 continue
             if isinstance(self._environment, environment_of(task)):
-                self._try(task, where)
+                self._add_or_log(task, where)
 
-    def _leave_out(self, subject: str, error: BaseException) -> None:
-        self._log.error("%s left out: %s: %s", subject, type(error).__name__, error, exc_info=error)
+    def _log_left_out(self, subject_and_verb: str, error: BaseException) -> None:
+        kind = type(error).__name__
+        self._log.error("%s left out: %s: %s", subject_and_verb, kind, error, exc_info=error)
 
-    def _try(self, task: type[ServedTask[Any]], where: str) -> None:
+    def _add_or_log(self, task: type[ServedTask[Any]], where: str) -> None:
         try:
             self._add(task, where)
         except (MisuseError, BadFormat) as error:

@@ -1,13 +1,13 @@
-"""The foreground of a server: one task at a time. A newer task takes the place of the older."""
+"""The foreground of a server: one task at a time. A newer task replaces the older one."""
 
 import contextlib
 import logging
 import threading
 from collections.abc import Callable, Iterator
 
-from tca_module import CentralLost, Refused, Task, TaskRef
+from tca_module import CentralLost, Refused, Task
 
-_PATIENCE = 2.0  # seconds that a task waits for the one before until it warns
+_PATIENCE = 2.0  # seconds that a task waits for the one before it until it warns
 _WARNING_PERIOD = 5.0  # seconds between further warnings
 
 
@@ -26,8 +26,8 @@ class Foreground:
         self._lock = threading.Lock()
         self._holder: Task | None = None  #: the task that has it, until it has terminated
         self._newest: Task | None = None  #: the newest task that wants the foreground
-        #: The numbers of older tasks whose threads have yet to arrive, with the newer task's name.
-        self._late: dict[int, str] = {}
+        #: The older tasks whose threads have yet to arrive, by number: the name of a newer task.
+        self._overtaken: dict[int, str] = {}
 
     @property
     def is_empty(self) -> bool:
@@ -38,14 +38,16 @@ class Foreground:
     def held_by(self, task: Task, publish_wait: Callable[[str], None]) -> Iterator[None]:
         """A block in which *task* has the foreground.
 
-        It kills the task before, and waits until that has terminated. If that takes long,
-        *publish_wait* is called with the name of the task before, and with "" after the wait.
-        Raises TaskKilled if a newer task takes the place first.
+        The task before is killed first, and *task* waits until it has terminated. If that takes
+        long, *publish_wait* is called with the name of the task before, and with "" after the wait.
+        Raises TaskKilled if a newer task wants the foreground first.
         """
         before = self._become_newest(task)
         try:
-            if before is not None:
-                _kill(before, task)
+            # If central has forgotten the task before, that ends without a kill.
+            with contextlib.suppress(CentralLost):
+                if before is not None and (ref := task.task(before.id)) is not None:
+                    ref.kill(f"{task} took its place")
             self._wait(task, publish_wait)
             yield
         except BaseException as error:
@@ -58,35 +60,43 @@ class Foreground:
         if task.wait_until(lambda: self._acquire(task), _PATIENCE):
             return
         publish_wait(str(self._holder))
-        self._log.warning("%s waits until %s has terminated", task, self._holder)
-        while not task.wait_until(lambda: self._acquire(task), _WARNING_PERIOD):
+        while True:
             self._log.warning("%s waits until %s has terminated", task, self._holder)
+            if task.wait_until(lambda: self._acquire(task), _WARNING_PERIOD):
+                break
         publish_wait("")
 
     def forget(self, task: Task) -> None:
         """Remove the record of a task whose run has ended."""
         with self._lock:
-            self._late.pop(task.id, None)
+            self._overtaken.pop(task.id, None)
 
     def _become_newest(self, task: Task) -> Task | None:
         """Make *task* the newest. Returns the task before.
 
-        Raises TaskKilled if a newer task was here before it: two threads that start at once may
-        arrive in any order.
+        Raises TaskKilled if a newer task came first: two threads that start at once may arrive in
+        any order.
         """
         handled = _handled_with(task)
         with self._lock:
-            overtaken_by = self._late.pop(task.id, "")
-            if not overtaken_by:
-                known = {number: by for number, by in self._late.items() if number in handled}
-                self._late = known | {number: str(task) for number in handled if number < task.id}
+            newer = self._overtaken.pop(task.id, "")
+            if not newer:
+                # Tasks that are not handled any more have ended and never arrive: forget them.
+                awaited = {
+                    number: by for number, by in self._overtaken.items() if number in handled
+                }
+                older = {number: str(task) for number in handled if number < task.id}
+                self._overtaken = awaited | older
                 before, self._newest = self._newest or self._holder, task
                 return before
-        task.kill(f"{overtaken_by} took its place")
-        task.wait_until(lambda: False)
+        task.kill(f"{newer} took its place")
+        task.wait_until(lambda: False)  # raises TaskKilled
         raise AssertionError
 
     def _acquire(self, task: Task) -> bool:
+        """Give *task* the foreground if it is free and no newer task wants it. Returns whether
+        *task* has it.
+        """
         with self._lock:
             if self._holder is None and self._newest is task:
                 self._holder = task
@@ -111,11 +121,3 @@ def _handled_with(task: Task) -> set[int]:
         resources = [resource for module in task.modules() for resource in module.resources]
         return next((set(each.handling) for each in resources if task.id in each.handling), set())
     return set()
-
-
-def _kill(before: Task, task: Task) -> None:
-    """Kill the task before. If central has forgotten it, it ends without a kill."""
-    with contextlib.suppress(CentralLost):
-        other: TaskRef | None = task.task(before.id)
-        if other is not None:
-            other.kill(f"{task} took its place")

@@ -24,7 +24,7 @@ from tca_wire.messages.formats import MISSION_TASK, Format
 
 T = TypeVar("T")
 
-_NONE: Any = msgspec.NODEFAULT  # a missing default, whatever the attribute's type
+_NO_DEFAULT: Any = msgspec.NODEFAULT  # typed as Any: it stands for a default of any type
 FIXED = "x-tca-fixed"
 """The key in the schema of a parameter that can't be changed while the task runs."""
 
@@ -40,7 +40,7 @@ class Parameter(NamedTuple):
 
 
 def parameter(
-    default: T = _NONE,
+    default: T = _NO_DEFAULT,
     description: str = "",
     *,
     minimum: float | None = None,
@@ -68,7 +68,7 @@ def parameter(
 
 
 class Field:
-    """A parameter of a task: its type, and its default unless it must be given.
+    """A parameter of a task: its type, and its default if it has one.
 
     Raises BadFormat or BadData if the type or the default can't be sent.
     """
@@ -77,9 +77,9 @@ class Field:
         self.hint = hint
         self.is_required = default is msgspec.NODEFAULT
         self.is_fixed = any(
-            (one.extra_json_schema or {}).get(FIXED)
-            for one in get_args(hint)
-            if isinstance(one, msgspec.Meta)
+            (meta.extra_json_schema or {}).get(FIXED)
+            for meta in get_args(hint)
+            if isinstance(meta, msgspec.Meta)
         )
         self._format = Format[Any](hint)
         self._default = b"" if self.is_required else self._format.encode(default)
@@ -99,15 +99,14 @@ def fields_of(
     """The parameters of a task's class, by name.
 
     Attributes of *base* are not parameters, except those that are *common* to all tasks. *defaults*
-    has their defaults where the class has none. Raises BadFormat if an attribute can't be a
-    parameter.
+    has the defaults of parameters for which the class has none. Raises BadFormat if an attribute
+    can't be a parameter.
     """
-    given = {name for cls in base.__mro__ for name in vars(cls).get("__annotations__", {})} - set(
-        common
-    )
+    annotated = {name for cls in base.__mro__ for name in vars(cls).get("__annotations__", {})}
+    set_by_server = annotated - set(common)
     fields = {}
     for name, hint in _hints(task).items():
-        if name.startswith("_") or get_origin(hint) is ClassVar or name in given:
+        if name.startswith("_") or get_origin(hint) is ClassVar or name in set_by_server:
             continue
         if name not in common and hasattr(base, name):
             raise BadFormat(
@@ -115,7 +114,7 @@ def fields_of(
                 "of every task: choose another name"
             )
         fields[name] = _field(task, name, hint, defaults.get(name, msgspec.NODEFAULT))
-    for name in given & vars(task).keys():
+    for name in set_by_server & vars(task).keys():
         raise BadFormat(f"task {task.__name__}: the server sets '{name}': choose another name")
     return fields
 
@@ -130,14 +129,15 @@ def _hints(task: type) -> dict[str, Any]:
 
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
-    """A parameter. A class that inherits it may change its default only."""
-    given = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
-    declared = next((one for one in given if isinstance(one, Parameter)), None)
-    if declared is not None:
+    """A parameter. A class that inherits it may change only its default, by a plain value."""
+    values = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
+    if declared := next((one for one in values if isinstance(one, Parameter)), None):
         hint = Annotated[hint, declared.meta]
-    values = [one.default if isinstance(one, Parameter) else one for one in given[:1]]
+    value = values[0] if values else msgspec.NODEFAULT
+    if isinstance(value, Parameter):
+        value = value.default
     try:
-        return Field(hint, next((one for one in values if one is not msgspec.NODEFAULT), default))
+        return Field(hint, default if value is msgspec.NODEFAULT else value)
     except BadFormat as error:
         raise BadFormat(
             f"task {task.__name__}: parameter '{name}' can't be sent: {error}"
@@ -156,18 +156,18 @@ def help_of(task: type) -> str:
 class TaskFormat(Format[Any]):
     """The format of a task's parameters, with a marker by which missions recognise it.
 
-    A parameter that the sender leaves out is not sent. The server then uses its default; in an
-    update of a running task, the present value.
+    A parameter that the sender leaves out is not sent. The server then uses the default. In an
+    update of a running task, the parameter keeps its value.
     """
 
     def __init__(self, task: type, fields: Mapping[str, Field], marker: Mapping[str, Any]) -> None:
         self.fields = fields
         super().__init__(_struct_of(task, fields))
         schema = json.loads(self.schema) | {MISSION_TASK: dict(marker)}
-        shape = schema["$defs"][task.__name__]["properties"]
+        properties = schema["$defs"][task.__name__]["properties"]
         try:
             for name, default in self.defaults().items():
-                shape[name]["default"] = msgspec.to_builtins(default)
+                properties[name]["default"] = msgspec.to_builtins(default)
         except TypeError as error:
             raise BadFormat(
                 f"task {task.__name__}: the default of parameter '{name}' can't be shown: {error}"
@@ -191,12 +191,11 @@ def _struct_of(task: type, fields: Mapping[str, Field]) -> type[msgspec.Struct]:
         else (name, Union[field.hint, msgspec.UnsetType], msgspec.UNSET)  # noqa: UP007 - any hint
         for name, field in fields.items()
     ]
-    namespace, module = {"__doc__": help_of(task)}, task.__module__
     return msgspec.defstruct(
         task.__name__,
         rows,
-        namespace=namespace,
-        module=module,
+        namespace={"__doc__": help_of(task)},
+        module=task.__module__,
         kw_only=True,
         forbid_unknown_fields=True,
     )

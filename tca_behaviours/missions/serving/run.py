@@ -46,19 +46,19 @@ class TaskRun:
         self._start_timer = start_timer
         self._log = log
         self._is_ending = False
-        self._method = ""  #: the method that holds the environment's lock
+        self._method = ""  #: the task's method that runs with the environment locked, if any
         self._thread = threading.get_ident()
         self._published = TaskStatus()  #: the status that observers know
-        self._publish_from = 0.0  #: the earliest time of the next status
+        self._next_status_at = 0.0  #: the earliest time of the next status
 
     def carry_out(self) -> TaskEnd:
-        """Run the task to its end, and terminate it whatever happens.
+        """Run the task to its end. If it was initialised, terminate it whatever happens.
 
-        Raises its failure, or the exception that woke it.
+        Raises its failure, or the exception that ended a wait of it, such as TaskKilled.
         """
         self._initialise()
         try:
-            with self._watched():
+            with self._warned_if_late():
                 if isinstance(self.served, PeriodicTask):
                     self._iterate_periodically(self.served)
                 else:
@@ -66,20 +66,24 @@ class TaskRun:
         except BaseException as error:
             self._terminate_after(error)
             raise
-        self._terminate()
+        self._terminate(Status.COMPLETED)
         return TaskEnd(Status.COMPLETED | Status.TERMINATED, self.served.status_text, self.overruns)
 
     def _initialise(self) -> None:
         try:
-            with self._environment("initialise"):
+            with self._environment_locked("initialise"):
                 self.served.initialise()
         except Exception as error:
             if self.task.cancelled:
                 raise
             self.status = Status.INITIALISATION_FAILED
-            if not isinstance(error, FailureRaised):
+            if isinstance(error, FailureRaised):
+                # The name "mission task failed" would say no more than that of the new failure.
+                text = error.text if error.name == MISSION_TASK_FAILED.name else str(error)
+            else:
                 self._log.exception("initialise() of %s failed", self.task)
-            raise MISSION_TASK_INITIALISATION_FAILED(text=self._why(error)) from error
+                text = f"{type(error).__name__}: {error}"
+            raise MISSION_TASK_INITIALISATION_FAILED(text=self._with_status(text)) from error
         self.status = Status.INITIALISED
 
     # --- working ----------------------------------------------------------------------------------
@@ -88,7 +92,7 @@ class TaskRun:
         began, self.status = self.task.time(), Status.RUNNING
         period = Period(began, served.task_period)
         while True:
-            with self._environment("iterate"):
+            with self._environment_locked("iterate"):
                 if self._is_completed(served.iterate()):
                     return
             now, was_due = self.task.time(), period.due
@@ -99,20 +103,21 @@ class TaskRun:
             if served.task_timeout and self.task.time() >= began + served.task_timeout:
                 raise self._timeout()
 
-    def _count_overruns(self, period: Period, took: float) -> None:
+    def _count_overruns(self, period: Period, since_due: float) -> None:
+        """Count the missed periods, and log the first."""
         if period.missed > self.overruns == 0:
             text = "%s misses its period of %g s: an iteration ended %.3g s after it was due"
-            self._log.warning(text, self.task, period.seconds, took)
+            self._log.warning(text, self.task, period.seconds, since_due)
         self.overruns = period.missed
 
     def _iterate_once(self) -> None:
-        self.status, task, seconds = Status.RUNNING, self.task.id, self.served.task_timeout
+        self.status, seconds = Status.RUNNING, self.served.task_timeout
 
-        def fail(callback: Callback) -> None:
-            if (late := callback.task(task)) is not None:
-                late.fail(self._timeout())
+        def fail_late(callback: Callback) -> None:
+            if (ref := callback.task(self.task.id)) is not None:
+                ref.fail(self._timeout())
 
-        timer = self._start_timer(seconds, fail) if seconds else None
+        timer = self._start_timer(seconds, fail_late) if seconds else None
         try:
             returned = self.served.iterate()
             if returned is not None and not self._is_completed(returned):
@@ -124,10 +129,10 @@ class TaskRun:
                 timer.cancel()
 
     @contextlib.contextmanager
-    def _watched(self) -> Iterator[None]:
-        """A block that is logged if it has not ended soon after ``task_timeout``.
+    def _warned_if_late(self) -> Iterator[None]:
+        """A block that logs a warning if it has not ended soon after ``task_timeout``.
 
-        Nothing can end an iterate() that hangs; the log at least names it.
+        Nothing can end an iterate() that hangs; the warning at least names it.
         """
         began, seconds = self.task.time(), self.served.task_timeout
         timer: Callback | None = None
@@ -136,9 +141,11 @@ class TaskRun:
             nonlocal timer
             seconds = self.served.task_timeout  # an update may have changed it
             remaining = began + seconds + _RETURNS_WITHIN - callback.time()
-            if seconds and remaining > 0 and not self._is_ending:
+            if not seconds or self._is_ending:
+                return
+            if remaining > 0:
                 timer = self._start_timer(remaining, warn_if_late)
-            elif seconds and not self._is_ending:
+            else:
                 text = "%s: task_timeout of %g s has passed and iterate() has not returned"
                 self._log.warning(text, self.task, seconds)
 
@@ -152,17 +159,18 @@ class TaskRun:
 
     def _timeout(self) -> FailureRaised:
         return MISSION_TASK_TIMEOUT(
-            text=self._with_text(f"it ran for {self.served.task_timeout:g} s")
+            text=self._with_status(f"it ran for {self.served.task_timeout:g} s")
         )
 
     def _is_completed(self, returned: object) -> bool:
+        """Whether ``iterate`` returned COMPLETED. Raises a failure unless it is that or RUNNING."""
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
         if not isinstance(returned, Status):
             raise self.served.failed(
                 f"iterate() returned {returned!r:.60}: return Status.RUNNING or Status.COMPLETED"
             )
-        raise self.served.failed(self._with_text(f"iterate() returned {returned.name}"))
+        raise self.served.failed(self._with_status(f"iterate() returned {returned.name}"))
 
     # --- reports ----------------------------------------------------------------------------------
 
@@ -177,69 +185,62 @@ class TaskRun:
         if (
             status != self._published
             and self.status is not Status.NEWBORN
-            and self.task.time() >= self._publish_from
+            and self.task.time() >= self._next_status_at
         ):
-            self._published, self._publish_from = status, self.task.time() + _STATUS_PERIOD
+            self._published, self._next_status_at = status, self.task.time() + _STATUS_PERIOD
             self.task.report(status)
 
-    def publish_wait(self, for_whom: str) -> None:
-        """Publish that the run waits for the task *for_whom*; "": it waits no longer."""
-        self._published = TaskStatus(
-            f"waits until {for_whom} has terminated" if for_whom else "", status=Status.NEWBORN
-        )
+    def publish_wait(self, awaited: str) -> None:
+        """Publish that the run waits for a task with the name *awaited*; "": it waits no longer."""
+        text = f"waits until {awaited} has terminated" if awaited else ""
+        self._published = TaskStatus(text, status=Status.NEWBORN)
         self.task.report(self._published)
 
     def sleep(self, seconds: float) -> None:
-        """Sleep, and answer updates and kills in the meantime. Releases the environment's lock
-        until then.
-        """
-        method, moment = self._method, self.task.time() + seconds
+        """Sleep, and answer updates and kills in the meantime, with the environment unlocked."""
+        method, until = self._method, self.task.time() + seconds
         if not method:
-            self._wait_until(moment)
+            self._wait_until(until)
             return
         self.served.env.lock.release()
         try:
-            self._wait_until(moment)
+            self._wait_until(until)
         finally:
             self._lock(method)
 
-    def _wait_until(self, moment: float) -> None:
+    def _wait_until(self, time: float) -> None:
         if self._is_ending:
-            self.task.sleep_until(moment)
+            self.task.sleep_until(time)
             return
         self.publish()
         while (
-            request := self.task.wait_for_request(max(0.0, moment - self.task.time()))
+            request := self.task.wait_for_request(max(0.0, time - self.task.time()))
         ) is not None:
-            if why := self.definition.why_fixed(self.served, request.goal):
+            if why := self.definition.reason_to_reject(self.served, request.goal):
                 request.reject(why)
             else:
                 request.accept(self.definition.change(self.served, request.goal))
 
     # --- the end ----------------------------------------------------------------------------------
 
-    def _terminate(self) -> None:
+    def _terminate(self, status: Status) -> None:
         """Call ``terminate``. Raises its error."""
-        self._is_ending, self.status = True, Status.COMPLETED
-        with self.task.shielded(), self._environment("terminate"):
+        self._is_ending, self.status = True, status
+        with self.task.shielded(), self._environment_locked("terminate"):
             self.served.terminate()
 
     def _terminate_after(self, error: BaseException) -> None:
-        """Call ``terminate`` after *error*. An error of its own becomes a note of *error*."""
-        self._is_ending = True
-        self.status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
-        if self.task.cancelled:
-            self.status = Status.INTERRUPTED
+        """Call ``terminate`` after *error*. An error that it raises becomes a note of *error*."""
+        status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
         try:
-            with self.task.shielded(), self._environment("terminate"):
-                self.served.terminate()
+            self._terminate(Status.INTERRUPTED if self.task.cancelled else status)
         except Exception as second:  # noqa: BLE001 - only a note of the error that ended the run
             self._log.exception("terminate() of %s failed", self.task)
             error.add_note(f"terminate() failed, too: {type(second).__name__}: {second}")
 
     @contextlib.contextmanager
-    def _environment(self, method: str) -> Iterator[None]:
-        """A block in which no other task uses the environment. A long wait for it is logged."""
+    def _environment_locked(self, method: str) -> Iterator[None]:
+        """A block in which *method* runs with the environment locked."""
         self._lock(method)
         self._method = method
         try:
@@ -249,18 +250,14 @@ class TaskRun:
             self.served.env.lock.release()
 
     def _lock(self, method: str) -> None:
+        """Lock the environment for *method*. A long wait is logged."""
         while not self.served.env.lock.acquire(timeout=_PATIENCE):
             self._log.warning(
                 "%s() of %s waits for env.lock, which another task holds", method, self.task
             )
 
-    # --- words ------------------------------------------------------------------------------------
+    # --- texts ------------------------------------------------------------------------------------
 
-    def _with_text(self, words: str) -> str:
-        return f"{words}: {self.served.status_text}" if self.served.status_text else words
-
-    def _why(self, error: Exception) -> str:
-        if isinstance(error, FailureRaised):
-            is_plain = error.name == MISSION_TASK_FAILED.name
-            return self._with_text(error.text) if is_plain else self._with_text(str(error))
-        return self._with_text(f"{type(error).__name__}: {error}")
+    def _with_status(self, text: str) -> str:
+        """The text, followed by the task's status text."""
+        return f"{text}: {self.served.status_text}" if self.served.status_text else text

@@ -22,8 +22,8 @@ from tca_module.log import log_of
 
 # Seconds without a foreground task until the idle task runs. Between two tasks of a mission there
 # is a short gap: the idle task must not run in it.
-_IDLE_AFTER = 0.2
-_IDLE_AGAIN_AFTER = 5.0  # seconds until an idle task that failed runs again
+_IDLE_DELAY = 0.2
+_IDLE_RETRY_DELAY = 5.0  # seconds until an idle task that failed runs again
 _RESERVED = 2  # slots for the foreground: its task, and the one that takes its place
 _ENVIRONMENT = instance_of("an object of a class that inherits from Environment", Environment)
 _RATE = number("more than 0 iterations a second", float_info.min)
@@ -91,7 +91,7 @@ class TaskServer:
         self._foreground = Foreground(self._on_foreground_empty, self._log)
         for definition in self.definitions.values():
             self._offer(definition)
-        self.module.at_start(lambda _: self._schedule_idle(_IDLE_AFTER))
+        self.module.at_start(lambda _: self._schedule_idle(_IDLE_DELAY))
         environment.attach(self.module)
 
     def __repr__(self) -> str:
@@ -120,7 +120,7 @@ class TaskServer:
         if served.foreground and definition is self._idle and not self._foreground.is_empty:
             return TaskEnd(Status.COMPLETED | Status.TERMINATED, "another task has the foreground")
         run = TaskRun(definition, served, self.module.after, self._log)
-        self._add(run)
+        self._admit(run)
         try:
             with (
                 self._foreground.held_by(task, run.publish_wait)
@@ -135,25 +135,25 @@ class TaskServer:
                 self.runs.discard(run)
             self._foreground.forget(task)
 
-    def _add(self, run: TaskRun) -> None:
-        """Admit a run. A background run is refused if it would leave no slot for the foreground."""
+    def _admit(self, run: TaskRun) -> None:
+        """Add a run. Fails a background run if it would leave no slot for the foreground."""
         with self._lock:
-            background = sum(not each.served.foreground for each in self.runs)
-            if not run.served.foreground and background >= self._max_background:
-                text = f"{background} tasks run in the background already"
+            in_background = sum(not each.served.foreground for each in self.runs)
+            if not run.served.foreground and in_background >= self._max_background:
+                text = f"{in_background} tasks run in the background already"
                 raise MISSION_TASK_FAILED(text=f"{text}: give the server a larger capacity=")
             self.runs.add(run)
 
     # --- idle -------------------------------------------------------------------------------------
 
     def _on_foreground_empty(self, task: Task, error: BaseException | None) -> None:
-        """Start the idle task soon: *task* was the last in the foreground.
+        """Start the idle task soon, unless *task* is an idle task that has completed.
 
-        An idle task that has completed is not started again.
+        *task* was the last in the foreground, and *error* is its error, if any.
         """
-        was_idle = self._idle is not None and task.message == self._idle.message.name
-        if error is not None or not was_idle:
-            self._schedule_idle(_IDLE_AGAIN_AFTER if was_idle else _IDLE_AFTER)
+        is_idle = self._idle is not None and task.message == self._idle.message.name
+        if error is not None or not is_idle:
+            self._schedule_idle(_IDLE_RETRY_DELAY if is_idle else _IDLE_DELAY)
 
     def _schedule_idle(self, seconds: float) -> None:
         if self._idle_timer is not None:

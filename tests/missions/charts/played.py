@@ -92,7 +92,7 @@ class Played:
         mission: Any = self.mission
         run = MachineRun(machine.root, mission, self.published.append)
         with suppress(EndOfPlay):
-            self.end = run.until_end()
+            self.end = run.run_to_end()
         labels = [state.label for state in machine.chart.states]
         self.active = [
             [labels[number] for number in one.active if number] for one in self.published

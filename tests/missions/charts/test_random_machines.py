@@ -104,7 +104,7 @@ def test_sound_machine_keeps_its_guarantees_in_any_run(data: st.DataObject) -> N
     published = list[ActiveStates]()
     run = MachineRun(sm.root, mission, published.append)
     with suppress(EndOfPlay):
-        assert run.until_end().ending in endings_of(sm.root)[sm.root]
+        assert run.run_to_end().ending in endings_of(sm.root)[sm.root]
     assert not mission.running
     for active in published:
         states = [sm.chart.states[number] for number in active.active]
