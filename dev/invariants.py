@@ -94,9 +94,8 @@ def _check_state(task: Task) -> None:
     It is in the life cycle and not final. It is accepted only if a handler has had the task.
     """
     cycle = task.message.life_cycle
-    asked, newest = (
-        (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
-    )
+    clients = task.clients
+    asked, newest = (clients.asked, clients.newest) if clients is not None else ([], 0)
     assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
     assert not cycle.is_over(task.state), f"{task}: it is alive, and {task.state}"
     assert task.serial or task.state == cycle.initial, (
@@ -234,11 +233,9 @@ def _check_delivery(central: State, task: Task) -> None:
         f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
     )
     if task.reached & START_HANDLING:
-        watch, recovering = (
-            task.watch,
-            task.recovery.exception_handler if task.recovery is not None else None,
-        )
-        is_decided = (
+        watch, recovery = task.watch, task.recovery
+        recovering = recovery.exception_handler if recovery is not None else None
+        is_accounted_for = (
             (watch is not None and watch.is_on)
             or (recovering is not None and recovering.id in central.tree.tasks)
             or task.returned
@@ -248,7 +245,7 @@ def _check_delivery(central: State, task: Task) -> None:
             or task.queues is not None
             or is_held(task, START_HANDLING)
         )
-        assert is_decided, f"{task}: no handler has it"
+        assert is_accounted_for, f"{task}: no handler has it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.delayed else (start,)
@@ -512,11 +509,8 @@ def _check_routes(central: State) -> None:
 
 def _check_budget(central: State) -> None:
     """Check that the counted bytes and objects are the real ones."""
-    tasks, registry, running = (
-        central.tree.tasks.values(),
-        central.registry,
-        central.dispatcher.running.values(),
-    )
+    tasks, registry = central.tree.tasks.values(), central.registry
+    running = central.dispatcher.running.values()
     assert central.tree.bytes == sum(map(_task_size, tasks)), "bytes of tasks"
     assert central.agenda.holds.edge_count == sum(len(task.followers or ()) for task in tasks), (
         "constraints"

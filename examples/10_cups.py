@@ -13,11 +13,8 @@ import time
 
 from tca_module import Command, DemonMonitor, Goal, Module, PollingMonitor, Query, Task
 
-LOOK_FOR_CUPS, FETCH, GRASP = (
-    Command("look for cups"),
-    Goal("fetch cup", str),
-    Command("grasp", str),
-)
+LOOK_FOR_CUPS = Command("look for cups")
+FETCH, GRASP = Goal("fetch cup", str), Command("grasp", str)
 IS_GONE, GIVE_UP = Query("is the cup gone", str, reply=bool), Command("give up", str)
 NEW_CUPS = DemonMonitor("new cups", set_up=LOOK_FOR_CUPS, action=FETCH)
 CUP_GONE = PollingMonitor("cup gone", str, condition=IS_GONE, action=GIVE_UP)

@@ -49,9 +49,7 @@ def chain(length: int) -> Coordination:
 
 
 def cost_of_events(length: int, policy: Policy | None) -> float:
-    """Return the coordinator's processor time, in microseconds, for a report of the current
-    activity.
-    """
+    """Return the microseconds that the coordinator computes for a report of the current activity."""
     times: list[float] = []
     continue_run: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_go_on"]
 

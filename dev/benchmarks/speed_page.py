@@ -24,7 +24,7 @@ PICTURES = {
 SIZES = "round trip of "
 _ROW, _BAR, _WIDTH, _MARGIN = 18.0, 12.0, 420.0, 14.0
 _LEAST = 1e-3
-"""The left end of the scale."""
+"""The left end of the scale, as a part of the reference."""
 _STYLE = ".ours { fill: #2f6fb2; } .other { fill: #b8c4d0; } .limit { fill: #52606d; }"
 
 
@@ -45,12 +45,8 @@ def page(report: Report) -> Iterator[str]:
         yield "|---|---|---|---|---|---|---|"
         yield from map(row, table.rows)
     if report.missing:
-        yield from (
-            "",
-            "Left out: "
-            + "; ".join(f"{name} ({why})" for name, why in report.missing.items())
-            + ".",
-        )
+        left_out = "; ".join(f"{name} ({why})" for name, why in report.missing.items())
+        yield from ("", f"Left out: {left_out}.")
 
 
 def row(one: Standing) -> str:

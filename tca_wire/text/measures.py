@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-_NAMED = 3
-"""The number of names in a list; further names are counted."""
+_MOST_NAMES = 3
+"""The number of names that a list shows; further names are only counted."""
 
 
 def duration(seconds: float) -> str:
@@ -64,7 +64,7 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
-def listed(names: Sequence[str], more: int = 0, *, named: int = _NAMED) -> str:
+def listed(names: Sequence[str], more: int = 0, *, named: int = _MOST_NAMES) -> str:
     """Return ``a``, ``a and b``, ``a, b and c``, or ``a, b, c and 52 more``.
 
     Only the first *named* names are shown; *more* counts names that are not given at all.

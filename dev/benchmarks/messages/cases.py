@@ -13,11 +13,11 @@ _MOST = 5000
 
 
 class Kind(Enum):
-    """The kind of a figure."""
+    """The kind of a figure, and so the meaning of what the contestant's method returns."""
 
-    TIME = "time"  # for each of several, in turn
-    RATE = "rate"  # per second
-    NUMBER = "number"  # as it is
+    TIME = "time"  # the seconds of each message
+    RATE = "rate"  # nothing: the method is timed, for messages per second
+    NUMBER = "number"  # the figure itself
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,8 @@ def _variants(option: str, values: Mapping[str, object]) -> tuple[Entrant, ...]:
     )
 
 
-_PROXY, _DIRECT = (
-    Entrant(LIMIT, "own.zeromq", "Proxy"),
-    Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless"),
-)
+_PROXY = Entrant(LIMIT, "own.zeromq", "Proxy")
+_BROKERLESS = Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless")
 _LIBRARY = Entrant("central, module library", "own.library", "Library")
 _STRAIGHT = Entrant("module library, direct messages", "own.library", "Straight")
 _BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
@@ -165,7 +163,7 @@ STAGES = (
                 for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
             ),
         ),
-        (_PROXY, _DIRECT, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
+        (_PROXY, _BROKERLESS, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
     ),
     Stage(
@@ -251,16 +249,16 @@ def small(stages: Iterable[Stage]) -> list[Stage]:
 
 
 def chosen(
-    stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]
+    stages: Iterable[Stage], is_chosen: Callable[[str], bool], takes_part: Callable[[Entrant], bool]
 ) -> list[Stage]:
-    """Return the stages with the *wanted* cases, by their names or their stage's, and these
-    *entrants*.
-    """
+    """Return the stages with the chosen entrants, and the cases chosen by name or by stage."""
     found = [
         replace(
             stage,
-            cases=tuple(case for case in stage.cases if wanted(stage.title) or wanted(case.name)),
-            entries=tuple(filter(entrants, stage.entries)),
+            cases=tuple(
+                case for case in stage.cases if is_chosen(stage.title) or is_chosen(case.name)
+            ),
+            entries=tuple(filter(takes_part, stage.entries)),
         )
         for stage in stages
     ]

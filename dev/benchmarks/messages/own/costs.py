@@ -74,7 +74,7 @@ class Memory(Contestant):
 
     def memory(self, number: int) -> float:
         """Return the bytes of memory that each of *number* more objects takes."""
-        self.children.stop()
+        self.children.close()
         for line in (*self.modules, *self.busy, self.line):
             line.close()
         self.modules.clear()
