@@ -1,6 +1,6 @@
 """The cost of control in a big tree: wiretaps, failures, suspension, deadlines and kills.
 
-    python dev/benchmarks/core_control.py [--sizes 1000,100000,1000000]
+    python -m dev.benchmarks.core_control [--sizes 1000,100000,1000000]
 
 A tree of tapped goals is grown under a top-level task with a deadline and a termination message. An
 exception handler for any failure is at the root, up to a million levels above.

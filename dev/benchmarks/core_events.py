@@ -1,6 +1,6 @@
 """Microseconds per event of the pure core for growing trees, and bytes per live task.
 
-    python dev/benchmarks/core_events.py [--sizes 1000,100000,1000000]
+    python -m dev.benchmarks.core_events [--sizes 1000,100000,1000000]
 
 Each tree is grown to its size. Then goals are sent, handled and achieved at that size. If the cost
 per event is constant, the last column does not rise with the size.

@@ -2,7 +2,7 @@
 
 The variants take turns, each with a journal; the ratios are to the one without keys and inputs.
 
-python dev/benchmarks/keys.py [rounds]
+python -m dev.benchmarks.keys [rounds]
 """
 
 import os
