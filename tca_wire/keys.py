@@ -119,5 +119,6 @@ def client_key(address: str) -> ClientKey | None:
     if not named:
         path = keys_folder() / f"{DEFAULT}{SUFFIX}"
         return read_client_key(path) if path.exists() else None
-    path = Path(named) if "/" in named else keys_folder() / f"{named.removesuffix(SUFFIX)}{SUFFIX}"
-    return read_client_key(path)
+    if "/" in named:
+        return read_client_key(Path(named))
+    return read_client_key(keys_folder() / f"{named.removesuffix(SUFFIX)}{SUFFIX}")

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from dev.benchmarks.messages.results import Comparison, Report, Standing
-from dev.benchmarks.messages.table import number
+from dev.benchmarks.messages.table import number, ratio_range
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -51,14 +51,11 @@ def page(report: Report) -> Iterator[str]:
 
 def row(one: Standing) -> str:
     ratio = f"**{number(one.ratio)}**" if one.ratio is not None else ""
-    spread = (
-        f"{number(one.least_ratio)} - {number(one.most_ratio)}" if one.ratio is not None else ""
-    )
     figures = (
         number(value) if value is not None else ""
         for value in (one.median, one.p99, one.best, one.worst)
     )
-    return f"| {one.contestant} | {ratio} | {spread} | {' | '.join(figures)} |"
+    return f"| {one.contestant} | {ratio} | {ratio_range(one)} | {' | '.join(figures)} |"
 
 
 def picture(title: str, tables: list[Comparison]) -> str:

@@ -383,4 +383,6 @@ def _version_in(facts: Any) -> int | None:
         kind, version = facts[0][:2]
     except (ValueError, TypeError, IndexError, KeyError):
         return None
-    return version if kind == Opened.__struct_config__.tag and isinstance(version, int) else None
+    if kind != Opened.__struct_config__.tag or not isinstance(version, int):
+        return None
+    return version

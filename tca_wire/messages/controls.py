@@ -56,7 +56,9 @@ class ExceptionHandler(Message[D, None]):
     def decode_data(self, data: bytes) -> D:
         """Return the failure's data; None if the handler is declared without data."""
         nothing: Any = None
-        return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
+        if self.data.kind is type(None):
+            return nothing
+        return super().decode_data(data or NIL)
 
 
 class Monitor(Message[D, None]):

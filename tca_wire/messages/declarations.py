@@ -69,7 +69,9 @@ def _checked_name(name: str) -> str:
 def _format(kind: Any, subject: str) -> Format[Any]:
     """Return the format of a type (None: no data); a format is returned as it is."""
     try:
-        return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+        if isinstance(kind, Format):
+            return kind
+        return Format(type(None) if kind is None else kind)
     except BadFormat as error:
         why = f": {error}"
         if isinstance(kind, str | int | float | Message | Failure):

@@ -136,11 +136,9 @@ class _Fitting:
         other_values = _value_schema(sent)
         if other_values is None:
             return None
-        found = (
-            ": no further fields here, any there"
-            if accepted is False
-            else self.misfit(other_values, accepted)
-        )
+        if accepted is False:
+            return "[...]: no further fields here, any there"
+        found = self.misfit(other_values, accepted)
         return found and f"[...]{found}"
 
     def _item_misfit(self, sent: Any, wanted: Any) -> str | None:
@@ -225,4 +223,6 @@ def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
 
 def _value_schema(schema: Any) -> Any:
     """Return the schema of a mapping's values; None for a type with fields only."""
-    return schema.get("additionalProperties", _ANYTHING) if "properties" not in schema else None
+    if "properties" in schema:
+        return None
+    return schema.get("additionalProperties", _ANYTHING)

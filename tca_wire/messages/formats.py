@@ -104,6 +104,9 @@ _IGNORED_KEYS = frozenset(
     {"title", "description", "default", "examples", "$defs", "properties", "required"}
 )
 
+# Parts of a schema that describe values inside the value.
+_INNER_KEYS = ("items", "additionalProperties", "prefixItems")
+
 
 def first_difference(one: str, other: str) -> str | None:
     """Return the difference of two formats (JSON Schemas); None if they agree.
@@ -174,7 +177,7 @@ class _Comparison:
             (left.keys() | right.keys()) - _IGNORED_KEYS - {"properties", "required"}
         ):
             left_part, right_part = left.get(key), right.get(key)
-            step = "[...]" if key in ("items", "additionalProperties", "prefixItems") else ""
+            step = "[...]" if key in _INNER_KEYS else ""
             are_lists = left_part is not None and right_part is not None
             if key in ("anyOf", "prefixItems") and are_lists and len(left_part) == len(right_part):
                 pairs = zip(left_part, right_part, strict=True)

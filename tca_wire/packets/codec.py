@@ -191,7 +191,8 @@ def misfit(header: Any) -> str:
     except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
-        field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
+        index = int(place[1]) - 1 if place else -1  # the first element is the kind
+        field = fields[index] if 0 <= index < len(fields) else ""
         problem = str(error).partition(" - at ")[0]
         return f"{field}: {problem}" if field else problem
     return ""

@@ -18,7 +18,8 @@ def number_of(shown: str, entrance_key: str) -> str | None:
     number, _, proof = shown.rpartition("/")
     expected = _proof(entrance_key, number)
     # compare_digest takes the same time for all proofs, so no part of one can be guessed.
-    return number if number and hmac.compare_digest(proof.encode(), expected.encode()) else None
+    is_valid = hmac.compare_digest(proof.encode(), expected.encode())
+    return number if number and is_valid else None
 
 
 def _proof(entrance_key: str, number: str) -> str:

@@ -208,8 +208,10 @@ def not_answered(query: WaitFor) -> str:
 
 def _handler_of(where: WaitFor) -> str:
     """Return the handler that has a query, and what the query is queued for there."""
-    queued = f" (queued{_blocked_by(where.because)})" if where.kind is WaitKind.RESOURCE else ""
-    return place(where.module, where.resource) + queued
+    handler = place(where.module, where.resource)
+    if where.kind is WaitKind.RESOURCE:
+        return f"{handler} (queued{_blocked_by(where.because)})"
+    return handler
 
 
 def _resume(waits: _WaitGroup) -> str:

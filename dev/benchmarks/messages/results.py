@@ -71,7 +71,7 @@ _PACKAGES = (
 )
 
 
-def reported(run: Results, rounds: int, seconds: float) -> Report:
+def report_of(run: Results, rounds: int, seconds: float) -> Report:
     """Return the report of a run."""
     machine = {
         "processors": os.cpu_count(),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
-from dev.benchmarks.messages.cases import Entrant, Needs, Stage, Trial
+from dev.benchmarks.messages.cases import Case, Entry, Needs, Stage
 from dev.benchmarks.messages.driver import Broken, Driver, Figures
 from dev.benchmarks.messages.processes import program_path
 
@@ -19,7 +19,7 @@ class Measured:
     """A case: the figures of each contestant, round by round."""
 
     stage: Stage
-    case: Trial
+    case: Case
     rows: dict[str, list[Figures]] = field(default_factory=dict)
 
 
@@ -31,7 +31,7 @@ class Results:
     measured: list[Measured] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
 
-    def leave_out(self, entry: Entrant, why: str) -> None:
+    def leave_out(self, entry: Entry, why: str) -> None:
         """Note and log that a contestant can't take part any longer."""
         self.missing[entry.title] = why
         self.log(f"{entry.title} is left out: {why}")
@@ -75,14 +75,14 @@ def run(
     return results
 
 
-def _takes_part(entry: Entrant, results: Results) -> bool:
+def _takes_part(entry: Entry, results: Results) -> bool:
     if entry.title not in results.missing and (lack := lacking(entry.needs)):
         results.leave_out(entry, f"{lack} not installed: {entry.needs.install}")
     return entry.title not in results.missing
 
 
 @contextlib.contextmanager
-def _started(entries: list[Entrant], results: Results) -> Iterator[list[Driver]]:
+def _started(entries: list[Entry], results: Results) -> Iterator[list[Driver]]:
     drivers = [Driver(entry) for entry in entries]  # all processes start at once
     try:
         for driver in drivers:
@@ -94,7 +94,7 @@ def _started(entries: list[Entrant], results: Results) -> Iterator[list[Driver]]
 
 
 def _measure(
-    case: Trial, drivers: list[Driver], seconds: float, results: Results
+    case: Case, drivers: list[Driver], seconds: float, results: Results
 ) -> dict[str, Figures]:
     """Measure a case with each contestant in turn; return the figures of those that can do it."""
     found: dict[str, Figures] = {}
