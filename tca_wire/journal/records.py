@@ -198,11 +198,8 @@ class JournalReader:
     def _is_sound(self, place: int, size: int) -> bool:
         """Return whether a sound record starts there, in a stream of that size."""
         length = self._length(place)
-        if (
-            length is None
-            or place + _FRAME_SIZE + length > size
-            or length > self._longest_allowed(place)
-        ):
+        longest = min(self._longest_allowed(place), size - place - _FRAME_SIZE)
+        if length is None or length > longest:
             return False
         record_bytes = self._read(place, _FRAME_SIZE + length)
         payload = memoryview(record_bytes)[_FRAME_SIZE:]
@@ -267,9 +264,9 @@ class JournalReader:
             window, start = self._window, self._window_at
             found = _RECORD_START.search(window, place - start)
             while found:
-                position = start + found.start()
-                if self._is_sound(position, size) and self._may_follow(position):
-                    return position
+                found_place = start + found.start()
+                if self._is_sound(found_place, size) and self._may_follow(found_place):
+                    return found_place
                 found = _RECORD_START.search(window, found.start() + 1)
             place = max(start + len(window) - _FRAME_SIZE, place + 1)
             place = max(self._data_from(place, end) - _FRAME_SIZE, place)
@@ -288,7 +285,7 @@ class JournalReader:
         return False
 
     def _check_end(self) -> None:
-        """Set ``torn``, where no sound record follows. Raises JournalDamaged for other damage."""
+        """Set ``torn`` after the last sound record. Raises JournalDamaged if more is damaged."""
         self.torn = self._stream_size - self.offset
         if self.torn <= 0:
             return

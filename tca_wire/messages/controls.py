@@ -56,9 +56,7 @@ class ExceptionHandler(Message[D, None]):
     def decode_data(self, data: bytes) -> D:
         """Return the failure's data; None if the handler is declared without data."""
         nothing: Any = None
-        if self.data.kind is type(None):
-            return nothing
-        return super().decode_data(data or NIL)
+        return nothing if self.data.kind is type(None) else super().decode_data(data or NIL)
 
 
 class Monitor(Message[D, None]):

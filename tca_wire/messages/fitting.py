@@ -40,7 +40,7 @@ def first_misfit(sent: str, wanted: str) -> str | None:
 def alternatives(schema: str) -> list[str]:
     """Return the schemas of a union's alternatives; one schema if it is not a union."""
     whole = json.loads(schema)
-    shared = {name: whole[name] for name in ("$defs",) if name in whole}
+    shared = {"$defs": whole["$defs"]} if "$defs" in whole else {}
     texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
     return [json.dumps(one | shared) if "$ref" in text else text for one, text in texts]
 
@@ -80,6 +80,7 @@ class _Fitting:
         return self._definitions[side][name.rpartition("/")[2]] if name else schema
 
     def _union_misfit(self, sent: Any, wanted: Any) -> str | None:
+        """Return the misfit of two schemas that may be unions."""
         choices = wanted.get("anyOf", [wanted])
         for one in _alternatives(sent):
             if one is sent and choices == [wanted]:

@@ -162,14 +162,12 @@ def _lock(waits: _WaitGroup) -> str:
 
 
 def _blocked_by(because: Waits) -> str:
-    """Return what blocks a resource: ``, busy with walk {3} and 2 more``, ``, which panel has
-    locked``.
-    """
+    """Return a comma and what blocks a resource: ``, which panel has locked``; "" for nothing."""
     return f", {_blockers(because)}" if because else ""
 
 
 def _blockers(because: Waits) -> str:
-    """Return the same without the comma in front."""
+    """Return what blocks a resource: ``busy with walk {3} and 2 more``."""
     running = [one for one in because if one.kind is WaitKind.RUNNING]
     parts = [f"busy with {_WaitGroup(running).names}"] if running else []
     parts += [
@@ -189,9 +187,11 @@ def _blocker(wait: WaitFor, order: str) -> str:
         message = wait.because[0]
         while_or_for = "while handling" if message.kind is WaitKind.RUNNING else "for"
         purpose = f" {while_or_for} {numbered(message.name, message.number)}"
-    verb = "reserve" if wait.name == "reservation" else "lock"
-    is_granted = wait.kind is WaitKind.LOCKED
-    claim = f"has {verb.removesuffix('e')}ed" if is_granted else f"waits to {verb}{order}"
+    is_reservation = wait.name == "reservation"
+    if wait.kind is WaitKind.LOCKED:
+        claim = "has reserved" if is_reservation else "has locked"
+    else:
+        claim = f"waits to {'reserve' if is_reservation else 'lock'}{order}"
     return f"{wait.module} {claim}{purpose}"
 
 

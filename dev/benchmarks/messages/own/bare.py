@@ -32,7 +32,7 @@ def read(line: Socket) -> bytes:
     reading, packet = _readings.setdefault(line, Receipts()), line.recv()
     if receipt := reading.due(packet):
         line.send(receipt)
-        reading.unanswered()
+        reading.sent()
     return packet
 
 
