@@ -44,7 +44,8 @@ PROTOCOL_VERSION = 7
 class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     """First message of a connection, and again after a reconnect. Answered by Welcome or Refused.
 
-    Unknown fields of a later version are accepted: so central can read and refuse it.
+    Unknown fields are accepted, so that central can read the Hello of a later version and refuse
+    it.
     """
 
     version: int
@@ -76,7 +77,10 @@ class Register(Numbered, frozen=True, tag=2):
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
-    """The module has made its attachments at start: central drops others of its earlier runs."""
+    """The module has made its attachments at start.
+
+    Central drops those of its earlier runs that it has not made again.
+    """
 
 
 class Unregister(Numbered, frozen=True, tag=3):
@@ -158,7 +162,7 @@ class Recalled(WireArray, frozen=True, tag=29):
 
     deliveries: Annotated[list[int], MANY]
     is_answer: bool = True
-    """It answers a Recall: messages named there, but not here, have started."""
+    """Whether it answers a Recall. Messages named in that, but not here, have started."""
 
 
 class Constrain(Numbered, frozen=True, tag=7):

@@ -61,7 +61,7 @@ class HandlerFormat(WireArray, frozen=True):
     resource: str
     pool: str = ""
     pending: int = 0
-    """The limit for messages that wait for this handler, the newest ones (0: no limit)."""
+    """The limit for messages that wait for this handler; the newest are kept (0: no limit)."""
     direct: bool = False
     """Senders may send it directly, unless central has a reason against that."""
     accepts: bool = False
