@@ -1,9 +1,9 @@
 """Invariants of central between two events: the Z schemas of the TCA paper, and our own
 bookkeeping.
 
-A check walks over everything. The schemas are from the paper's section "Design and Analysis Tools".
-The scan contradicts itself on a child's constraints inside its parent's; like TCA, this lets
-children inherit.
+Each check walks over the whole state. The schemas are from the paper's section "Design and Analysis
+Tools". Our copy of the paper contradicts itself on the constraints of a child and its parent. Here,
+as in TCA, a child inherits its parent's constraints.
 """
 
 from collections import Counter, defaultdict
@@ -15,7 +15,7 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
-from tca_central.model.tasks import Retention, Scheduled, Task, Watch
+from tca_central.model.tasks import Scheduled, Retention, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
@@ -47,11 +47,11 @@ def check_invariants(central: State) -> None:
         _check_resources,
         _check_stranded,
         _check_claims_of_tasks,
-        _check_what_lies_ahead,
+        _check_pending_waits,
         _check_connections,
         _check_waits,
         _check_variables,
-        _check_kept,
+        _check_retained,
         _check_routes,
         _check_budget,
         _check_observers,
@@ -64,7 +64,7 @@ def _is_alive(central: State, task: Task | Delivery) -> bool:
 
 
 def _check_waits(central: State) -> None:
-    """Check that blocked connections have open requests, and a coroutine's waits are complete."""
+    """Check that blocked connections wait for open requests, a coroutine for all of its own."""
     connections = central.registry.connections.values()
     assert {one for one in connections if one.waits} == set(central.blocked), (
         "blocked connections differ from waiting ones"
@@ -94,9 +94,8 @@ def _check_state(task: Task) -> None:
     It is in the life cycle and not final. It is accepted only if a handler has had the task.
     """
     cycle = task.message.life_cycle
-    asked, newest = (
-        (task.clients.asked, task.clients.newest) if task.clients is not None else ([], 0)
-    )
+    clients = task.clients
+    asked, newest = (clients.asked, clients.newest) if clients is not None else ([], 0)
     assert task.state in cycle.states, f"{task}: its life cycle has no '{task.state}'"
     assert not cycle.is_over(task.state), f"{task}: it is alive, and {task.state}"
     assert task.serial or task.state == cycle.initial, (
@@ -222,42 +221,40 @@ def _check_delivery(central: State, task: Task) -> None:
     """Check that a task is held by constraints, queued, with a handler, or returned."""
     parent = task.parent
     assert parent is not None
-    is_attended = task.handling_id in central.dispatcher.running
-    assert is_attended == task.is_running, f"{task}: attended or not?"
-    assert is_attended or not task.nested, f"{task}: nested in a handler that is done"
+    is_running = task.handling_id in central.dispatcher.running
+    assert is_running == task.is_running, f"{task}: the dispatcher does not know if a handler runs"
+    assert is_running or not task.nested, f"{task}: nested in a handler that is done"
     is_elsewhere = task.returned or task.queues is not None
-    assert not (is_attended and is_elsewhere), f"{task}: with a handler, and in a queue or returned"
+    assert not (is_running and is_elsewhere), f"{task}: with a handler, and in a queue or returned"
     if task.killed:
         return
-    unasked = to_be_fired(task, first_moments(task)) if task.queues is not None else []
-    assert not unasked, (
-        f"{task}: waits for its handler, and {unasked[0].listener.name} was not sent before"
+    unsent = to_be_fired(task, first_moments(task)) if task.queues is not None else []
+    assert not unsent, (
+        f"{task}: waits for its handler, and {unsent[0].listener.name} was not sent before"
     )
     if task.reached & START_HANDLING:
-        watch, recovering = (
-            task.watch,
-            task.recovery.exception_handler if task.recovery is not None else None,
-        )
-        is_decided = (
+        watch, recovery = task.watch, task.recovery
+        recovering = recovery.exception_handler if recovery is not None else None
+        is_accounted_for = (
             (watch is not None and watch.is_on)
             or (recovering is not None and recovering.id in central.tree.tasks)
             or task.returned
-            or is_attended
+            or is_running
             or task.retry_pending
             or task.suspended
             or task.queues is not None
             or is_held(task, START_HANDLING)
         )
-        assert is_decided, f"{task}: no handler has it"
+        assert is_accounted_for, f"{task}: no handler has it"
         return
     start = delivered_at(task.is_goal)
     starts = (start, START_ACHIEVING) if task.planning_delayed else (start,)
-    is_kept = task.suspended or any(is_held(task, moment) for moment in starts)
-    may_start = not is_kept and all(
+    is_stopped = task.suspended or any(is_held(task, moment) for moment in starts)
+    may_start = not is_stopped and all(
         task.ignores_parent or parent.reached & moment for moment in starts
     )
     assert may_start == task.start_granted == (task.queues is not None), (
-        f"{task}: may start, but is not requested"
+        f"{task}: may start and is not queued, or the other way round"
     )
 
 
@@ -283,15 +280,15 @@ def _check_claims_of_tasks(central: State) -> None:
     """Check that claims end with their task or message."""
     for holder, claims in central.claimed_for.items():
         assert claims, f"{holder}: no claims"
-        is_there = holder.handling_id in central.dispatcher.running or _is_alive(central, holder)
-        assert is_there, (
+        has_not_ended = holder.handling_id in central.dispatcher.running
+        assert has_not_ended or _is_alive(central, holder), (
             f"{holder.message.name} {holder.id}: has ended, and has {len(claims)} claims"
         )
 
 
 def _check_resources(central: State) -> None:
     """Check that no resource is over its capacity, and nothing waits while a slot is free."""
-    attending: Counter[ModuleResource] = Counter()
+    handled: Counter[ModuleResource] = Counter()
     slots = set()
     for delivery in central.dispatcher.running.values():
         assert delivery.slot is not None, f"delivery {delivery.id}: without a slot"
@@ -301,13 +298,13 @@ def _check_resources(central: State) -> None:
                 f"delivery {delivery.id}: its slot handles two messages"
             )
             slots.add(delivery.slot)
-            attending[delivery.slot.resource] += 1
+            handled[delivery.slot.resource] += 1
     for resource in (
         one for module in central.registry.modules.values() for one in module.resources.values()
     ):
         name = f"resource '{resource.name}' of '{resource.module}'"
-        assert attending[resource] + resource.free == resource.capacity, (
-            f"{name}: {attending[resource]} attending"
+        assert handled[resource] + resource.free == resource.capacity, (
+            f"{name}: {handled[resource]} handled"
         )
         assert resource.slots.keys() == resource.numbers.keys(), f"{name}: slots without a number"
         assert resource.waiting == len({delivery.id for delivery in resource.queued()}), (
@@ -318,7 +315,7 @@ def _check_resources(central: State) -> None:
         assert following is None or (is_message and not resource.free), (
             f"{name}: {following} waits, but could be delivered"
         )
-        _check_ahead(resource, name)
+        _check_prefetched(resource, name)
         _check_limits(resource, name)
         _check_claims(central, resource, name)
     for message in central.registry.messages.values():
@@ -333,24 +330,23 @@ def _check_resources(central: State) -> None:
             _check_handled_wait(wait)
 
 
-def _check_ahead(resource: ModuleResource, name: str) -> None:
+def _check_prefetched(resource: ModuleResource, name: str) -> None:
     """Check prefetched messages: they are in order, wait for nothing else, and their slot is busy.
 
-    A slot that is recalled is excepted. A message that has left a queue is not compared: a slot may
-    return it, and keep later messages that it has started.
+    A recalled slot need not be busy, and its messages need no order. Messages that have left their
+    queue are not compared: a slot may return one, and keep later ones that it has started.
     """
     line = [one for one in resource.in_line() if one in resource.prefetched or not one.ticket]
     assert (
         line == sorted(line, key=lambda one: (-one.priority, one.arrival)) or resource.is_recalling
     ), f"{name}: order"
     for delivery in resource.prefetched:
-        assert not delivery.is_task, f"{name}: {delivery} is ahead"
-        assert delivery.queues == (resource,), f"{name}: {delivery} is ahead, and waits elsewhere"
-        assert resource.prefetching_slot in resource.slots, f"{name}: {delivery} is ahead nowhere"
-        is_free = resource.prefetching_slot is not None and resource.is_free(
-            resource.prefetching_slot
-        )
-        assert resource.is_recalling or not is_free, f"{name}: {delivery} is ahead of nothing"
+        slot = resource.prefetching_slot
+        assert not delivery.is_task, f"{name}: task {delivery} is prefetched"
+        assert delivery.queues == (resource,), f"{name}: prefetched {delivery} waits elsewhere"
+        assert slot in resource.slots, f"{name}: {delivery} is prefetched to a lost slot"
+        is_free = slot is not None and resource.is_free(slot)
+        assert resource.is_recalling or not is_free, f"{name}: {delivery} waits for a free slot"
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
@@ -379,27 +375,24 @@ def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
         f"{name}: its holder is disconnected"
     )
     for delivery in central.dispatcher.running.values():
-        if (
-            delivery.slot in resource.slots
-            and delivery.slot is not held_by.slot
-            and not delivery.nested
-        ):
+        is_from_outside = delivery.slot is not held_by.slot and not delivery.nested
+        if delivery.slot in resource.slots and is_from_outside:
             is_let_in = held_by.admits_owner and delivery.sent_by is held_by.owner
             assert is_let_in, (
-                f"{name}: {delivery.message.name} {delivery.id} is in it, but others have it"
+                f"{name}: handles {delivery.message.name} {delivery.id} despite the claim"
             )
 
 
-def _check_what_lies_ahead(central: State) -> None:
+def _check_pending_waits(central: State) -> None:
     """Check that every wait for a time or a point belongs to a living task, which knows it."""
     timers = set(central.clock.pending())
     for task in (central.tree.root, *central.tree.tasks.values()):
-        for what, waits_for in task.scheduled.pending.items() if task.scheduled is not None else ():
+        for plan, waits_for in task.scheduled.pending.items() if task.scheduled is not None else ():
             if isinstance(waits_for, Task):
-                is_there = what in (waits_for.waiters or ())
+                is_known = plan in (waits_for.waiters or ())
             else:
-                is_there = waits_for in timers and waits_for.subject is what
-            assert is_there, f"{task}: {what} will never happen"
+                is_known = waits_for in timers and waits_for.subject is plan
+            assert is_known, f"{task}: {plan} will never happen"
         for waiter in task.waiters or ():
             if isinstance(waiter, PendingKill):
                 assert Scheduled.of(waiter.task).pending[waiter] is task, (
@@ -447,16 +440,16 @@ def _check_connections(central: State) -> None:
     )
 
 
-def _check_kept(central: State) -> None:
+def _check_retained(central: State) -> None:
     """Check that records are of ended tasks under existing parents, for connected modules."""
     tree, kept, modules = central.tree, central.memory.kept, central.registry.modules.values()
     for record in kept.values():
         parent = record.parent
         assert record.id not in tree.tasks, f"record {record.id}: its task lives"
-        is_there = parent is tree.root or (
+        has_parent = parent is tree.root or (
             parent and (kept.get(parent.id) or tree.tasks.get(parent.id)) is parent
         )
-        assert is_there, f"record {record.id}: its parent is removed"
+        assert has_parent, f"record {record.id}: its parent is removed"
         assert record.siblings.get(record.id) is record, (
             f"record {record.id}: its parent does not know it"
         )
@@ -481,7 +474,7 @@ def _check_variables(central: State) -> None:
     """Check that values belong to variables, their size is known, and only the newest waits."""
     held = central.variables
     assert held.bytes == sum(len(value.body) for value in held.values.values()), (
-        f"variables hold {held.bytes} bytes?"
+        f"variables: {held.bytes} bytes are counted wrongly"
     )
     for name in held.values:
         message = central.registry.messages[name]
@@ -492,9 +485,7 @@ def _check_variables(central: State) -> None:
 
 
 def _check_routes(central: State) -> None:
-    """Check that the senders told of a message's route, or a slot's end, are connected, and vice
-    versa.
-    """
+    """Check that connections know the routes and slots whose lists they are in, and vice versa."""
     connections = set(central.registry.connections.values())
     for message in central.registry.messages.values():
         assert message.route == route_of(message), f"'{message.name}': its route was not reviewed"
@@ -504,19 +495,14 @@ def _check_routes(central: State) -> None:
         )
     for slot in connections:
         watching = {one for one in connections if slot in one.watches}
-        assert slot.watchers.keys() == watching, (
-            "a slot is watched by a removed connection, or by one that does not know it"
-        )
+        assert slot.watchers.keys() == watching, "a slot's watcher is removed, or does not know it"
         assert slot.watches.keys() <= connections, "it watches a removed slot"
 
 
 def _check_budget(central: State) -> None:
     """Check that the counted bytes and objects are the real ones."""
-    tasks, registry, running = (
-        central.tree.tasks.values(),
-        central.registry,
-        central.dispatcher.running.values(),
-    )
+    tasks, registry = central.tree.tasks.values(), central.registry
+    running = central.dispatcher.running.values()
     assert central.tree.bytes == sum(map(_task_size, tasks)), "bytes of tasks"
     assert central.agenda.holds.edge_count == sum(len(task.followers or ()) for task in tasks), (
         "constraints"

@@ -14,12 +14,8 @@ class Place:
 HEIGHT = Query("height", Place, reply=float)
 BATTERY = MultiQuery("battery", reply=float)
 
-hills, left, right, asker = (
-    Module("hills"),
-    Module("left arm"),
-    Module("right arm"),
-    Module("asker"),
-)
+hills, asker = Module("hills"), Module("asker")
+left, right = Module("left arm"), Module("right arm")
 
 
 @hills.handles(HEIGHT)

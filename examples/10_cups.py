@@ -13,18 +13,15 @@ import time
 
 from tca_module import Command, DemonMonitor, Goal, Module, PollingMonitor, Query, Task
 
-LOOK_FOR_CUPS, FETCH, GRASP = (
-    Command("look for cups"),
-    Goal("fetch cup", str),
-    Command("grasp", str),
-)
+LOOK_FOR_CUPS = Command("look for cups")
+FETCH, GRASP = Goal("fetch cup", str), Command("grasp", str)
 IS_GONE, GIVE_UP = Query("is the cup gone", str, reply=bool), Command("give up", str)
 NEW_CUPS = DemonMonitor("new cups", set_up=LOOK_FOR_CUPS, action=FETCH)
 CUP_GONE = PollingMonitor("cup gone", str, condition=IS_GONE, action=GIVE_UP)
 
 vision, robot = Module("vision"), Module("robot")
 robot.resource("arm")
-over = threading.Semaphore(0)
+ended = threading.Semaphore(0)
 
 
 @vision.handles(LOOK_FOR_CUPS)
@@ -50,7 +47,7 @@ def grasp(task: Task, cup: str) -> None:
     while cup == "blue" and not task.cancelled:  # search until the goal is killed
         time.sleep(0.01)
     print(f"the {cup} cup is gone: given up" if task.cancelled else f"fetched the {cup} cup")
-    over.release()
+    ended.release()
 
 
 @robot.handles(GIVE_UP)
@@ -61,4 +58,5 @@ def give_up(task: Task, _: str) -> None:
 if __name__ == "__main__":
     with vision.running(), robot.running():
         robot.monitor(NEW_CUPS, maximum=2)
-        _ = over.acquire(), over.acquire()
+        ended.acquire()
+        ended.acquire()

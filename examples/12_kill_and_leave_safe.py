@@ -8,12 +8,8 @@ import time
 
 from tca_module import Command, Goal, Module, Task
 
-DIG, DRILL, RETRACT, DRIVE_ON = (
-    Goal("dig"),
-    Command("drill"),
-    Command("retract the drill"),
-    Command("drive on"),
-)
+DIG, DRILL = Goal("dig"), Command("drill")
+RETRACT, DRIVE_ON = Command("retract the drill"), Command("drive on")
 
 planner, drill, wheels = Module("planner"), Module("drill"), Module("wheels")
 drilling = threading.Event()

@@ -9,7 +9,7 @@ BUSY = Failure("busy", str)
 
 arms = [Module(f"arm {number}") for number in (1, 2, 3)]
 asker = Module("asker")
-slow = threading.Event()
+may_reply = threading.Event()
 
 
 @arms[0].handles(BID)
@@ -24,7 +24,7 @@ def refuses(_: Task, job: str) -> int:
 
 @arms[2].handles(BID)
 def thinks(_: Task, job: str) -> int:
-    slow.wait(10)
+    may_reply.wait(10)
     return 2 * len(job)
 
 
@@ -34,4 +34,4 @@ if __name__ == "__main__":
         print("all in time:", asker.multi_query(BID, "dig", timeout=1.0))
         for bid in asker.multi_query_send(BID, "dig", timeout=10):
             print("bid:", bid)
-            slow.set()
+            may_reply.set()

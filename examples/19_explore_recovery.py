@@ -46,7 +46,7 @@ def lifting(title: str, height: int) -> Scenario:
     scenario.module("expert").handles(HIGHER)(higher)
 
     @scenario.module("user").does
-    def want_a_leg_up(me: Script) -> None:
+    def lift_a_leg(me: Script) -> None:
         me.on_failure(None, HIGHER, of=LIFT)
         me.command(LIFT, height, deadline=5.0).wait()
 

@@ -20,7 +20,7 @@ IS_LOW = Query("is the battery low", reply=bool)
 BATTERY = PollingMonitor("battery", condition=IS_LOW, action=STOP)
 
 legs, watcher = Module("legs"), Module("watcher")
-walking, times = threading.Event(), itertools.count()
+walking, tests = threading.Event(), itertools.count()
 
 
 @legs.handles(WALK)
@@ -34,7 +34,7 @@ def walk(task: Task) -> None:
 
 @watcher.handles(IS_LOW)
 def is_low(_: Task) -> bool:
-    return next(times) == 3
+    return next(tests) == 3
 
 
 @watcher.handles(STOP)

@@ -17,7 +17,7 @@ POINT, SAY = Command("point", str, life_cycle=BASIC), Command("say", str, life_c
 LISTEN = Query("listen", reply=str)
 dialog, arm, voice, human = Module("dialog"), Module("arm"), Module("voice"), Module("human")
 may_answer = threading.Event()
-side_by_side = threading.Barrier(2, timeout=5)
+both_started = threading.Barrier(2, timeout=5)
 
 
 @dialog.handles(LABEL_QUERY, when_busy="reject")
@@ -36,7 +36,7 @@ def ask(task: Task, thing: str) -> str:
 @arm.handles(POINT)
 @voice.handles(SAY)
 def act(_task: Task, _target: str) -> None:
-    side_by_side.wait()  # each returns once both have started
+    both_started.wait()  # each returns once both have started
 
 
 @human.handles(LISTEN)

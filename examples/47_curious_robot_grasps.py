@@ -9,10 +9,8 @@ import threading
 from tca_module import Command, Module, Rejected, SentTask, Task, connect
 from tca_module.testing import LocalCentral
 
-GRASP, REACH = (
-    Command("grasp", int, result=str, progress=str),
-    Command("reach", int, result=str, progress=str),
-)
+GRASP = Command("grasp", int, result=str, progress=str)
+REACH = Command("reach", int, result=str, progress=str)
 coordinator, arm = Module("coordinator"), Module("arm")
 has_arrived = threading.Event()
 

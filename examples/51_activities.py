@@ -37,10 +37,8 @@ class Robot(Component[list[str]]):
 
 
 def print_verdict(application: Application) -> None:
-    figures, periods = (
-        application.figures(),
-        {one.name: one.period for one in application.allocation().processors},
-    )
+    figures = application.figures()
+    periods = {one.name: one.period for one in application.allocation().processors}
     print(f"{application.policy}: {'schedulable' if figures.is_schedulable else 'not schedulable'}")
     for one in figures.processors:
         within = "no bound" if one.bound is None else f"within {one.bound * 1e3:.1f} ms"

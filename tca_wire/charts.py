@@ -21,7 +21,7 @@ class StateKind(StrEnum):
     EPSILON = "epsilon"
     """Nothing: it ends as soon as it is entered."""
     SEQUENCE = "sequence"
-    """One of its states is active; when that has completed, the next one is entered."""
+    """One of its states is active; when that state has completed, the next one is entered."""
     MACHINE = "machine"
     """One of its states is active; only explicit transitions lead to another."""
     ANY = "any of"
@@ -64,7 +64,7 @@ class ChartState(msgspec.Struct, frozen=True, omit_defaults=True):
     lines: list[str] = []
     """Its parameters, tasks and activities."""
     completes: bool = False
-    """Whether its completion also completes the state that holds it."""
+    """Whether the completion of this state also completes the state that holds it."""
 
 
 class ChartArrow(msgspec.Struct, frozen=True):
@@ -95,14 +95,14 @@ class MachineChart(msgspec.Struct, frozen=True, omit_defaults=True):
         numbers = range(len(self.states))
         if not self.states:
             raise ValueError("a machine needs at least one state")
+        containers = {-1}
         for number, state in enumerate(self.states):
-            is_held = (
-                state.parent in numbers[:number] and self.states[state.parent].kind.is_container
-            )
-            if not is_held and state.parent != -1:
+            if state.parent not in containers:
                 raise ValueError(
                     f"state {number} is in {state.parent}, which is not an earlier container"
                 )
+            if state.kind.is_container:
+                containers.add(number)
         for arrow in self.arrows:
             if arrow.source not in numbers or arrow.target not in numbers:
                 raise ValueError(
@@ -141,12 +141,12 @@ class ActiveStates(msgspec.Struct, frozen=True):
 
 
 _T = TypeVar("_T")
-_MARK = "#/$defs/MachineChart"
+_MACHINE_REFERENCE = "#/$defs/MachineChart"
 
 
 def read_machine(data_format: str, body: bytes) -> MachineChart | None:
-    """Return the machine that a task is, by the format of its data; None for other tasks."""
-    return decoded(body, MachineChart) if _MARK in data_format else None
+    """Return the machine of a task, recognised by the format of the task's data; None otherwise."""
+    return decoded(body, MachineChart) if _MACHINE_REFERENCE in data_format else None
 
 
 def read_active(body: bytes) -> ActiveStates:

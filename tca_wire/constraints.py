@@ -11,7 +11,7 @@ _START_ACHIEVING, _END_ACHIEVING = Moment.START_ACHIEVING, Moment.END_ACHIEVING
 
 
 class Flags(IntFlag):
-    """Constraints of a new task relative to its *last sibling* or to itself.
+    """Constraints of a new task relative to its last sibling (*last*) or to itself (*this*).
 
     After the ``tplConstr`` bit mask of TCA 8.5.
     """
@@ -28,8 +28,8 @@ class Constraint(
 ):
     """Point *after* is reached no earlier than *delay* seconds after point *before*.
 
-    A point of the root stands for the time at which central accepts the constraint; in the journal,
-    for its time 0.
+    With a point of the root as *before*, the delay counts from the time at which central accepts
+    the constraint; in the journal, from time 0.
     """
 
     before: Point
@@ -69,6 +69,6 @@ def not_before(task: TaskId, seconds: float) -> Constraint:
     )
 
 
-def plan_ahead(behind: TaskId, task: TaskId) -> Constraint:
-    """Plan *task* only once *behind* is being achieved: this limits how far planning runs ahead."""
-    return Constraint(Point(behind, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))
+def plan_ahead(earlier: TaskId, task: TaskId) -> Constraint:
+    """Plan *task* only once *earlier* is being achieved: planning runs no further ahead."""
+    return Constraint(Point(earlier, Moment.START_ACHIEVING), Point(task, Moment.START_PLANNING))

@@ -28,7 +28,7 @@ class Reason(StrEnum):
     NOT_FORESEEN = "not foreseen"
     """Its state is no longer on the preview list."""
     REPEATED = "repeated"
-    """Its state is the current one, or stands earlier in the list: the machine comes back to it."""
+    """Its state is also the current one, or stands earlier in the list: the machine comes back."""
     NEEDS = "needs"
     """A fact that it needs does not hold, or holds only because of early work at risk."""
     CONFLICT = "conflict"
@@ -55,8 +55,10 @@ class Objection(msgspec.Struct, frozen=True, omit_defaults=True):
     name: str = ""
     """The fact or agent that it is about."""
     other: int = -1
-    """The other state: with the conflicting activity, where the branch begins, or whose progress
-    counts for the utility.
+    """The other state.
+
+    For CONFLICT it has the conflicting activity, for BRANCH the branch begins there, and for
+    UTILITY its progress counts.
     """
 
 

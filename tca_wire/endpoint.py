@@ -9,8 +9,8 @@ from pathlib import Path
 
 VARIABLE = "TCA_CENTRAL"
 
-_DIGITS = 6
-_HERE = (
+_NUMBER_DIGITS = 6
+_LOCAL_HOSTS = (
     "tcp://127.0.0.1",
     "tcp://localhost",
     "tcp://[::1]",
@@ -38,12 +38,12 @@ class NoHome(RuntimeError):
     """The user has no home folder, and the variable that names another folder is not set."""
 
 
-def home(instead: str) -> Path:
-    """Return the user's home folder. Raises NoHome, which names the variable to set *instead*."""
+def home(variable: str) -> Path:
+    """Return the user's home folder. Raises NoHome, which names the *variable* to set instead."""
     try:
         return Path.home()
     except RuntimeError:
-        msg = f"the user {os.getuid()} has no home folder: set HOME, or {instead} to a folder"
+        msg = f"the user {os.getuid()} has no home folder: set HOME, or {variable} to a folder"
         raise NoHome(msg) from None
 
 
@@ -59,11 +59,14 @@ def default_journals() -> Path:
 def new_journal() -> Path:
     """Return the folder for a run that starts now.
 
-    Its name begins with a number, because a robot's clock may jump and so not order the runs.
+    Its name begins with a number, by which the runs are ordered: a robot's clock may jump.
     """
     folder = default_journals()
-    last = max(map(run_number, folder.iterdir()), default=0) if folder.is_dir() else 0
-    return folder / f"{last + 1:0{_DIGITS}}-{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
+    newest = max(map(run_number, folder.iterdir()), default=0) if folder.is_dir() else 0
+    return (
+        folder
+        / f"{newest + 1:0{_NUMBER_DIGITS}}-{time.strftime('%Y-%m-%dT%H-%M-%S')}-{os.getpid()}"
+    )
 
 
 def run_number(folder: Path) -> int:
@@ -72,7 +75,7 @@ def run_number(folder: Path) -> int:
     For other folders it is 0.
     """
     number, _, _ = folder.name.partition("-")
-    return int(number) if len(number) >= _DIGITS and number.isdecimal() else 0
+    return int(number) if len(number) >= _NUMBER_DIGITS and number.isdecimal() else 0
 
 
 def by_number(folders: Iterable[Path]) -> list[Path]:
@@ -98,5 +101,5 @@ def journal_link(address: str) -> Path:
     All names of a local port share one link.
     """
     host, _, port = address.rpartition(":")
-    key = f"port {port}" if host in _HERE else address
+    key = f"port {port}" if host in _LOCAL_HOSTS else address
     return default_journals().parent / "centrals" / sha256(key.encode()).hexdigest()[:16]

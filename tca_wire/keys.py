@@ -65,10 +65,9 @@ def check_name(name: str) -> None:
 def check_key(text: str) -> None:
     """Raise KeyRefused if a text is not a CURVE key."""
     if not _is_key(text):
-        msg = (
+        raise KeyRefused(
             f"{text[:60]!r} is not a public key of {_LENGTH} characters: 'tca keys list' shows them"
         )
-        raise KeyRefused(msg)
 
 
 def _is_key(text: object) -> bool:
@@ -76,7 +75,10 @@ def _is_key(text: object) -> bool:
 
 
 def read_secret(path: Path, *names: str) -> dict[str, str]:
-    """Read texts by *names*, keys and others, from a secret file. Raises KeyRefused."""
+    """Return the texts of a secret file by their names. Raises KeyRefused if a key is missing.
+
+    *names* are those of the keys that it must have.
+    """
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode
@@ -89,11 +91,10 @@ def read_secret(path: Path, *names: str) -> dict[str, str]:
         raise KeyRefused(msg)
     for name in names:
         if not _is_key(found.get(name)):
-            msg = (
+            raise KeyRefused(
                 f"{path} is not a key: it has no '{name}' of {_LENGTH} characters;"
                 " make one with 'tca keys new'"
             )
-            raise KeyRefused(msg)
     return {name: text for name, text in found.items() if isinstance(text, str)}
 
 
@@ -118,5 +119,6 @@ def client_key(address: str) -> ClientKey | None:
     if not named:
         path = keys_folder() / f"{DEFAULT}{SUFFIX}"
         return read_client_key(path) if path.exists() else None
-    path = Path(named) if "/" in named else keys_folder() / f"{named.removesuffix(SUFFIX)}{SUFFIX}"
-    return read_client_key(path)
+    if "/" in named:
+        return read_client_key(Path(named))
+    return read_client_key(keys_folder() / f"{named.removesuffix(SUFFIX)}{SUFFIX}")

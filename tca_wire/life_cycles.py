@@ -22,10 +22,10 @@ class Effect(StrEnum):
     """The effect of a transition in central, beside the change of state."""
 
     NONE = ""
-    NEW_GOAL = "new goal"  # by the client: its data are a new goal, which the server may accept
-    TAKE_GOAL = "take goal"  # by the server: that goal is now the task's
+    NEW_GOAL = "new goal"  # by the client: the data is a new goal, which the server may accept
+    TAKE_GOAL = "take goal"  # by the server: the client's new goal is now the task's
     REFUSE = "refuse"  # by the server: the client's request is refused
-    RESULT = "result"  # by the server: its data are an intermediate result
+    RESULT = "result"  # by the server: the data is an intermediate result
     STOP = "stop"  # by the server: the task ends at the client's request
 
 
@@ -76,11 +76,11 @@ class LifeCycle:
         for row in self.transitions:
             if not isinstance(row, Transition):
                 self._refuse(f"{row!r:.40} is not a Transition")
-        named = [state for one in self.transitions for state in (one.source, one.target)]
+        named = [state for row in self.transitions for state in (row.source, row.target)]
         self.states = tuple(dict.fromkeys([initial, *named, done, cancelled]))
-        self.steps = {(one.source, one.name): one for one in self.transitions}
+        self.steps = {(row.source, row.name): row for row in self.transitions}
         self._check()
-        self.accepted = next(one for one in self.transitions if self._accepts(one))
+        self.accepted = next(row for row in self.transitions if self._accepts(row))
         """The transition that a task takes when a handler starts with it."""
 
     def __repr__(self) -> str:
@@ -111,24 +111,22 @@ class LifeCycle:
     def sources(self, name: str, by: Party) -> list[str]:
         """Return the states in which that party may take the transition of that name."""
         return [
-            one.source
-            for one in self.transitions
-            if one.name == name and one.by in (by, Party.BOTH)
+            row.source
+            for row in self.transitions
+            if row.name == name and row.by in (by, Party.BOTH)
         ]
 
     def names(self, by: Party) -> list[str]:
         """Return the transitions that a party may take in some state."""
         return list(
-            dict.fromkeys(one.name for one in self.transitions if one.by in (by, Party.BOTH))
+            dict.fromkeys(row.name for row in self.transitions if row.by in (by, Party.BOTH))
         )
 
     def ending(self, state: str, end: str, outcome: Outcome) -> str:
-        """Return the name of the transition from *state* to that *end*: the first that fits the
-        outcome.
-        """
+        """Return the name of the first transition from *state* to *end* that fits the outcome."""
         if outcome is Outcome.RESOLVED:  # central ends it, so no row of the table applies
             return str(outcome)
-        rows = (one for one in self.transitions if (one.source, one.target) == (state, end))
+        rows = (row for row in self.transitions if (row.source, row.target) == (state, end))
         # A kill takes the row of a client's cancel (STOP); other failures take other rows.
         is_kill = outcome is Outcome.KILLED
         for row in rows:
@@ -138,34 +136,25 @@ class LifeCycle:
 
     def refusal(self, state: str) -> Transition | None:
         """Return the transition by which the server refuses a client's request."""
-        return next(
-            (
-                one
-                for one in self.transitions
-                if one.source == state and one.effect is Effect.REFUSE
-            ),
-            None,
-        )
+        return self._with_effect(state, Effect.REFUSE)
 
     def grant(self, state: str) -> Transition | None:
         """Return the transition by which the server accepts a client's new goal."""
-        return next(
-            (
-                one
-                for one in self.transitions
-                if one.source == state and one.effect is Effect.TAKE_GOAL
-            ),
-            None,
-        )
+        return self._with_effect(state, Effect.TAKE_GOAL)
 
     def ends_on_request(self, state: str) -> bool:
         """Return whether the server may end the task in this state at a client's request."""
-        return any(one.source == state and one.effect is Effect.STOP for one in self.transitions)
+        return self._with_effect(state, Effect.STOP) is not None
+
+    def _with_effect(self, state: str, effect: Effect) -> Transition | None:
+        """Return the first transition out of *state* that has this effect."""
+        rows = (row for row in self.transitions if row.source == state)
+        return next((row for row in rows if row.effect is effect), None)
 
     def cancel(self, state: str) -> Transition | None:
         """Return the transition by which a client requests the end of the task."""
-        rows = (one for one in self.transitions if one.source == state and one.by is Party.CLIENT)
-        return next((one for one in rows if self.ends_on_request(one.target)), None)
+        rows = (row for row in self.transitions if row.source == state and row.by is Party.CLIENT)
+        return next((row for row in rows if self.ends_on_request(row.target)), None)
 
     @property
     def text(self) -> str:
@@ -177,16 +166,13 @@ class LifeCycle:
 
     # --- checks -----------------------------------------------------------------------------------
 
-    def _accepts(self, one: Transition) -> bool:
-        is_first = (
-            one.source == self.initial
-            and not self.is_over(one.target)
-            and one.target != self.initial
-        )
-        return is_first and one.by is not Party.CLIENT and not one.effect
+    def _accepts(self, row: Transition) -> bool:
+        """Return whether the server accepts a new task by this transition."""
+        is_first = row.source == self.initial and row.target in self.active
+        return is_first and row.by is not Party.CLIENT and not row.effect
 
     def _check(self) -> None:
-        for name in (self.name, *self.states, *(one.name for one in self.transitions)):
+        for name in (self.name, *self.states, *(row.name for row in self.transitions)):
             if not isinstance(name, str) or not is_name(name):
                 self._refuse(f"{name!r:.40} is not a name: use a few printable characters")
         if len(self.transitions) > MOST_TRANSITIONS:
@@ -195,51 +181,51 @@ class LifeCycle:
         if len({self.initial, self.done, self.cancelled}) < 3:
             self._refuse("its initial state and its two final states must differ")
         if len(self.steps) < len(self.transitions):
-            rows = [(one.source, one.name) for one in self.transitions]
-            double = next(one for at, one in enumerate(self.transitions) if rows[at] in rows[:at])
+            rows = [(row.source, row.name) for row in self.transitions]
+            repeated = next(row for at, row in enumerate(self.transitions) if rows[at] in rows[:at])
             self._refuse(
-                f"'{double.name}' leaves '{double.source}' twice:"
+                f"'{repeated.name}' leaves '{repeated.source}' twice:"
                 " give each transition of a state its own name"
             )
-        for one in self.transitions:
-            self._check_row(one)
-        if not any(self._accepts(one) for one in self.transitions):
+        for row in self.transitions:
+            self._check_row(row)
+        if not any(self._accepts(row) for row in self.transitions):
             self._refuse(
                 f"no transition of the server leads from '{self.initial}'"
                 " to a state in which the task runs"
             )
         self._check_reachability()
 
-    def _check_row(self, one: Transition) -> None:
-        where = f"'{one.name}' from '{one.source}'"
-        if self.is_over(one.source):
+    def _check_row(self, row: Transition) -> None:
+        where = f"'{row.name}' from '{row.source}'"
+        if self.is_over(row.source):
             self._refuse(f"{where}: no transition may leave a final state")
-        if one.by not in (Party.CLIENT, Party.SERVER, Party.BOTH) or not isinstance(one.by, Party):
+        if row.by not in (Party.CLIENT, Party.SERVER, Party.BOTH) or not isinstance(row.by, Party):
             self._refuse(
-                f"{where}: its party must be Party.CLIENT, SERVER or BOTH, not {one.by!r:.40}"
+                f"{where}: its party must be Party.CLIENT, SERVER or BOTH, not {row.by!r:.40}"
             )
-        if not isinstance(one.effect, Effect):
-            self._refuse(f"{where}: {one.effect!r:.40} is not an Effect")
-        wanted = Party.CLIENT if one.effect is Effect.NEW_GOAL else Party.SERVER
-        if one.effect and one.by is not wanted:
+        if not isinstance(row.effect, Effect):
+            self._refuse(f"{where}: {row.effect!r:.40} is not an Effect")
+        wanted = Party.CLIENT if row.effect is Effect.NEW_GOAL else Party.SERVER
+        if row.effect and row.by is not wanted:
             self._refuse(
-                f"{where}: only the {wanted} may take a transition with the effect '{one.effect}'"
+                f"{where}: only the {wanted} may take a transition with the effect '{row.effect}'"
             )
-        if one.by is not Party.SERVER and self.is_over(one.target):
+        if row.by is not Party.SERVER and self.is_over(row.target):
             self._refuse(
                 f"{where}: only the server may end a task: lead to a state that the server leaves"
             )
-        if one.effect is Effect.STOP and one.target != self.cancelled:
+        if row.effect is Effect.STOP and row.target != self.cancelled:
             self._refuse(f"{where}: with the effect 'stop' it must lead to '{self.cancelled}'")
 
     def _check_reachability(self) -> None:
-        reached = _reachable([self.initial], [(one.source, one.target) for one in self.transitions])
+        reached = _reachable([self.initial], [(row.source, row.target) for row in self.transitions])
         if lost := [state for state in self.states if state not in reached]:
             self._refuse(f"'{lost[0]}' can't be reached from '{self.initial}'")
-        backwards = [
-            (one.target, one.source) for one in self.transitions if one.by is not Party.CLIENT
+        reversed_arrows = [
+            (row.target, row.source) for row in self.transitions if row.by is not Party.CLIENT
         ]
-        can_end = _reachable([self.done, self.cancelled], backwards)
+        can_end = _reachable([self.done, self.cancelled], reversed_arrows)
         if stuck := [state for state in self.states if state not in can_end]:
             self._refuse(
                 f"the server can't end a task that is '{stuck[0]}':"
@@ -291,7 +277,7 @@ def _read(text: str) -> LifeCycle:
     return LifeCycle(name, rows, initial=initial, done=done, cancelled=cancelled)
 
 
-def _opening() -> list[Transition]:
+def _first_transitions() -> list[Transition]:
     return [
         Transition("accepted", "initiated", "running"),
         Transition("already done", "initiated", "done"),
@@ -299,13 +285,13 @@ def _opening() -> list[Transition]:
     ]
 
 
-BASIC = LifeCycle("basic", [*_opening(), *ending("running")])
+BASIC = LifeCycle("basic", [*_first_transitions(), *ending("running")])
 """Figure 2: a task is requested, accepted or rejected, and ends."""
 
 GENERAL = LifeCycle(
     "general",
     [
-        *_opening(),
+        *_first_transitions(),
         Transition("update", "running", "update requested", Party.CLIENT, Effect.NEW_GOAL),
         Transition("accept", "update requested", "running", Party.SERVER, Effect.TAKE_GOAL),
         Transition("reject", "update requested", "running", Party.SERVER, Effect.REFUSE),

@@ -39,7 +39,7 @@ class TaskRules(NamedTuple):
     delivery: int
     """The moments that it reaches together when a handler gets it."""
     order: Order
-    """Pairs: a moment, and the moments directly before it. One pass over them reaches all."""
+    """Pairs: a moment, and the moments directly before it. Each moment comes after those."""
     up_to: dict[int, int]
     """For each moment, the bits of those that come with or before it; 0 if reached at creation."""
 
@@ -48,16 +48,16 @@ def _rules(*, at_birth: int, delivery: int, order: Order) -> TaskRules:
     """Build the rules; ``up_to`` follows from the others."""
 
     def moments_up_to(moment: int) -> int:
+        if moment & at_birth:
+            return 0
         found = moment | (delivery if moment & delivery else 0)
-        for later, before in reversed(order):
+        for later, earlier in reversed(order):
             if found & later:
-                found |= before
+                found |= earlier
         return found | (delivery if found & START_HANDLING else 0)
 
-    found = {
-        moment: 0 if moment & at_birth else moments_up_to(moment) for moment in map(int, MOMENTS)
-    }
-    return TaskRules(at_birth, delivery, order, found)
+    up_to = {moment: moments_up_to(moment) for moment in map(int, MOMENTS)}
+    return TaskRules(at_birth, delivery, order, up_to)
 
 
 GOAL = _rules(
@@ -117,10 +117,7 @@ class TapRule(NamedTuple):
     holds_until: int = 0
     """The listener's moment that the tapped task's moment waits for."""
     is_child: bool = False
-    """The listener is a child of the tapped task.
-
-    Its failure is handled there, and it is killed with it.
-    """
+    """The listener is a child of the tapped task: it fails and is killed like other children."""
     lasts_until: int = 0
     """The moment of the tapped task at which its listeners end."""
 
@@ -128,8 +125,8 @@ class TapRule(NamedTuple):
     def is_before_end(self) -> bool:
         """Whether the listener is sent before the tapped task ends.
 
-        A polling or demon monitor that listens becomes a child of the tapped task, so that must
-        still live.
+        A polling or demon monitor as listener becomes a child of the tapped task, which must
+        therefore still live.
         """
         return self.is_child or bool(self.lasts_until) or self.at == SENT
 
@@ -162,8 +159,7 @@ CONDITIONS = {
 }
 """One row per condition.
 
-Conditions with ``is_child`` and without ``holds_until`` need none: a task ends only after its
-children.
+A condition before an end needs no ``holds_until``: a task ends only after its children.
 """
 
 LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)

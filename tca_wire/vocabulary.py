@@ -5,7 +5,7 @@ from typing import Self
 
 
 class _WithTraits(StrEnum):
-    """Words with traits: a declared attribute is True for the members that name it."""
+    """Words with traits: an annotated attribute is True for the members that name it."""
 
     def __new__(cls, word: str, *traits: str) -> Self:
         """Create a word with its traits as attributes, True or False."""
@@ -88,11 +88,7 @@ class Role(_WithTraits):
     NONE = ""
     EXCEPTION = "exception handler", "survives"  # handles the failure of another task
     LISTENER = "listener"  # of a wiretap
-    TERMINATION = (
-        "termination",
-        "leaves_safe",
-        "survives",
-    )  # sent after a kill, to leave things safe
+    TERMINATION = "termination", "leaves_safe", "survives"  # sent after a kill
     CONDITION = "condition", "is_of_monitor"
     ACTION = "action", "is_of_monitor"
     SET_UP = "set up", "is_of_monitor"
@@ -210,9 +206,7 @@ class Permission(StrEnum):
     HANDLE = "handle"  # handle messages, get variables
     TAP = "tap"  # tap messages, attach exception handlers to all, await and inspect foreign tasks
     LOCK = "lock"  # lock resources, as "module.resource"
-    KILL = (
-        "kill"  # kill, suspend, retry, fail, constrain and extend foreign tasks of these messages
-    )
+    KILL = "kill"  # kill, suspend, retry, fail, constrain and extend foreign tasks
     ADMINISTER = "administer"  # commands of the command line: "unlock", "detach", "status", ...
 
 

@@ -12,7 +12,6 @@ With --beside, a thread of the same program computes all the time. --switch sets
 which the interpreter switches threads.
 """
 
-import argparse
 import math
 import statistics
 import sys
@@ -20,11 +19,12 @@ import threading
 import time
 from collections import defaultdict
 
+from dev.benchmarks import options_of
 from tca_behaviours.activities.processing import Baton
 from tca_behaviours.activities.processing.schedule import Processor, ScheduledActivity
 
 _WARM_UP = 0.5  # seconds
-_computed = [0.0]  # seconds, by a thread beside
+_computed = [0.0]  # the processor seconds of the computing thread
 
 
 class Controller:
@@ -47,8 +47,9 @@ class Controller:
 def play(
     activities: int, processors: int, period: float, seconds: float
 ) -> tuple[float, float, float, float, float]:
-    """Return milliseconds: first start (p95), last end (p95), jitter (median, p99); and the us of a
-    tick.
+    """Return the first start (p95), the last end (p95), the jitter (median and p99), and a tick.
+
+    The last is in microseconds, the others in milliseconds.
     """
     baton = Baton()
     schedule, began = baton.schedule, defaultdict[str, list[float]](list)
@@ -79,19 +80,22 @@ def play(
         began.clear()
         ended.clear()
     executions = [one.execution for one in schedule.activities.values()]
-    used, own = _computed[0] - time.process_time(), -sum(one.mean * one.ticks for one in executions)
+
+    def used_seconds() -> float:
+        """Return the processor seconds beside the activities and the computing thread."""
+        in_activities = sum(one.mean * one.ticks for one in executions)
+        return time.process_time() - _computed[0] - in_activities
+
+    used_before = used_seconds()
     time.sleep(seconds)
     baton.stop()
-    used, own = (
-        used + time.process_time() - _computed[0],
-        own + sum(one.mean * one.ticks for one in executions),
-    )
+    used = used_seconds() - used_before
     ticks = sum(len(each) for each in began.values())
-    off = [abs(late - statistics.median(each)) for each in began.values() for late in each]
+    off_median = [abs(late - statistics.median(each)) for each in began.values() for late in each]
     first = statistics.quantiles(began["a0"], n=20)[18]
     last = statistics.quantiles(ended.values(), n=20)[18]
-    jitter = statistics.quantiles(off, n=100)
-    return first * 1e3, last * 1e3, jitter[49] * 1e3, jitter[98] * 1e3, (used - own) / ticks * 1e6
+    jitter = statistics.quantiles(off_median, n=100)
+    return first * 1e3, last * 1e3, jitter[49] * 1e3, jitter[98] * 1e3, used / ticks * 1e6
 
 
 def compute() -> None:
@@ -102,9 +106,7 @@ def compute() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--activities", type=int, default=50)
     parser.add_argument("--rate", type=float, default=100)
     parser.add_argument("--processors", default="1,5,50")

@@ -49,15 +49,13 @@ def chain(length: int) -> Coordination:
 
 
 def cost_of_events(length: int, policy: Policy | None) -> float:
-    """Return the coordinator's processor time, in microseconds, for a report of the current
-    activity.
-    """
+    """Return the coordinator's microseconds for one report of the current activity."""
     times: list[float] = []
-    continue_run: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_go_on"]
+    advance: Callable[[CoordinationRun], None] = vars(CoordinationRun)["_advance"]
 
     def measured(run: CoordinationRun) -> None:
         began = time.thread_time()
-        continue_run(run)
+        advance(run)
         times.append(time.thread_time() - began)
 
     with LocalCentral(stepped=True) as central:
@@ -73,7 +71,7 @@ def cost_of_events(length: int, policy: Policy | None) -> float:
         coordinator = Coordinator(chain(length), policy=policy)
         coordinator.handle_in(module)
         with (
-            patch.object(CoordinationRun, "_go_on", measured),
+            patch.object(CoordinationRun, "_advance", measured),
             robot.running(),
             module.running(),
             connect("user", central) as user,

@@ -1,6 +1,6 @@
 """The cost of control in a big tree: wiretaps, failures, suspension, deadlines and kills.
 
-    python dev/benchmarks/core_control.py [--sizes 1000,100000,1000000]
+    python -m dev.benchmarks.core_control [--sizes 1000,100000,1000000]
 
 A tree of tapped goals is grown under a top-level task with a deadline and a termination message. An
 exception handler for any failure is at the root, up to a million levels above.
@@ -10,12 +10,12 @@ shows its time, during which central does nothing else, and that time divided by
 tasks. One goal is handled, all others wait for its slot.
 """
 
-import argparse
 import gc
 import statistics
 import time
 from typing import Any
 
+from dev.benchmarks import options_of
 from dev.benchmarks.core_events import SLOT, USER, Bench
 from tca_central.events import ConnectionId, Tick
 from tca_wire.constraints import Flags
@@ -59,7 +59,7 @@ class Steered(Bench):
             newest = self.goal(newest if deep else self.top, Flags.NONE)
         return newest
 
-    def given(self, slot: ConnectionId) -> int:
+    def handled_by(self, slot: ConnectionId) -> int:
         """Return the message that a slot handles."""
         return next(
             one.handling_id
@@ -76,14 +76,16 @@ class Steered(Bench):
         for _ in range(rounds):
             begin = time.perf_counter()
             self.goal(parent, Flags.NONE)
-            self.event(SLOT, headers.Reply(self.given(SLOT)))
-            self.event(EXPERT_SLOT, headers.Reply(self.given(EXPERT_SLOT)))
+            self.event(SLOT, headers.Reply(self.handled_by(SLOT)))
+            self.event(EXPERT_SLOT, headers.Reply(self.handled_by(EXPERT_SLOT)))
             costs.append((time.perf_counter() - begin) / 3)
         return costs
 
-    def resolve(self) -> None:
-        """Resolve the failure that the expert handles."""
-        self.event(EXPERT_SLOT, headers.Resolve(self.next(), self.given(EXPERT_SLOT)))
+    def resolve(self) -> float:
+        """Resolve the failure that the expert handles; return the seconds of its reply."""
+        delivery = self.handled_by(EXPERT_SLOT)
+        self.event(EXPERT_SLOT, headers.Resolve(self.next(), delivery))
+        return self.timed(headers.Reply(delivery), EXPERT_SLOT)
 
     def timed(self, header: Any, connection: ConnectionId = USER) -> float:
         """Return the seconds that a message takes."""
@@ -97,15 +99,13 @@ class Steered(Bench):
         costs["failure at the bottom"] = self.timed(
             headers.Raise(self.next(), TaskId(bottom), "slip")
         )
-        self.resolve()
-        costs["it is handled"] = self.timed(headers.Reply(self.given(EXPERT_SLOT)), EXPERT_SLOT)
+        costs["it is handled"] = self.resolve()
         costs["suspend"] = self.timed(headers.Suspend(self.next(), top))
         costs["resume"] = self.timed(headers.Suspend(self.next(), top, resume=True))
         costs["deadline of the top"] = self._pass(DEADLINE)
-        self.resolve()
-        costs["that is handled"] = self.timed(headers.Reply(self.given(EXPERT_SLOT)), EXPERT_SLOT)
+        costs["that is handled"] = self.resolve()
         costs["kill"] = self.timed(headers.Kill(self.next(), top))
-        costs["last handler returns"] = self.timed(headers.Reply(self.given(SLOT)), SLOT)
+        costs["last handler returns"] = self.timed(headers.Reply(self.handled_by(SLOT)), SLOT)
         left = self.central.tree.tasks.values()
         assert [task.message.name for task in left if not task.killed] == ["halt"], (
             "all else has ended"
@@ -134,9 +134,7 @@ def measure(size: int, *, deep: bool) -> tuple[float, float, dict[str, float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--sizes", default="1000,100000,1000000")
     sizes = [int(size) for size in parser.parse_args().sizes.split(",")]
     for deep in (False, True):

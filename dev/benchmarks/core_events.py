@@ -1,18 +1,18 @@
 """Microseconds per event of the pure core for growing trees, and bytes per live task.
 
-    python dev/benchmarks/core_events.py [--sizes 1000,100000,1000000]
+    python -m dev.benchmarks.core_events [--sizes 1000,100000,1000000]
 
 Each tree is grown to its size. Then goals are sent, handled and achieved at that size. If the cost
 per event is constant, the last column does not rise with the size.
 """
 
-import argparse
 import gc
 import statistics
 import time
 import tracemalloc
 from typing import Any
 
+from dev.benchmarks import options_of
 from tca_central.core import Central
 from tca_central.events import ConnectionId, RequestReceived
 from tca_wire.constraints import Flags
@@ -57,7 +57,8 @@ class Bench:
         self.event(USER, headers.Send(self.next(), "walk", TaskId(parent), flags=flags))
         return self.central.tree.newest
 
-    def attended(self) -> int:
+    def newest_delivery(self) -> int:
+        """Return the delivery that a handler got last."""
         return next(reversed(self.central.dispatcher.running))
 
     def grow(self, size: int, *, deep: bool) -> int:
@@ -76,13 +77,13 @@ class Bench:
         for _ in range(rounds):
             begin = time.perf_counter()
             self.goal(parent, Flags.NONE)
-            self.event(SLOT, headers.Reply(self.attended()))
+            self.event(SLOT, headers.Reply(self.newest_delivery()))
             costs.append((time.perf_counter() - begin) / 2)
         return costs
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_of(__doc__)
     parser.add_argument("--sizes", default="1000,100000,1000000")
     arguments = parser.parse_args()
     titles = ("tree", "tasks", "growing us/event", "bytes/task", "steady us/event: median", "p99")

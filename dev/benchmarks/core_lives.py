@@ -2,9 +2,9 @@
 
     python -m dev.benchmarks.core_lives
 
-It shows the best and the median of several runs, each of many lives in a row, in microseconds. A
-sequence has ten commands under way, each behind the one before. The handler of "asked" decides
-about requests of clients. The tasks "observed" have an observer, which gets three changes of each.
+It shows the best and the median of several runs, each of many lives in a row, in microseconds. In a
+"sequence", ten commands are under way, each after the previous one. The handler of "asked" decides
+about requests of clients. An observer gets three changes of state of each task "observed".
 """
 
 import gc
@@ -67,13 +67,14 @@ def events(name: str, under_way: int, first: int) -> Iterator[Any]:
 
 
 def cost(name: str, under_way: int) -> float:
-    one = central()
-    to_come = list(events(name, under_way, one.tree.newest + 1))
+    """Return the microseconds of one life."""
+    core = central()
+    prepared = list(events(name, under_way, core.tree.newest + 1))
     gc.collect()
     gc.disable()
     begin = time.thread_time_ns()
-    for event in to_come:
-        one.handle(event)
+    for event in prepared:
+        core.handle(event)
     end = time.thread_time_ns()
     gc.enable()
     return (end - begin) / LIVES / 1000

@@ -11,12 +11,15 @@ import queue
 import statistics
 import tempfile
 import threading
-from functools import partial
+import time
+from contextlib import closing
 from pathlib import Path
 
-from dev.benchmarks import BODY, central, process, rate, rounds_of
+from dev.benchmarks import central, options_of
+from dev.benchmarks.messages.processes import Children
 from tca_module import Client, LaterReply, Module, Query, Task, connect
 
+BODY = bytes(100)
 KINDS = ("plain", "beside a timer", "async", "later")
 QUESTIONS = {kind: Query(kind, bytes, reply=bytes) for kind in KINDS}
 
@@ -47,28 +50,36 @@ def serve(address: str) -> None:
     module.run()
 
 
-def ask(client: Client, question: Query[bytes, bytes]) -> int:
+def round_trip(client: Client, question: Query[bytes, bytes], seconds: float) -> float:
+    """Return the mean time of a query, in microseconds."""
     client.query(question, BODY)
-    return 1
+    trips, begin = 0, time.perf_counter()
+    while (passed := time.perf_counter() - begin) < seconds:
+        client.query(question, BODY)
+        trips += 1
+    return 1e6 * passed / trips
 
 
 def measure(seconds: float) -> dict[str, float]:
     """Return the microseconds of a round trip, by kind."""
-    results = {}
-    with tempfile.TemporaryDirectory() as name:  # noqa: SIM117
-        with (
-            central(Path(name), "--no-journal") as address,
-            process(serve, address),
-            connect("client", address) as client,
-        ):
-            for kind, question in QUESTIONS.items():
-                client.query(question, BODY)
-                results[kind] = 1e6 / rate(seconds, partial(ask, client, question))
-    return results
+    with (
+        tempfile.TemporaryDirectory() as name,
+        central(Path(name), "--no-journal") as address,
+        closing(Children()) as children,
+    ):
+        children.serve(serve, address)
+        with connect("client", address) as client:
+            return {
+                kind: round_trip(client, question, seconds) for kind, question in QUESTIONS.items()
+            }
 
 
 def main() -> None:
-    rounds = rounds_of(measure, __doc__ or "")
+    parser = options_of(__doc__)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=1.0)
+    options = parser.parse_args()
+    rounds = [measure(options.seconds) for _ in range(options.rounds)]
     print(f"{'median of ' + str(len(rounds)):>20} {'round trip, us':>15}")
     for kind in KINDS:
         print(f"{kind:>20} {statistics.median(result[kind] for result in rounds):>15.0f}")

@@ -10,8 +10,6 @@ megabytes for each million facts: if the cost is linear, its columns do not rise
 import argparse
 import gc
 import resource
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from dev.benchmarks import measured_apart, options_of
 from dev.benchmarks.core_events import BODY, SLOT, USER, Bench
 from tca_central.events import ConnectionId, Record, RequestReceived
 from tca_tools.export.__main__ import FORMATS
@@ -56,7 +55,7 @@ class Writer(Bench):
         for _ in range(9):
             self.goal(step)
         while self.central.dispatcher.running:
-            self.event(SLOT, headers.Reply(self.attended()))
+            self.event(SLOT, headers.Reply(self.newest_delivery()))
 
 
 def read(path: Path) -> None:
@@ -96,7 +95,7 @@ def measure(way: str, path: Path) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_of(__doc__)
     parser.add_argument("--sizes", default="100000,300000,1000000")
     parser.add_argument("--ways", default="read,fold,view", help=f"some of {', '.join(WAYS)}")
     parser.add_argument("--measure", nargs=2, metavar=("WAY", "LOG"), help=argparse.SUPPRESS)
@@ -118,18 +117,8 @@ def main() -> None:
                     writer.step()
             print(f"{writer.facts:>10,} {path.stat().st_size / 1e6:>11.1f} ", end="")
             for way in ways:
-                command = [
-                    sys.executable,
-                    "-m",
-                    "dev.benchmarks.journals",
-                    "--measure",
-                    way,
-                    str(path),
-                ]
-                output = subprocess.run(
-                    command, check=True, capture_output=True, text=True
-                ).stdout.split()
-                seconds, megabytes = (float(number) / writer.facts * 1e6 for number in output)
+                figures = measured_apart("dev.benchmarks.journals", way, path)
+                seconds, megabytes = (figure / writer.facts * 1e6 for figure in figures)
                 print(f"{seconds:>12.2f} {megabytes:>6.0f} ", end="", flush=True)
             print()
 

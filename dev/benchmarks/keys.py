@@ -2,7 +2,7 @@
 
 The variants take turns, each with a journal; the ratios are to the one without keys and inputs.
 
-python dev/benchmarks/keys.py [rounds]
+python -m dev.benchmarks.keys [rounds]
 """
 
 import os
@@ -15,14 +15,12 @@ from collections import defaultdict
 from contextlib import ExitStack
 from pathlib import Path
 
+from dev.benchmarks.messages.contestant import run_open, timed
 from tca_module import Client, Inform, Query, connect
 
-PING, NOTE, SEEN = (
-    Query("ping", bytes, reply=bytes),
-    Inform("note", bytes),
-    Query("seen", reply=int),
-)
-TRIPS, MANY, OPEN = 300, 3000, 100
+PING, NOTE = Query("ping", bytes, reply=bytes), Inform("note", bytes)
+SEEN = Query("seen", reply=int)
+TRIPS, MANY = 300, 3000
 BODY = b"x" * 100
 
 SERVER = """
@@ -51,23 +49,14 @@ def start(stack: ExitStack, *options: str) -> Client:
 
 
 def round_trip(client: Client) -> float:
-    """Return the median of the seconds."""
-    times = []
-    for _ in range(TRIPS):
-        began = time.perf_counter()
-        client.query(PING, BODY)
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
+    """Return the median time of a query, in seconds."""
+    return statistics.median(timed(TRIPS, lambda: client.query(PING, BODY)))
 
 
 def queries(client: Client) -> float:
-    """Return the queries a second, with ``OPEN`` of them open at a time."""
-    began, pending = time.perf_counter(), [client.query_send(PING, BODY) for _ in range(OPEN)]
-    for _ in range(MANY - OPEN):
-        pending.pop(0).receive()
-        pending.append(client.query_send(PING, BODY))
-    for one in pending:
-        one.receive()
+    """Return the queries a second, with many open at a time."""
+    began = time.perf_counter()
+    run_open(MANY, lambda: client.query_send(PING, BODY).receive)
     return MANY / (time.perf_counter() - began)
 
 

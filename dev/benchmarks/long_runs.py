@@ -16,13 +16,13 @@ import io
 import math
 import resource
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
+from dev.benchmarks import measured_apart, options_of
 from dev.benchmarks.core_events import PLANNER, SLOT, USER
 from dev.benchmarks.journals import Writer
 from tca_central.events import ConnectionId
@@ -48,7 +48,7 @@ class LongRun(Writer):
 
     def __init__(self, stream: BinaryIO) -> None:
         super().__init__(stream)
-        self.event(SLOT, headers.Reply(self.attended()))
+        self.event(SLOT, headers.Reply(self.newest_delivery()))
 
     def retries(self, count: int) -> None:
         """Let one task fail again and again; an exception handler retries it."""
@@ -64,8 +64,8 @@ class LongRun(Writer):
         self.event(USER, headers.Attach(self.next(), Attachment("", "rescue", _ENDLESS)))
         task = TaskId(self.goal(0))
         for _ in range(count):
-            self.event(SLOT, headers.Fail(self.attended(), "slip", "left foot"))
-            handler = self.attended()
+            self.event(SLOT, headers.Fail(self.newest_delivery(), "slip", "left foot"))
+            handler = self.newest_delivery()
             self.event(expert, headers.Retry(self.next(), task, origin=handler))
             self.event(expert, headers.Reply(handler))
         self._finish()
@@ -81,8 +81,8 @@ class LongRun(Writer):
         """Let each handler send one subtask."""
         task = self.goal(0)
         for _ in range(count):
-            under, delivery = task, self.attended()
-            task = self.goal(under)
+            delivery = self.newest_delivery()
+            task = self.goal(task)
             self.event(SLOT, headers.Reply(delivery))
         self._finish()
 
@@ -94,7 +94,7 @@ class LongRun(Writer):
 
     def _finish(self) -> None:
         while self.central.dispatcher.running:
-            self.event(SLOT, headers.Reply(self.attended()))
+            self.event(SLOT, headers.Reply(self.newest_delivery()))
 
 
 SHAPES = {"retries": 10_000, "children": 10_000, "levels": 10_000, "waits": 100_000}
@@ -177,7 +177,7 @@ def measure(tool: str, path: Path) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options_of(__doc__)
     parser.add_argument("--shapes", default=",".join(SHAPES))
     parser.add_argument("--tools", default=",".join(TOOLS))
     parser.add_argument("--share", type=float, default=1.0)
@@ -211,15 +211,10 @@ def main() -> None:
 
 
 def _took(tool: str, path: Path, patience: float) -> tuple[float, float]:
-    command = [sys.executable, "-m", "dev.benchmarks.long_runs", "--measure", tool, str(path)]
     try:
-        output = subprocess.run(
-            command, check=True, capture_output=True, text=True, timeout=patience
-        ).stdout
+        return measured_apart("dev.benchmarks.long_runs", tool, path, patience)
     except subprocess.TimeoutExpired:
         return math.inf, math.inf
-    seconds, megabytes = output.split()[-2:]
-    return float(seconds), float(megabytes)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ Each task is a small controller: at its rate it does a little arithmetic on numb
 environment. The benchmark measures how late each iteration starts, without the first second.
 """
 
-import argparse
 import math
 import statistics
 import tempfile
@@ -16,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from dev.benchmarks import central
+from dev.benchmarks import central, options_of
 from tca_behaviours.missions import Environment, PeriodicTask, Status, TaskServer
 from tca_behaviours.missions.serving import run
 from tca_module import connect
@@ -31,7 +30,8 @@ class Cart(Environment):
     def __init__(self) -> None:
         super().__init__()
         self.place, self.speed = 0.0, 0.0
-        self.begins: dict[int, list[float]] = defaultdict(list)  #: of iterations, by thread
+        #: The times at which iterations began, and at which they were due, by thread.
+        self.begins: dict[int, list[float]] = defaultdict(list)
         self.dues: dict[int, list[float]] = defaultdict(list)
 
 
@@ -92,9 +92,7 @@ def play(address: str, tasks: int, rate: float, seconds: float) -> tuple[list[fl
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--tasks", default="1,10,100")
     parser.add_argument("--rate", type=float, default=10)
     parser.add_argument("--seconds", type=float, default=10)

@@ -7,12 +7,12 @@ arrow of each state leads to a dead end, back to the start, or (almost as likely
 state. The last machine is a tree of equally likely arrows, where the walk has to visit every state.
 """
 
-import argparse
 import gc
 from collections.abc import Callable, Sequence
 from functools import partial
-from time import perf_counter
 
+from dev.benchmarks import options_of
+from dev.benchmarks.messages.contestant import timed
 from tca_behaviours.coordination import (
     Activity,
     Agent,
@@ -103,20 +103,8 @@ CASES = {
 }
 
 
-def least(rounds: int, work: Callable[[], object]) -> float:
-    """Return the least time in milliseconds."""
-    times = []
-    for _ in range(rounds):
-        begin = perf_counter()
-        work()
-        times.append(perf_counter() - begin)
-    return 1e3 * min(times)
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--lengths", default="10,100,1000,10000")
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args()
@@ -130,14 +118,14 @@ def main() -> None:
             chain = Chain(arrows, length)
             found = most_likely(chain, 0, LIMITS)
             visited = chain.visited
-            walk = least(options.rounds, partial(most_likely, chain, 0, LIMITS))
+            walk_ms = 1e3 * min(timed(options.rounds, partial(most_likely, chain, 0, LIMITS)))
             present = Present(0, {}, Situation(progress=0.7))
             ahead = LookAhead(Discrete(), LIMITS, chain.needed)
-            whole = least(options.rounds, partial(ahead.decide, chain, present))
-            per_state = 1e3 * walk / len(found)
+            decision_ms = 1e3 * min(timed(options.rounds, partial(ahead.decide, chain, present)))
+            per_state = 1e3 * walk_ms / len(found)
             print(
-                f"{case:20} {length:7,} {len(found):7,} {visited:10,} {walk:9.3f}"
-                f" {per_state:9.2f} {whole:12.3f}",
+                f"{case:20} {length:7,} {len(found):7,} {visited:10,} {walk_ms:9.3f}"
+                f" {per_state:9.2f} {decision_ms:12.3f}",
                 flush=True,
             )
 

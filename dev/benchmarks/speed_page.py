@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from dev.benchmarks.messages.results import Comparison, Report, Standing
-from dev.benchmarks.messages.table import number
+from dev.benchmarks.messages.table import number, ratio_range
 from tca_tools.drawing.svg import document, rectangle, text, width_of
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -24,7 +24,7 @@ PICTURES = {
 SIZES = "round trip of "
 _ROW, _BAR, _WIDTH, _MARGIN = 18.0, 12.0, 420.0, 14.0
 _LEAST = 1e-3
-"""The left end of the scale."""
+"""The left end of the scale, as a part of the reference."""
 _STYLE = ".ours { fill: #2f6fb2; } .other { fill: #b8c4d0; } .limit { fill: #52606d; }"
 
 
@@ -45,24 +45,17 @@ def page(report: Report) -> Iterator[str]:
         yield "|---|---|---|---|---|---|---|"
         yield from map(row, table.rows)
     if report.missing:
-        yield from (
-            "",
-            "Left out: "
-            + "; ".join(f"{name} ({why})" for name, why in report.missing.items())
-            + ".",
-        )
+        left_out = "; ".join(f"{name} ({why})" for name, why in report.missing.items())
+        yield from ("", f"Left out: {left_out}.")
 
 
 def row(one: Standing) -> str:
     ratio = f"**{number(one.ratio)}**" if one.ratio is not None else ""
-    spread = (
-        f"{number(one.least_ratio)} - {number(one.most_ratio)}" if one.ratio is not None else ""
-    )
     figures = (
         number(value) if value is not None else ""
         for value in (one.median, one.p99, one.best, one.worst)
     )
-    return f"| {one.contestant} | {ratio} | {spread} | {' | '.join(figures)} |"
+    return f"| {one.contestant} | {ratio} | {ratio_range(one)} | {' | '.join(figures)} |"
 
 
 def picture(title: str, tables: list[Comparison]) -> str:

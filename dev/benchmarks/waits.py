@@ -8,14 +8,13 @@ a client waits in ``wait()``, then the handlers of 1 and of 40 queries. These co
 deadlock, so central checks all that they wait for, in slices.
 """
 
-import argparse
 import statistics
 import tempfile
 import threading
 import time
 from pathlib import Path
 
-from dev.benchmarks import central
+from dev.benchmarks import central, options_of
 from tca_module import Client, Command, Goal, Module, Query, Task, Timeout, connect
 
 WALK, MOVE = Goal("walk", int), Command("move", int)
@@ -28,14 +27,12 @@ class Crowd:
     """A goal whose commands wait, handlers that wait for the goal, and an unrelated module."""
 
     def __init__(self, address: str, seconds: float) -> None:
-        self.seconds = seconds  #: that a handler waits
+        self.seconds = seconds  #: the time that a handler waits for the goal
         self.may_end = threading.Event()
         self.is_made = threading.Event()
         self.planner, self.stranger = Module("planner", address), Module("stranger", address)
-        self.legs, self.watcher = (
-            Module("legs", address),
-            Module("watcher", address, capacity=HANDLERS),
-        )
+        self.legs = Module("legs", address)
+        self.watcher = Module("watcher", address, capacity=HANDLERS)
         self.planner.handles(WALK)(self._walk)
         self.legs.handles(MOVE)(self._move)
         self.stranger.handles(PING)(lambda _, number: number)
@@ -55,6 +52,7 @@ class Crowd:
 
 
 def wait_for(sender: Task | Client, walk: int, seconds: float) -> bool:
+    """Wait for a goal; return whether it has ended in time."""
     task = sender.task(walk)
     assert task is not None
     try:
@@ -126,9 +124,7 @@ def measure(size: int, seconds: float) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--sizes", default="1000,20000,150000")
     parser.add_argument("--seconds", type=float, default=7.0)
     arguments = parser.parse_args()

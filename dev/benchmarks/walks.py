@@ -1,8 +1,9 @@
-"""Run walks of the Ambler in turn and print a table of them. Unknown options are passed to the
-walks.
+"""Run walks of the Ambler in turn and print a table of them.
 
 python -m dev.benchmarks.walks seeds --distance 500 --terrain hills --faults all
 python -m dev.benchmarks.walks modes --distance 12 --terrain hills --pace 20
+
+Options that this program does not know are passed to the walks.
 """
 
 import argparse
@@ -47,9 +48,9 @@ def walk(folder: Path, options: list[str]) -> tuple[bool, Figures | None]:
     command = [sys.executable, "-m", "robots.ambler_sim", "--out", str(folder), *options]
     code = subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
     written = folder / "figures.json"
-    return code == 0, msgspec.json.decode(
-        written.read_bytes(), type=Figures
-    ) if written.exists() else None
+    if not written.exists():
+        return code == 0, None
+    return code == 0, msgspec.json.decode(written.read_bytes(), type=Figures)
 
 
 def row_of_seed(has_arrived: bool, figures: Figures) -> list[str]:
@@ -79,20 +80,13 @@ def row_of_mode(history: History, footsteps: int) -> list[str]:
     Its columns: metres a minute, seconds a step, shares of the time between first and last move,
     and the program with the greatest share.
     """
-    moves = [
-        handling
-        for task in history.tasks.values()
-        if task.name in (MOVE_LEG.name, MOVE_BODY.name)
-        for handling in task.handlings
-    ]
+    tasks = history.tasks.values()
+    moving_tasks = [task for task in tasks if task.name in (MOVE_LEG.name, MOVE_BODY.name)]
+    moves = [handling for task in moving_tasks for handling in task.handlings]
     first, last = min(move.start for move in moves), max(move.until for move in moves)
     span = last - first
     moving = sum(move.until - move.start for move in moves)
-    plans = [
-        task.reached
-        for task in history.tasks.values()
-        if task.name in (TAKE_STEPS.name, UPDATE_MAP.name)
-    ]
+    plans = [task.reached for task in tasks if task.name in (TAKE_STEPS.name, UPDATE_MAP.name)]
     planning = sum(
         plan[Moment.END_HANDLING] - plan[Moment.START_HANDLING]
         for plan in plans
@@ -124,10 +118,8 @@ def walk_over_seeds(seeds: list[int], out: Path, options: list[str]) -> bool:
         folder = out / f"seed-{seed}"
         has_arrived, figures = walk(folder, ["--seed", str(seed), "--pace", "0", *options])
         arrivals.append(has_arrived)
-        show(
-            str(seed),
-            *(row_of_seed(has_arrived, figures) if figures else [f"no figures: see {folder}"]),
-        )
+        row = row_of_seed(has_arrived, figures) if figures else [f"no figures: see {folder}"]
+        show(str(seed), *row)
     return all(arrivals)
 
 

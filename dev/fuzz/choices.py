@@ -7,7 +7,7 @@ T = TypeVar("T")
 
 
 class Choices:
-    """Each choice consumes one or two bytes. Without bytes it is always the first option."""
+    """Choices made by bytes: each consumes some. When none are left, it is the first option."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -32,6 +32,6 @@ class Choices:
         """Return one of the options."""
         return options[self.below(len(options))]
 
-    def is_one_in(self, number: int) -> bool:
-        """Return True once in *number* times."""
+    def once_in(self, number: int) -> bool:
+        """Make a choice that is True once in *number* times."""
         return self.below(number) == number - 1

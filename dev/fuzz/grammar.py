@@ -65,8 +65,8 @@ TEXTS = (
     '{"$ref":"#/$defs/a","$defs":{"a":{"$ref":"#/$defs/a"}}}',
     "[" * 600,
 )
-MOST_ITEMS = 4
-MOST_CHANGED = 4
+MOST_ITEMS = 4  # in a list, less one
+MOST_CHANGED = 4  # fields of a struct that do not keep their default, less one
 
 Pools = Mapping[str, Callable[[], Sequence[Any]]]
 """The plausible values now, by the name of a field."""
@@ -89,16 +89,17 @@ class Grammar:
         if origin is Literal:
             return choices.one_of(get_args(kind))
         if origin in (list, tuple):
-            return self._several(kind, name)
+            return self._items(kind, name)
         if issubclass(kind, msgspec.Struct):
             return self.header(kind)
-        return self._leaf(kind, name)
+        return self._field_value(kind, name)
 
-    def _several(self, kind: Any, name: str) -> Any:
-        make, parts = get_origin(kind), get_args(kind)
-        if make is list or parts[-1] is Ellipsis:
-            return make(self.make(parts[0], name) for _ in range(self._choices.below(MOST_ITEMS)))
-        return tuple(self.make(one, name) for one in parts)
+    def _items(self, kind: Any, name: str) -> Any:
+        collection, parts = get_origin(kind), get_args(kind)
+        if collection is list or parts[-1] is Ellipsis:
+            number = self._choices.below(MOST_ITEMS)
+            return collection(self.make(parts[0], name) for _ in range(number))
+        return tuple(self.make(part, name) for part in parts)
 
     def header(self, kind: type[msgspec.Struct]) -> Any:
         """Return a struct. Most fields with a default keep it."""
@@ -109,27 +110,27 @@ class Grammar:
             made[name] = self.make(hint, name)
         return kind(**made)
 
-    def _leaf(self, kind: type, name: str) -> Any:
+    def _field_value(self, kind: type, name: str) -> Any:
         choices = self._choices
         if kind is bool:
-            return choices.is_one_in(2)
+            return choices.once_in(2)
         if kind is type(None):
             return None
         if issubclass(kind, IntFlag):
             return kind(choices.below(64))
         if issubclass(kind, Enum):
             return choices.one_of(list(kind))
-        known = self._pools[name]() if name in self._pools and not choices.is_one_in(16) else ()
+        known = self._pools[name]() if name in self._pools and not choices.once_in(16) else ()
         if known and isinstance(known[0], kind):
             return choices.one_of(known)
-        return self._any(kind)
+        return self._any_value(kind)
 
-    def _any(self, kind: type) -> Any:
+    def _any_value(self, kind: type) -> Any:
         choices = self._choices
         if kind is int:
-            return choices.below(8) if choices.is_one_in(2) else choices.one_of(INTEGERS)
+            return choices.below(8) if choices.once_in(2) else choices.one_of(INTEGERS)
         if kind is float:
-            return float(choices.below(8)) if choices.is_one_in(2) else choices.one_of(FLOATS)
+            return float(choices.below(8)) if choices.once_in(2) else choices.one_of(FLOATS)
         if kind is str:
             return choices.one_of(TEXTS)
         assert kind is bytes, kind
@@ -141,9 +142,8 @@ def _fields(kind: type[msgspec.Struct]) -> tuple[tuple[tuple[str, Any], ...], in
     """Return the fields of a struct with their hints, and the number of required fields."""
     hints = get_type_hints(kind, include_extras=True)
     fields = msgspec.structs.fields(kind)
-    return tuple((field.name, hints[field.name]) for field in fields), sum(
-        field.required for field in fields
-    )
+    required = sum(field.required for field in fields)
+    return tuple((field.name, hints[field.name]) for field in fields), required
 
 
 def damaged(packet: bytes, choices: Choices) -> bytes:
@@ -155,8 +155,6 @@ def damaged(packet: bytes, choices: Choices) -> bytes:
         return packet[:at] + bytes([packet[at] ^ (1 << choices.below(8))]) + packet[at + 1 :]
     if kind == 1:
         return packet[:at] + choices.take(choices.below(8)) + packet[at + choices.below(8) :]
-    return (
-        packet[:at]
-        if kind == 2
-        else packet[:at] + packet[at : at + choices.below(64)] + packet[at:]
-    )
+    if kind == 2:
+        return packet[:at]
+    return packet[:at] + packet[at : at + choices.below(64)] + packet[at:]

@@ -66,6 +66,7 @@ _NAMES = tuple(one.name for one in _DECLARED)
 _RESOURCES = ("legs", "planner", "user", "eyes")
 _KEYS = ("", "arm", "uid:1001", "*", "owner")
 _FAILURES = ("", "slipped", "timeout", "module lost", "handler error")
+# The connections: a module's own, and with a number those that handle its messages.
 LINES = (b"user", b"legs", b"legs/1", b"legs/2", b"planner", b"planner/1", b"new", b"newer")
 
 _SILENT = logging.getLogger("fuzz")
@@ -80,7 +81,7 @@ def packed(*items: Any) -> bytes:
 def beginning() -> list[tuple[bytes, bytes]]:
     """Return the packets with which the robot starts, each with its line."""
     declares = Register(2, list(_DECLARED))
-    handles = {
+    handlers_of = {
         b"legs": [HandlerFormat("move", "legs", "", 2), HandlerFormat("note", "legs", direct=True)],
         b"planner": [
             HandlerFormat(name, "planner", "all")
@@ -88,7 +89,7 @@ def beginning() -> list[tuple[bytes, bytes]]:
         ],
     }
     packets = [(b"user", packed(_hello("user"), declares))]
-    for module, handlers in handles.items():
+    for module, handlers in handlers_of.items():
         name = module.decode()
         packets.append((module, packed(_hello(name), declares, Register(3, [], handlers))))
         packets.append((module + b"/1", packed(_hello(name, 1))))
@@ -97,13 +98,13 @@ def beginning() -> list[tuple[bytes, bytes]]:
         (Send(3 + number, name, TaskId(0)), b"\x07")
         for number, name in enumerate(("walk", "move", "where"))
     ]
-    asides = (
+    requests = (
         Attach(6, Attachment("", "recover")),
         Tap(7, Condition.BEFORE_HANDLING, "note", "move"),
         Send(8, "watch", watch=WatchOptions(period=1.0)),
         Send(9, "guard"),
     )
-    packets.append((b"user", packed(*sends, *asides)))
+    packets.append((b"user", packed(*sends, *requests)))
     return packets
 
 
@@ -129,8 +130,8 @@ class Attacked:
 
     def __init__(self) -> None:
         self.central = Central()
-        self.done: list[bytes] = []
-        """The packets and records of central, in order."""
+        self.outputs: list[bytes] = []
+        """The packets and journal records of central, in order."""
         self._lines = LogLines(_SILENT, self.central)
         self._journal = io.BytesIO()
         self._journal.write(
@@ -146,15 +147,15 @@ class Attacked:
         """Let an event happen."""
         for effect in self.central.handle(event):
             if isinstance(effect, Record):
-                self.done.append(record(effect.entry))
+                self.outputs.append(record(effect.entry))
                 self._lines.write(effect)
             else:
-                self.done.append(self._packed(effect))
+                self.outputs.append(self._packed(effect))
         due = self.central.clock.next
         assert due is None or math.isfinite(due), f"a timer is due at {due}"
 
-    def become_another(self) -> None:
-        """Continue as another central, restored from an image of this one."""
+    def restore_from_image(self) -> None:
+        """Replace central by one that is restored from an image of it."""
         if can_encode(self.central):
             self.central = decode(encode(self.central))
             self._lines = LogLines(_SILENT, self.central)
@@ -169,7 +170,7 @@ class Attacked:
 
     def check_journal(self) -> None:
         """Check that a reader of journals reads every entry."""
-        self._journal.writelines(one for one in self.done if one[:1] == b"\xce")
+        self._journal.writelines(one for one in self.outputs if one[:1] == b"\xce")
         entries = JournalReader(self._journal)
         read = sum(1 for _ in entries)
         unread = entries.torn + len(entries.holes) + entries.unknown
@@ -224,7 +225,7 @@ class Attack:
         self._grammar = Grammar(choices, pools)
         self._last = b""
         for line, packet in beginning():
-            self._all(line, packet)
+            self._send_to_both(line, packet)
 
     @property
     def central(self) -> Central:
@@ -239,7 +240,7 @@ class Attack:
             self._step()
             check_invariants(self.central)
         one, other = self._attacked
-        assert one.done == other.done, "the same bytes had other effects"
+        assert one.outputs == other.outputs, "the same bytes had other effects"
         one.check_journal()
 
     def _step(self) -> None:
@@ -247,21 +248,21 @@ class Attack:
         line, kind = choices.one_of(LINES), choices.below(16)
         self._time += choices.below(4) / 4
         if kind == 0:
-            self._event(ConnectionLost(self._time, ConnectionId(line)))
+            self._handle_in_both(ConnectionLost(self._time, ConnectionId(line)))
         elif kind == 1:
             self._time += choices.below(64)
-            self._event(Tick(self._time))
+            self._handle_in_both(Tick(self._time))
         elif kind == 2:
-            self._all(line, choices.take(8 + choices.below(64)))
+            self._send_to_both(line, choices.take(8 + choices.below(64)))
         elif kind == 3:
-            self._all(line, self._last)
-        elif kind == 4 and choices.is_one_in(2):
-            self._attacked[1].become_another()
+            self._send_to_both(line, self._last)
+        elif kind == 4 and choices.once_in(2):
+            self._attacked[1].restore_from_image()
         elif kind == 4:
-            self._event(self._admin_event())
+            self._handle_in_both(self._admin_event())
         else:
-            packet = packed(*self._items(line, 1 + choices.is_one_in(4)))
-            self._all(line, damaged(packet, choices) if kind == 5 else packet)
+            packet = packed(*self._items(line, 1 + choices.once_in(4)))
+            self._send_to_both(line, damaged(packet, choices) if kind == 5 else packet)
 
     def _admin_event(self) -> Event:
         """Return an event that no client causes."""
@@ -278,10 +279,10 @@ class Attack:
     def _items(self, line: bytes, number: int) -> Iterable[tuple[Any, bytes]]:
         choices, grammar = self._choices, self._grammar
         for _ in range(number):
-            if choices.is_one_in(12):
+            if choices.once_in(12):
                 header = grammar.header(Hello)
-            elif choices.is_one_in(3) and (given := self._given_to(line)):
-                delivery = choices.one_of(given)
+            elif choices.once_in(3) and (running := self._running_in(line)):
+                delivery = choices.one_of(running)
                 is_done = choices.below(3)
                 header = (
                     headers.Reply(delivery)
@@ -292,13 +293,13 @@ class Attack:
                 header = grammar.header(choices.one_of(_HEADERS))
             yield header, choices.take(choices.below(6))
 
-    def _all(self, line: bytes, packet: bytes) -> None:
+    def _send_to_both(self, line: bytes, packet: bytes) -> None:
         self._last = packet
-        principal = self._choices.one_of(_KEYS) if self._choices.is_one_in(16) else ""
+        principal = self._choices.one_of(_KEYS) if self._choices.once_in(16) else ""
         for attacked in self._attacked:
             attacked.arrive(self._time, line, packet, principal)
 
-    def _event(self, event: Event) -> None:
+    def _handle_in_both(self, event: Event) -> None:
         for attacked in self._attacked:
             attacked.happen(event)
 
@@ -313,7 +314,7 @@ class Attack:
     def _deliveries(self) -> list[int]:
         return [one.handling_id for one in self.central.dispatcher.running.values()] + [0]
 
-    def _given_to(self, line: bytes) -> list[int]:
+    def _running_in(self, line: bytes) -> list[int]:
         running = self.central.dispatcher.running.values()
         return [one.handling_id for one in running if one.slot is not None and one.slot.id == line]
 
@@ -344,7 +345,7 @@ def attack_with_bytes(data: bytes) -> None:
             line = choices.one_of(LINES)
             attacked.arrive(time, line, choices.take(int.from_bytes(choices.take(2))))
             check_invariants(attacked.central)
-    assert one.done == other.done, "the same bytes had other effects"
+    assert one.outputs == other.outputs, "the same bytes had other effects"
     one.check_journal()
 
 

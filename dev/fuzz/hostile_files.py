@@ -45,7 +45,7 @@ def _segment(data: bytes) -> bytes:
             parts.append(damaged(whole, choices))
         else:
             parts.append(choices.take(30) if kind == 1 else whole)
-    if choices.is_one_in(8):
+    if choices.once_in(8):
         parts[0] = damaged(parts[0], choices)
     return b"".join(parts)
 
@@ -195,10 +195,10 @@ def _json(choices: Choices, depth: int = 0) -> Any:
 
 def _schema(choices: Choices) -> str:
     schema = _json(choices)
-    if choices.is_one_in(2) and isinstance(schema, dict):
+    if choices.once_in(2) and isinstance(schema, dict):
         schema["$defs"] = {"a": _json(choices), "b": _json(choices)}
     text = json.dumps(schema)
-    return text[: choices.below(200)] if choices.is_one_in(16) else text
+    return text[: choices.below(200)] if choices.once_in(16) else text
 
 
 def attack_formats(data: bytes) -> None:

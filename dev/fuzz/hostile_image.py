@@ -37,11 +37,11 @@ def attack(data: bytes) -> None:
     for _ in range(1 + choices.below(4)):
         _change(tables, choices)
     content = msgspec.msgpack.encode(tables)
-    content = damaged(content, choices) if choices.is_one_in(8) else content
+    content = damaged(content, choices) if choices.once_in(8) else content
     image = _TITLE + b"\n" + _CHECK.pack(len(content), zlib.crc32(content)) + content
     with contextlib.suppress(ImageError):
         assert isinstance(
-            decode(damaged(image, choices) if choices.is_one_in(16) else image), Central
+            decode(damaged(image, choices) if choices.once_in(16) else image), Central
         )
 
 

@@ -45,7 +45,7 @@ def _segment(choices: Choices, *, is_first: bool) -> bytes:
     records = [head, *(Arrived(0.0, ConnectionId(line), packet) for line, packet in beginning())]
     records += [grammar.header(choices.one_of(_KINDS)) for _ in range(choices.below(MOST_INPUTS))]
     written = [framed(encode(one)) for one in records]
-    if choices.is_one_in(3):
+    if choices.once_in(3):
         place = choices.below(len(written))
         written[place] = damaged(written[place], choices)
     return b"".join(written)
@@ -142,6 +142,6 @@ def attack(data: bytes) -> None:
         with contextlib.suppress(CentralError):
             if segments := newest_run(folder):
                 has_ended(segments)
-                for _ in InputReplay(folder, segments, cuts=choices.is_one_in(2)).entries():
+                for _ in InputReplay(folder, segments, cuts=choices.once_in(2)).entries():
                     pass
         _restart(folder, choices)

@@ -73,15 +73,15 @@ class _Client:
             Hello(HELLO_NUMBER, PROTOCOL_VERSION, "legs", "run of legs", 1, "legs")
         )
         self.requests: list[Request] = []
-        self.given: list[int] = []
+        self.deliveries: list[int] = []  #: that the session has got
         self._grammar = Grammar(
             self.choices,
             {
                 "number": self._numbers,
-                "delivery": lambda: [*self.given[-4:], 1, 2],
+                "delivery": lambda: [*self.deliveries[-4:], 1, 2],
                 "message": lambda: _NAMES,
                 "ahead": lambda: (0, 1, 2),
-                "deliveries": lambda: self.given[-4:],
+                "deliveries": lambda: self.deliveries[-4:],
                 "epoch": lambda: ("one", "two"),
             },
         )
@@ -133,7 +133,7 @@ class _Client:
             return
         try:
             self.requests.append(
-                self.session.request(header, b"\x07", wants_answer=self.choices.is_one_in(2))
+                self.session.request(header, b"\x07", wants_answer=self.choices.once_in(2))
             )
             task = Send(0, self.choices.one_of(_NAMES))
             self.requests.append(self.session.send(task, b"\x07", "a task"))
@@ -145,10 +145,10 @@ class _Client:
         for queue in (session.deliveries, session.prefetched):
             if queue:
                 header, _ = queue.popleft()
-                self.given.append(header.delivery)
-        if self.given:
-            number = self.given[-1]
-            answer = Reply(number) if self.choices.is_one_in(2) else Fail(number, "slipped", "why")
+                self.deliveries.append(header.delivery)
+        if self.deliveries:
+            number = self.deliveries[-1]
+            answer = Reply(number) if self.choices.once_in(2) else Fail(number, "slipped", "why")
             session.reply(answer, b"\xc0", self.steps.now)
 
     def send_all(self) -> None:
@@ -192,7 +192,7 @@ class _Socket:
     def send(self, *to_and_packet: bytes) -> bool:
         """Return whether the packet was sent: a random choice."""
         assert self._unpack(to_and_packet[-1]), "an empty packet"
-        return not self._choices.is_one_in(8)
+        return not self._choices.once_in(8)
 
     def close(self) -> None:
         """Do nothing."""
@@ -277,8 +277,8 @@ def attack_path(data: bytes) -> None:
             )
         elif kind < 10 and path.is_usable:
             informed += path.send_inform(Send(0, "note"), b"\x07")
-        elif kind == 11 and choices.is_one_in(16):
-            path.on_disconnected("it is gone", steps.now, lost=choices.is_one_in(2))
+        elif kind == 11 and choices.once_in(16):
+            path.on_disconnected("it is gone", steps.now, lost=choices.once_in(2))
         path.receive()
         path.send_due(steps.now)
     path.lose_all("it is over")

@@ -97,7 +97,7 @@ def _text(choices: Choices) -> bytes:
         headings = ("[[allow]]", f"[modules.{word}]", f"[{word}]")
         lines.append(headings[kind] if kind < 3 else f"{word} = {_value(choices)}")
     text = "\n".join(lines).encode(errors="surrogatepass")
-    return damaged(text, choices) if choices.is_one_in(8) else text
+    return damaged(text, choices) if choices.once_in(8) else text
 
 
 def _read_rules(path: Path) -> None:

@@ -15,17 +15,17 @@ from dev.fuzz import (
 
 
 class Target(NamedTuple):
-    """Attacked code."""
+    """The attacked code."""
 
     attack: Callable[[bytes], None]
     seeds: Callable[[], list[bytes]]
-    """The first inputs."""
+    """A function that returns the first inputs."""
     most: int
     """The limit for the bytes of an input."""
 
 
 def _random(longest: int, number: int = 20) -> Callable[[], list[bytes]]:
-    """Return random choices: where every input is meaningful, there are no better seeds."""
+    """Return seeds of random bytes, for targets to which every input is meaningful."""
     return lambda: [
         (chance := Random(seed)).randbytes(chance.randrange(longest))  # noqa: S311
         for seed in range(number)

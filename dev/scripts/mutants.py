@@ -98,19 +98,19 @@ def all_mutants() -> list[Mutant]:
     found: list[Mutant] = []
     for file in sorted(CORE.rglob("*.py")):
         if not any(part in NOT_THE_CORE for part in file.relative_to(CORE).parts):
-            for node in code(ast.parse(file.read_text())):
+            for node in acting_nodes(ast.parse(file.read_text())):
                 found += [Mutant(file.relative_to(ROOT), *change) for change in changes(node)]
     return found
 
 
-def code(node: ast.AST) -> Iterator[ast.AST]:
+def acting_nodes(node: ast.AST) -> Iterator[ast.AST]:
     """Yield the statements and expressions that act: no annotations, assertions or decorators."""
     for name, value in ast.iter_fields(node):
         if name not in ("annotation", "returns", "decorator_list"):
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST) and not isinstance(child, ast.Assert | ast.JoinedStr):
                     yield child
-                    yield from code(child)
+                    yield from acting_nodes(child)
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr | ast.stmt, str]]:

@@ -29,7 +29,7 @@ class TimeOver(_Cause, frozen=True, tag="time"):
 
     due: Due
     about: int = 0
-    """The task, or the id of a claim; 0 for none."""
+    """The task or claim of the timer (0: none)."""
 
 
 class ConnectionLost(_Cause, frozen=True, tag="lost"):

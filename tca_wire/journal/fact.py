@@ -9,7 +9,7 @@ from tca_wire.waits import WaitKind
 class BaseFact(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The base of all facts: an array whose first element is the kind.
 
-    No fact refers to itself, so Python's garbage collector can skip facts (``gc=False``): that
+    No fact refers to itself, so Python's garbage collector can skip facts (``gc=False``). This
     makes reading journals faster.
     """
 

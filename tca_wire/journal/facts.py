@@ -1,9 +1,10 @@
 """The facts that the journal records: one type each; the field order is the order on disk.
 
-A fact says what happened, not what follows from it: tools fold facts and re-run no rule. Each
-message that central accepts has an *id* from one counter; a goal's or command's id is its task. A
-*delivery* is one message on its way to one handler. Its id is the message's own. Only each receiver
-of a broadcast or multi-query, and each repeated handling of a task, has an id of its own.
+A fact says what happened, not what follows from it: tools fold facts and re-run no rule.
+
+Each message that central accepts has an *id* from one counter. The id of a goal or command is also
+that of its task. A delivery has the id of its message, with two exceptions: each receiver's copy of
+a broadcast or multi-query, and each repeated handling of a task, has an id of its own.
 """
 
 from typing import Annotated
@@ -38,7 +39,7 @@ EntryTime = Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_TIME)]
 
 
 class Opened(BaseFact, frozen=True, tag="opened"):
-    """A segment starts. Its entries' time 0 was at *began*, in seconds since 1970."""
+    """A segment starts. The times of its entries count from *began*, in seconds since 1970."""
 
     version: int
     epoch: str
@@ -48,7 +49,7 @@ class Opened(BaseFact, frozen=True, tag="opened"):
 
 
 class Shortened(BaseFact, frozen=True, tag="shortened"):
-    """Facts were removed: those about tasks and messages that had ended by *until*."""
+    """The facts about tasks and messages that had ended by *until* were removed."""
 
     until: float
 
@@ -68,25 +69,21 @@ class CentralFailed(BaseFact, frozen=True, tag="broke"):
 class CentralRestarted(BaseFact, frozen=True, tag="restarted"):
     """Central was down. No task starts until the awaited connections are back or lost."""
 
-    away: float  #: seconds of wall-clock time (0: not known)
-    awaited: int  #: connections
-    hold: bool = False  #: until a module says so
-    may_lack: bool = False  #: the last inputs before a power cut
-    aside: int = 0  #: the journal's entries of these inputs, set aside
+    away: float  #: the wall-clock seconds that it was down (0: not known)
+    awaited: int  #: the number of awaited connections
+    hold: bool = False  #: tasks start only when a module allows it
+    may_lack: bool = False  #: the last inputs before a power cut may be missing
+    aside: int = 0  #: the number of journal entries of these inputs; they were set aside
 
 
 class WentOn(BaseFact, frozen=True, tag="went on"):
-    """Tasks start again after a restart: all connections were back or lost, or a module asked for
-    it.
-    """
+    """Tasks start again after a restart: no connection is awaited, or module *by* asked for it."""
 
     by: str = ""
 
 
 class DiskSpace(BaseFact, frozen=True, tag="disk"):
-    """The disk of the journal is nearly full (*is low*), so new tasks are refused; or has room
-    again.
-    """
+    """The journal's disk is nearly full (*is_low*), so new tasks are refused; or has room again."""
 
     is_low: bool
 
@@ -134,7 +131,7 @@ class ResourceChanged(BaseFact, frozen=True, tag="resource"):
 
 
 class Recalling(BaseFact, frozen=True, tag="recalling"):
-    """A slot is asked to return prefetched messages, or (*is over*) has answered or left. In the
+    """A slot is asked to return prefetched messages, or (*is_over*) has answered or left. In the
     meantime its resource accepts no message.
     """
 
@@ -191,7 +188,8 @@ class Ignored(BaseFact, frozen=True, tag="ignored"):
 
 
 class Received(NumberedFact, frozen=True, tag="received"):
-    """Central accepted a message; for a goal or command this is the birth of a task under *parent*.
+    """Central accepted a message; a goal or command becomes a new task under *parent*.
+
     *origin* is the sender's delivery (0: none). If *blocking*, the sender does nothing else until
     the answer comes, or until it gives up.
     """
@@ -206,13 +204,11 @@ class Received(NumberedFact, frozen=True, tag="received"):
     constraints: list[Constraint]
     role: Role = Role.NONE
     about: int = 0
-    """The failing, tapped, killed or monitoring task that a message of central is about."""
+    """Of a message of central: the failing, tapped, killed or monitoring task."""
 
 
 class Queued(NumberedFact, frozen=True, tag="queued"):
-    """A delivery of message *message_id* waits for a busy resource or a handler (module, resource
-    "").
-    """
+    """A delivery of message *message_id* waits for a busy resource, or ("") for any handler."""
 
     message_id: int
     module: str
@@ -221,8 +217,9 @@ class Queued(NumberedFact, frozen=True, tag="queued"):
 
 
 class Unqueued(NumberedFact, frozen=True, tag="unqueued"):
-    """A delivery left its queue without a handler: its task is held again, suspended or killed, its
-    sender gave up, or its handler left.
+    """A delivery left its queue, and no handler got it.
+
+    Its task is held again, suspended or killed, its sender gave up, or its handler left.
     """
 
 
@@ -233,12 +230,12 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     module: str
     resource: str
     slot: int = 0
-    """The resource's slot that has it, from 1."""
+    """The number of the resource's slot that has it, from 1."""
     is_nested: bool = False
-    """The slot handles it while its other message waits."""
+    """The slot handles it while the slot's other message waits."""
     priority: int = 0
     began: float = 0
-    """The start of its handler, in the entries' time, if earlier: the message was prefetched."""
+    """The entries' time at which its handler started, if earlier: the message was prefetched."""
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
@@ -247,8 +244,7 @@ class Returned(NumberedFact, frozen=True, tag="returned"):
     outcome: Outcome
     body: bytes
     ended: float = 0
-    """The time of that end, in the entries' time, if earlier: slots report several ends together.
-    """
+    """The entries' time of that end, if earlier: a slot may report several ends together."""
 
 
 class Answered(NumberedFact, frozen=True, tag="answered"):
@@ -261,14 +257,15 @@ class Dropped(NumberedFact, frozen=True, tag="dropped"):
     message: str
     why: str
     copy_of: int = 0
-    where: str = ""  #: of a query: its place when its sender gave up
+    where: str = ""  #: the place of a query when its sender gave up
     dropping: Dropping = Dropping.OTHER
 
 
 class HandledDirectly(BaseFact, frozen=True, tag="direct"):
-    """A module handled a direct message: central knows only this note of it. *origin* is the
-    delivery whose handler sent it (0: none), *size* the bytes of its data, *ended* in the entries'
-    time.
+    """A module handled a direct message: central knows only this note of it.
+
+    *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data. *ended*
+    is an entries' time.
     """
 
     message: str
@@ -284,7 +281,7 @@ class HandledDirectly(BaseFact, frozen=True, tag="direct"):
 
 
 class LostDirectly(BaseFact, frozen=True, tag="direct lost"):
-    """*module* reports lost direct informs of *message* ("": notes); some may have been handled."""
+    """*module* reports lost direct informs of *message* ("": lost notes); some may have arrived."""
 
     module: str
     message: str
@@ -301,9 +298,7 @@ class Constrained(BaseFact, frozen=True, tag="constrained"):
 
 
 class TimedOut(BaseFact, frozen=True, tag="timed out"):
-    """A delay is over, or void since its point never came: this constraint holds nothing any
-    longer.
-    """
+    """A constraint no longer holds a task: its delay is over, or will never begin."""
 
     constraint: Constraint
 
@@ -315,8 +310,9 @@ class Reached(TaskFact, frozen=True, tag="reached"):
 
 
 class Killed(TaskFact, frozen=True, tag="killed"):
-    """A task was killed. It ends when its handler, if one runs, has returned. *by* is, here and
-    below, the module that asked for it, or "central".
+    """A task was killed. It ends when its handler, if one runs, has returned.
+
+    *by* is, here and below, the module that asked for it, or "central".
     """
 
     why: str
@@ -328,9 +324,7 @@ class Killed(TaskFact, frozen=True, tag="killed"):
 
 
 class KillPlanned(TaskFact, frozen=True, tag="to be killed"):
-    """A kill is planned: *seconds* after *after* is reached (None: after now), as wide as *scope*
-    says.
-    """
+    """A kill of the tasks in *scope* is planned: *seconds* after point *after* (None: from now)."""
 
     scope: Scope
     after: Point | None
@@ -361,9 +355,10 @@ class SuspendedOrResumed(TaskFact, frozen=True, tag="suspended"):
 
 
 class StateChanged(TaskFact, frozen=True, tag="state"):
-    """A transition of a task's life cycle that no other fact implies. Others are implied by a
-    delivery, which a handler accepts unless ``HandlerAdded.accepts``, by a retry, and by the task's
-    end.
+    """A transition of a task's life cycle that no other fact implies.
+
+    A retry and the task's end imply transitions, and so does a delivery, unless the handler itself
+    accepts tasks (``HandlerAdded.accepts``).
     """
 
     transition: str
@@ -394,11 +389,11 @@ class Released(TaskFact, frozen=True, tag="released"):
 
 
 class Awaited(NumberedFact, frozen=True, tag="awaited"):
-    """The sender of a query or multi-query, which had continued, now waits for its answer."""
+    """The sender of a query or multi-query had continued, and now waits for the answer."""
 
 
 class WaitBegan(WaitFact, frozen=True, tag="wait began"):
-    """A handler (delivery *origin*; 0: none) waits for a task's *moment*, its CHANGE, or *name*."""
+    """A module waits for a *moment* or change of a task, or for handlers of messages (*name*)."""
 
 
 class WaitEnded(WaitFact, frozen=True, tag="wait ended"):
@@ -431,9 +426,10 @@ class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
 class Failed(NumberedFact, frozen=True, tag="failed"):
     """A failure was raised on a task or message, or on one receiver's copy of message *copy_of*.
 
-    If a module was lost, its handler does not return: this fact ends its part. A failure *beside*
-    the handler does not affect the handler. Then *by* is the module that raised it, or "central",
-    and *body* its data. Otherwise the handler raised it, and *by* and *body* are empty.
+    The handler of a lost module does not return: this fact ends the handling.
+
+    The handler itself raised the failure, unless *is_beside*. A failure beside the handler does not
+    affect the handler: *by* is the module that raised it, or "central", and *body* its data.
     """
 
     failure: str
@@ -445,8 +441,9 @@ class Failed(NumberedFact, frozen=True, tag="failed"):
 
 
 class Attached(NumberedFact, frozen=True, tag="attached"):
-    """Exception handler *handler* is attached for a failure ("": any) to a task, or to all of a
-    message.
+    """Exception handler *handler* is attached to a task, or to all tasks of a message.
+
+    It is for one *failure* ("": any), at most *maximum* times (0: no limit).
     """
 
     failure: str
@@ -463,25 +460,23 @@ class Removed(NumberedFact, frozen=True, tag="removed"):
 
 
 class Caught(TaskFact, frozen=True, tag="caught"):
-    """Task *handler* handles the failure of a task. Attachment *attachment* of task *at* created
-    it.
-    """
+    """Task *handler* handles the failure of a task. Its *attachment* is one of task *at*."""
 
     handler: TaskId
     at: TaskId
     attachment: int
     is_beside: bool = False
-    """Raised beside the task's handler: that continues, or another exception handler decides."""
+    """Whether the failure was raised beside the task's handler, which continues."""
 
 
 class Reissued(BaseFact, frozen=True, tag="reissued"):
-    """An exception handler could not deal with its failure; the search continues."""
+    """An exception handler passed on its failure; the search for another one continues."""
 
     handler: TaskId
 
 
 class Resolved(BaseFact, frozen=True, tag="resolved"):
-    """An exception handler resolves its failure. It counts if its task ends without a failure."""
+    """An exception handler reports its failure as resolved. This counts unless it fails itself."""
 
     handler: TaskId
 
@@ -494,10 +489,10 @@ class NotResolved(BaseFact, frozen=True, tag="not resolved"):
 
 
 class Unhandled(TaskFact, frozen=True, tag="unhandled"):
-    """A failure has no exception handler: its top-level task is killed, or *undecided*."""
+    """A failure has no exception handler: the top-level task above it is killed."""
 
     undecided: TaskId = ROOT
-    """The exception handler that could not decide because of it, and is killed (0: none)."""
+    """The exception handler that this failure kept from deciding, and that is killed (0: none)."""
 
 
 class Recovered(TaskFact, frozen=True, tag="recovered"):
@@ -517,7 +512,7 @@ class Retried(TaskFact, frozen=True, tag="retried"):
 
 
 class TapAdded(NumberedFact, frozen=True, tag="tap"):
-    """A wiretap: *listener* is sent whenever the condition holds for a message or a task."""
+    """A wiretap was added: it sends *listener* when *condition* happens to a message or task."""
 
     condition: Condition
     listener: str
@@ -527,7 +522,7 @@ class TapAdded(NumberedFact, frozen=True, tag="tap"):
 
 
 class TapFired(BaseFact, frozen=True, tag="tapped"):
-    """A wiretap sent its listener (message *listener*; 0: not sent, as it has no handler)."""
+    """A wiretap sent its listener as message *listener* (0: not sent, as it has no handler)."""
 
     tap: int
     tapped: int
@@ -535,15 +530,15 @@ class TapFired(BaseFact, frozen=True, tag="tapped"):
 
 
 class WaitedFor(MonitorFact, frozen=True, tag="waited for"):
-    """A parent waits for a polling or demon monitor, which so need not end with all else there."""
+    """A parent waits for a polling or demon monitor: it is not a background monitor."""
 
 
 class OutlivesRetry(MonitorFact, frozen=True, tag="spared"):
-    """A retry of the task above spares a monitor: the task's handler did not create it."""
+    """A retry of the task above does not end a monitor: the task's handler did not create it."""
 
 
 class MonitorTested(MonitorFact, frozen=True, tag="tested"):
-    """The condition of a monitor was asked; whether it holds."""
+    """The condition of a monitor was tested."""
 
     holds: bool
 
@@ -583,8 +578,10 @@ Fact = (
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All facts of one cause. *time* is in seconds since the epoch began, on a monotonic clock;
-    *cause* is missing where central itself starts or ends a segment.
+    """All facts of one cause.
+
+    *time* is in seconds since the epoch began, on a monotonic clock. There is no *cause* where
+    central itself starts or ends a segment.
     """
 
     number: EntryNumber
@@ -594,6 +591,6 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def kind_of(fact: Fact | type[Fact]) -> str:
-    """Return the word for a fact's kind: "received". For readers: not always the journal's tag."""
+    """Return the word for a fact's kind, for display: "received"."""
     tag = str(fact.__struct_config__.tag)
     return "delay over" if tag == "timed out" else tag  # "timed out" would suggest a failure

@@ -15,20 +15,19 @@ MAX_RECORD = 64 << 20
 
 
 def framed(payload: bytes) -> bytes:
-    """Return a record."""
+    """Return the record of a payload."""
     return FRAME.pack(UINT32, len(payload), UINT32, crc32(payload)) + payload
 
 
 def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the payloads of sound records from the stream's position on, with the position after
-    each.
+    """Yield the payload of each record from the stream's position on, after the record's end.
 
     Stops at the first unsound record.
     """
     place = stream.tell()
     while len(frame := stream.read(FRAME.size)) == FRAME.size:
         mark, length, second_mark, checksum = FRAME.unpack(frame)
-        if (mark, second_mark) != (UINT32, UINT32) or length > MAX_RECORD:
+        if mark != UINT32 or second_mark != UINT32 or length > MAX_RECORD:
             return
         payload = stream.read(length)
         if len(payload) < length or crc32(payload) != checksum:
@@ -37,10 +36,10 @@ def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
         yield place, payload
 
 
-_SPARE = 8
+IN_VAIN_FACTOR = 8
 """The limit for bytes that a search for a record reads in vain, as a multiple of the data.
 
-A client's data may look like a million records.
+It is needed because a client's data may look like a million records.
 """
 
 
@@ -49,14 +48,14 @@ def has_record(data: bytes) -> bool:
 
     The search is bounded: after too many bytes read in vain it returns True.
     """
-    left, view = _SPARE * len(data) + MAX_RECORD, memoryview(data)
+    bytes_left, view = IN_VAIN_FACTOR * len(data) + MAX_RECORD, memoryview(data)
     place = data.find(UINT32, 1)
     while 0 <= place <= len(data) - FRAME.size:
         _, length, mark, checksum = FRAME.unpack_from(data, place)
         end = place + FRAME.size + length
         if mark == UINT32 and length and end <= len(data):
-            left -= length
-            if left < 0 or crc32(view[end - length : end]) == checksum:
+            bytes_left -= length
+            if bytes_left < 0 or crc32(view[end - length : end]) == checksum:
                 return True
         place = data.find(UINT32, place + 1)
     return False

@@ -30,24 +30,21 @@ from tca_wire.journal.facts import (
     Fact,
     Opened,
 )
-from tca_wire.journal.frames import FRAME, MAX_RECORD, UINT32, framed
+from tca_wire.journal.frames import FRAME, IN_VAIN_FACTOR, MAX_RECORD, UINT32, framed
 
-_HEAD, _unpack_head = FRAME.size, FRAME.unpack_from
+_FRAME_SIZE, _unpack_frame = FRAME.size, FRAME.unpack_from
 SEGMENT_SUFFIX = ".tcaj"
 
-_LIKE_A_RECORD = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
-"""A frame and the start of an array. Other bytes of a journal look like it once in millions."""
+_RECORD_START = re.compile(rb"\xce[\x00-\x04].{3}\xce.{4}[\x90-\x9f]", re.DOTALL)
+"""A frame and the start of an array. Other bytes of a journal match it once in millions."""
 _CHUNK = 1 << 20
 _ZEROS = bytes(_CHUNK)
 _SEEK_DATA: int | None = getattr(os, "SEEK_DATA", None)
-_MOST_FRAMES = 100
-"""The number of damaged records in a row that are counted separately."""
-_STEP = 1 << 10
-"""The cost of a frame that leads nowhere, in bytes read in vain: it takes as long."""
-_SPARE = 8
-"""The limit for bytes read in vain in a search, as a multiple of the bytes before: see
-``_allowed``.
+_MOST_SKIPPED = 100
+"""The limit for damaged records in a row that are skipped one by one; then all bytes are searched.
 """
+_FRAME_COST = 1 << 10
+"""The time to follow one frame in vain, as the number of bytes that are read in that time."""
 
 
 class _LooseEntry(msgspec.Struct, array_like=True):
@@ -60,7 +57,7 @@ class _LooseEntry(msgspec.Struct, array_like=True):
 
 
 class _EntryHead(msgspec.Struct, array_like=True):
-    """An entry of which only the number and the first fact matter."""
+    """An entry's fields of any type: enough for its number and the version of its segment."""
 
     number: int
     time: Any
@@ -77,9 +74,10 @@ _decode_cause = msgspec.msgpack.Decoder(Cause | None).decode
 
 
 def record(entry: Entry) -> bytes:
-    """Return *entry* as one journal record, or as several with its number if it is too big for one.
+    """Return *entry* as one journal record.
 
-    One event may kill a million tasks.
+    An entry that is too big for one becomes several with its number: one event may kill a million
+    tasks.
     """
     payload = _encode(entry)
     if len(payload) > MAX_RECORD and len(entry.facts) > 1:
@@ -97,12 +95,15 @@ class JournalReader:
     Args:
         stream: the segment.
         name: the journal's name, for errors.
-        offset: start at this record, which was read before (0: at the start).
+        offset: the record to start at (0: the first). Another reader has read those before it.
 
-    ``offset`` is the byte after the last good record, ``torn`` the number of bytes after it that
-    are not a whole record. ``holes`` are the offsets of damaged records that were skipped. If not
-    ``is_counted``, some of them stand for several records. ``unknown`` counts the facts that this
-    version does not know and left out; ``version`` is that of the segment.
+    Attributes:
+        offset: the byte after the last sound record.
+        torn: the number of bytes after it that are not a whole record.
+        holes: the offsets of damaged records that were skipped.
+        is_counted: whether each of *holes* stands for one record; otherwise some stand for several.
+        unknown: the number of facts that this version does not know and left out.
+        version: the version of the segment.
 
     A message's data may look like a record, too. After damage, a record is therefore sound only if
     its checksum is right and its number is not below that of the last entry.
@@ -111,25 +112,26 @@ class JournalReader:
     def __init__(self, stream: BinaryIO, name: str = "journal", offset: int = 0) -> None:
         self._stream = stream
         self._name = name
-        self._opened = offset > 0
+        self._has_first_record = offset > 0
         self.offset = offset
         self.torn = 0
         self.holes: list[int] = []
         self.is_counted = True
         self.unknown = 0
         self.version = JOURNAL_VERSION
-        self._last = -1  # number of the last entry
+        self._last_number = -1  # of the last entry
         self._window, self._window_at = b"", 0  # some bytes of the stream, and their position
-        self._longest = MAX_RECORD  # longer records are not tried: see _allowed
-        self._in_vain = 0
-        self._size = 0  # of the stream when its end was last checked: central may write on
-        self._searched = (-1, -1)  # start and stream size of the last search without a result
+        self._longest_tried = MAX_RECORD  # longer records are not tried: see _longest_allowed
+        self._bytes_in_vain = 0  # read while no sound record was found
+        self._stream_size = 0  # when its end was last checked: central may still write
+        self._failed_search = (-1, -1)  # start and stream size of the last search without a result
 
     def __iter__(self) -> Iterator[Entry]:
-        """Yield the entries from ``offset`` on. Raises JournalDamaged, naming the byte, at damage
-        before the end.
+        """Yield the entries from ``offset`` on.
+
+        Raises JournalDamaged, naming the byte, at damage before the end.
         """
-        self._window = b""  # the stream may have grown since
+        self._window = b""  # the stream may have grown since the last iteration
         while True:
             payload = self._payload()
             if payload is None:
@@ -140,14 +142,14 @@ class JournalReader:
                 entry: Entry | None = _decode(payload)
             except _UNREADABLE:
                 entry = self._known_part(payload)
-            if not self._opened:
+            if not self._has_first_record:
                 self._read_version(payload, entry)
             if entry is None:
                 self.holes.append(self.offset)
             else:
-                self._last = entry.number
+                self._last_number = entry.number
                 yield entry
-            self.offset += _HEAD + len(payload)
+            self.offset += _FRAME_SIZE + len(payload)
         self._check_end()
 
     # --- records ----------------------------------------------------------------------------------
@@ -155,19 +157,19 @@ class JournalReader:
     def _payload(self) -> bytes | None:
         """Return the payload of the record at ``offset``; None if there is no sound one."""
         window, at = self._window, self.offset - self._window_at
-        if at < 0 or at + _HEAD > len(window):
-            window, at = self._load(self.offset, _HEAD), 0
-            if len(window) < _HEAD:
+        if at < 0 or at + _FRAME_SIZE > len(window):
+            window, at = self._load(self.offset, _FRAME_SIZE), 0
+            if len(window) < _FRAME_SIZE:
                 return None
-        mark, length, second_mark, checksum = _unpack_head(window, at)
-        if mark != UINT32 or second_mark != UINT32 or length > self._longest:
+        mark, length, second_mark, checksum = _unpack_frame(window, at)
+        if mark != UINT32 or second_mark != UINT32 or length > self._longest_tried:
             return None
-        end = at + _HEAD + length
+        end = at + _FRAME_SIZE + length
         if end > len(window):
-            window, at, end = self._load(self.offset, _HEAD + length), 0, _HEAD + length
+            window, at, end = self._load(self.offset, _FRAME_SIZE + length), 0, _FRAME_SIZE + length
             if end > len(window):
                 return None
-        payload = window[at + _HEAD : end]
+        payload = window[at + _FRAME_SIZE : end]
         return payload if crc32(payload) == checksum else None
 
     def _load(self, place: int, size: int) -> bytes:
@@ -176,7 +178,8 @@ class JournalReader:
         self._window, self._window_at = self._stream.read(max(size, _CHUNK)), place
         return self._window
 
-    def _bytes(self, place: int, size: int) -> bytes:
+    def _read(self, place: int, size: int) -> bytes:
+        """Return these bytes, as far as they exist."""
         at = place - self._window_at
         if at < 0 or at + size > len(self._window):
             self._load(place, size)
@@ -185,128 +188,128 @@ class JournalReader:
 
     def _length(self, place: int) -> int | None:
         """Return the size of the payload, as its frame says; None if there is no frame."""
-        frame = self._bytes(place, _HEAD)
-        if len(frame) < _HEAD:
+        frame = self._read(place, _FRAME_SIZE)
+        if len(frame) < _FRAME_SIZE:
             return None
         mark, length, second_mark, _ = FRAME.unpack(frame)
-        return (
-            int(length)
-            if (mark, second_mark) == (UINT32, UINT32) and length <= MAX_RECORD
-            else None
-        )
+        is_frame = mark == second_mark == UINT32 and length <= MAX_RECORD
+        return int(length) if is_frame else None
 
     def _is_sound(self, place: int, size: int) -> bool:
         """Return whether a sound record starts there, in a stream of that size."""
         length = self._length(place)
-        if length is None or place + _HEAD + length > size or length > self._allowed(place):
+        longest = min(self._longest_allowed(place), size - place - _FRAME_SIZE)
+        if length is None or length > longest:
             return False
-        record_bytes = self._bytes(place, _HEAD + length)
-        payload = memoryview(record_bytes)[_HEAD:]
-        if len(payload) == length and crc32(payload) == _unpack_head(record_bytes)[3]:
+        record_bytes = self._read(place, _FRAME_SIZE + length)
+        payload = memoryview(record_bytes)[_FRAME_SIZE:]
+        if len(payload) == length and crc32(payload) == _unpack_frame(record_bytes)[3]:
             return True
-        self._in_vain += _HEAD + length
+        self._bytes_in_vain += _FRAME_SIZE + length
         return False
 
-    def _allowed(self, place: int) -> int:
+    def _longest_allowed(self, place: int) -> int:
         """Return the longest record to try after damage.
 
-        It bounds the bytes read in vain by a multiple of the bytes before. Reading takes linear
-        time, even for a forged file whose lengths lead nowhere.
+        The bytes read in vain are limited by a multiple of the bytes before *place*. Reading
+        therefore takes linear time, even for a file with forged lengths.
         """
-        return MAX_RECORD + _SPARE * place - self._in_vain
+        return MAX_RECORD + IN_VAIN_FACTOR * place - self._bytes_in_vain
 
     # --- damage -----------------------------------------------------------------------------------
 
     def _skip_damage(self) -> bool:
         """Skip damage to the next sound record; return whether there is one."""
-        size = self._size = self._stream.seek(0, 2)
-        if self.offset >= size or self._searched == (self.offset, size):
+        size = self._stream_size = self._stream.seek(0, 2)
+        if self.offset >= size or self._failed_search == (self.offset, size):
             return False
-        place, skipped = self._by_frames(size)
+        place, skipped = self._follow_frames(size)
         if place is None:
-            place, skipped = self._by_search(size), [self.offset]
+            place, skipped = self._search_bytes(size), [self.offset]
             self.is_counted = self.is_counted and place is None
         if place is None:
-            self._searched = (self.offset, size)
+            self._failed_search = (self.offset, size)
             return False
         self.holes += skipped
         self.offset = place
-        self._longest = max(min(self._allowed(place), MAX_RECORD), self._length(place) or 0)
+        longest = min(self._longest_allowed(place), MAX_RECORD)
+        self._longest_tried = max(longest, self._length(place) or 0)
         return True
 
-    def _by_frames(self, size: int) -> tuple[int | None, list[int]]:
-        """Follow frames to the next sound record; return it and the damaged ones before it."""
+    def _follow_frames(self, size: int) -> tuple[int | None, list[int]]:
+        """Follow frames to the next sound record; return its place and those of damaged ones.
+
+        None if the frames do not lead to one.
+        """
         place = self.offset
         skipped: list[int] = []
         while not self._is_sound(place, size):
             length = self._length(place)
-            if length is None or length > self._allowed(place) or len(skipped) == _MOST_FRAMES:
-                self._in_vain += _STEP * len(skipped)
+            is_too_long = length is not None and length > self._longest_allowed(place)
+            if length is None or is_too_long or len(skipped) == _MOST_SKIPPED:
+                self._bytes_in_vain += _FRAME_COST * len(skipped)
                 return None, []
             skipped.append(place)
-            place += _HEAD + length
+            place += _FRAME_SIZE + length
         return place, skipped
 
-    def _by_search(self, size: int) -> int | None:
-        """Search all bytes for the next sound record."""
+    def _search_bytes(self, size: int) -> int | None:
+        """Return the place of the next sound record among all bytes; None if there is none."""
         place = self.offset + 1
-        end = size if self._opened else min(size, MAX_RECORD)  # the first record is a short one
+        # The first record is short: a file without one in its first bytes is not a journal.
+        end = size if self._has_first_record else min(size, MAX_RECORD)
         while place < end:
-            if not self._window_at <= place < self._window_at + len(self._window) - _HEAD:
+            if not self._window_at <= place < self._window_at + len(self._window) - _FRAME_SIZE:
                 self._load(place, _CHUNK)
             window, start = self._window, self._window_at
-            found = _LIKE_A_RECORD.search(window, place - start)
+            found = _RECORD_START.search(window, place - start)
             while found:
-                position = start + found.start()
-                if self._is_sound(position, size) and self._may_follow(position):
-                    return position
-                found = _LIKE_A_RECORD.search(window, found.start() + 1)
-            place = max(start + len(window) - _HEAD, place + 1)
-            place = max(self._data_from(place, end) - _HEAD, place)
+                found_place = start + found.start()
+                if self._is_sound(found_place, size) and self._may_follow(found_place):
+                    return found_place
+                found = _RECORD_START.search(window, found.start() + 1)
+            place = max(start + len(window) - _FRAME_SIZE, place + 1)
+            place = max(self._data_from(place, end) - _FRAME_SIZE, place)
         return None
 
     def _may_follow(self, place: int) -> bool:
         """Return whether a sound record is an entry that may follow the last one."""
         length = self._length(place) or 0
         try:
-            entry = _decode_head(self._bytes(place + _HEAD, length))
+            entry = _decode_head(self._read(place + _FRAME_SIZE, length))
         except _UNREADABLE:
             return False
-        if entry.number >= self._last or _version_in(entry.facts) is not None:
+        if entry.number >= self._last_number or _version_in(entry.facts) is not None:
             return True
-        self._in_vain += length
+        self._bytes_in_vain += length
         return False
 
     def _check_end(self) -> None:
-        """End without a further sound record.
-
-        Raises JournalDamaged, unless nothing is left or a torn tail, which may have become whole
-        since.
-        """
-        self.torn = self._size - self.offset
+        """Set ``torn`` after the last sound record. Raises JournalDamaged if more is damaged."""
+        self.torn = self._stream_size - self.offset
         if self.torn <= 0:
             return
-        if not self._opened:
+        if not self._has_first_record:
             self._refuse("not a journal of tca central")
         length = self._length(self.offset)
-        record = 0 if length is None else _HEAD + length
-        if self.torn >= _HEAD and not self._is_zeros(self.offset + record):
+        record_size = 0 if length is None else _FRAME_SIZE + length
+        if self.torn >= _FRAME_SIZE and not self._is_zeros(self.offset + record_size):
             self._refuse("no record starts here" if length is None else "its checksum is wrong")
 
     def _is_zeros(self, place: int) -> bool:
         """Return whether the rest is empty, or zeros that a file system left after a power cut."""
-        while (place := self._data_from(place, self._size)) < self._size:
+        while (place := self._data_from(place, self._stream_size)) < self._stream_size:
             self._stream.seek(place)
-            chunk = self._stream.read(min(_CHUNK, self._size - place))
+            chunk = self._stream.read(min(_CHUNK, self._stream_size - place))
             if chunk != _ZEROS[: len(chunk)]:
                 return False
             place += max(len(chunk), 1)
         return True
 
     def _data_from(self, place: int, end: int) -> int:
-        """Return the position from *place* on where data is stored.
+        """Return the first position from *place* on where the file system stores data.
 
-        A power cut may leave gigabytes of holes.
+        After a power cut, gigabytes may be without data.
         """
         if _SEEK_DATA is not None and place < end:
             try:
@@ -324,9 +327,7 @@ class JournalReader:
     # --- facts of other versions ------------------------------------------------------------------
 
     def _known_part(self, payload: bytes) -> Entry | None:
-        """Return an entry without its unreadable facts; None if it is not an entry with a valid
-        time.
-        """
+        """Return an entry without its unreadable facts; None if the payload is not an entry."""
         try:
             entry = _decode_loosely(payload)
         except _UNREADABLE:
@@ -345,9 +346,10 @@ class JournalReader:
         return Entry(entry.number, entry.time, known, cause)
 
     def _read_version(self, payload: bytes, entry: Entry | None) -> None:
-        """Read the version from the first sound record, whose form never changes.
+        """Read the version from the first sound record.
 
-        If it has no version, records before it are missing.
+        The form of the segment's first record never changes. If the first sound one has no version,
+        the records before it are missing.
         """
         try:
             version = _version_in(_decode_head(payload).facts)
@@ -355,25 +357,29 @@ class JournalReader:
             version = None
         if version is None and entry is None:
             self._refuse("not a journal of tca central")
-        if version is not None and version < OLDEST_READ:
-            formats = f"format {version}, this one reads {JOURNAL_VERSION}"
+        if version is None:
+            if not self.holes:
+                self.holes.append(self.offset)
+                self.is_counted = False
+        elif version < OLDEST_READ:
+            formats = f"format {version}, this one reads {OLDEST_READ} to {JOURNAL_VERSION}"
             self._refuse(
                 f"an earlier version of tca wrote it ({formats}): read it with that version"
             )
-        if version is not None:
+        else:
             self.version = version
-        elif not self.holes:
-            self.holes.append(self.offset)
-            self.is_counted = False
-        self._opened = True
+        self._has_first_record = True
 
 
 def _version_in(facts: Any) -> int | None:
-    """Return a segment's version, from its first entry's facts; None for the facts of any other
-    entry.
+    """Return the version of a segment from the facts of its first entry.
+
+    None for the facts of any other entry.
     """
     try:
         kind, version = facts[0][:2]
     except (ValueError, TypeError, IndexError, KeyError):
         return None
-    return version if kind == Opened.__struct_config__.tag and isinstance(version, int) else None
+    if kind != Opened.__struct_config__.tag or not isinstance(version, int):
+        return None
+    return version

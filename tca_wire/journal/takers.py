@@ -1,4 +1,4 @@
-"""Functions by the type of their argument. Pure."""
+"""Tables of functions by the type of their argument."""
 
 from collections.abc import Callable
 from inspect import isfunction, signature

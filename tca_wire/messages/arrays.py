@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin
 import msgspec
 
 _NDARRAY = 1  # MessagePack extension type: [description of the dtype, shape, bytes in C order]
-# Kinds of dtype and most bytes of the numbers that Python's and MessagePack's hold exactly.
+# Python and MessagePack hold numbers of these kinds of dtype exactly, up to this size in bytes.
 _NUMBERS, _LARGEST = "biuf", 8
 
 
@@ -36,8 +36,8 @@ def encode_custom(value: Any) -> Any:
     dtype: Any = getattr(value, "dtype", None)
     if type(value).__module__ == "numpy" and dtype.kind in _NUMBERS and dtype.itemsize <= _LARGEST:
         return value.item()
-    of = f" (dtype {dtype})" if dtype is not None else ""
-    raise TypeError(f"objects of type {type(value).__name__}{of} can't be sent")
+    suffix = f" (dtype {dtype})" if dtype is not None else ""
+    raise TypeError(f"objects of type {type(value).__name__}{suffix} can't be sent")
 
 
 def _description(dtype: Any) -> Any:
@@ -47,15 +47,13 @@ def _description(dtype: Any) -> Any:
     """
     try:
         found = dtype.descr if dtype.names else dtype.str
-        is_whole = not dtype.hasobject and _dtype(found) == dtype
+        if not dtype.hasobject and _dtype(found) == dtype:
+            return found
     except (ValueError, TypeError):  # numpy can't describe it, or can't read its description
-        is_whole = False
-    if not is_whole:
-        raise TypeError(
-            f"an array of dtype {dtype} can't be sent:"
-            " it holds Python objects, or overlapping fields"
-        )
-    return found
+        pass
+    raise TypeError(
+        f"an array of dtype {dtype} can't be sent: it holds Python objects, or overlapping fields"
+    )
 
 
 def _dtype(description: Any) -> Any:

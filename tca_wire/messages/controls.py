@@ -24,7 +24,7 @@ Action = Goal[Any] | Command[Any, Any] | Inform[Any] | Broadcast[Any]
 
 
 class ExceptionHandler(Message[D, None]):
-    """A task that decides about another task that failed. It gets the failure's data, or no data.
+    """A task that decides what becomes of a failed task. It gets the failure's data, or no data.
 
     Args:
         name: the message's name.
@@ -72,7 +72,7 @@ class Monitor(Message[D, None]):
         names = [part.name if part is not None else "" for part in self.parts]
         return msgspec.structs.replace(super().format, parts=names)
 
-    def _check(self, part_name: str, message: Any, kinds: tuple[type, ...]) -> None:
+    def _check_class(self, part_name: str, message: Any, kinds: tuple[type, ...]) -> None:
         if not isinstance(message, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds if kind is not type(None))
             raise BadFormat(
@@ -83,20 +83,21 @@ class Monitor(Message[D, None]):
         self, part_name: str, message: "Message[Any, Any] | None", data: str, source: str
     ) -> None:
         """Raise BadFormat for a part that does not fit the data that it will get."""
-        if (
-            message is None
-            or message.data.schema == NO_DATA
-            or not (misfit := first_misfit(data, message.data.schema))
-        ):
+        if message is None or message.data.schema == NO_DATA:
             return
-        text = f"the {part_name} '{message.name}' of {self.title} wants data of type {message.data}"
-        raise BadFormat(
-            f"{text}, but gets {source}:"
-            f" declare both with the same type, or it without data ({misfit})"
-        )
+        if misfit := first_misfit(data, message.data.schema):
+            raise BadFormat(
+                f"the {part_name} '{message.name}' of {self.title} wants data of type"
+                f" {message.data}, but gets {source}:"
+                f" declare both with the same type, or it without data ({misfit})"
+            )
+
+    def _check_own_data(self, part_name: str, message: "Message[Any, Any] | None") -> None:
+        """Raise BadFormat for a part that does not fit the monitor's own data."""
+        self._check_data(part_name, message, self.data.schema, f"the monitor's own, {self.data}")
 
 
-_OPTIONAL = (Goal, Command, Inform, Broadcast, type(None))
+_ACTION_TYPES = (Goal, Command, Inform, Broadcast, type(None))
 _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_text(kind)))
 
 
@@ -134,20 +135,17 @@ class ConditionMonitor(Monitor[D]):
         action: Action | None = None,
     ) -> None:
         super().__init__(name, data, [condition, action])
-        self._check("condition", condition, (Query,))
-        self._check("action", action, _OPTIONAL)
-        self._check_data(
-            "condition", condition, self.data.schema, f"the monitor's own, {self.data}"
-        )
+        self._check_class("condition", condition, (Query,))
+        self._check_class("action", action, _ACTION_TYPES)
+        self._check_own_data("condition", condition)
+        source = f"the reply of '{condition.name}', {condition.reply}"
         replies = [
             one for one in alternatives(condition.reply.schema) if one not in (_NULL, _BOOLEAN)
         ]
         for reply in replies:
-            self._check_data(
-                "action", action, reply, f"the reply of '{condition.name}', {condition.reply}"
-            )
+            self._check_data("action", action, reply, source)
         if not replies:
-            self._check_data("action", action, self.data.schema, f"the monitor's own, {self.data}")
+            self._check_own_data("action", action)
 
 
 class PointMonitor(ConditionMonitor[D]):
@@ -162,7 +160,7 @@ class PollingMonitor(ConditionMonitor[D]):
     message_class = MessageClass.POLLING_MONITOR
 
 
-class _Sent(TypedDict, total=False):
+class _DemonMessages(TypedDict, total=False):
     """The messages that a demon monitor sends."""
 
     set_up: Action | None
@@ -193,11 +191,11 @@ class DemonMonitor(Monitor[D]):
     message_class = MessageClass.DEMON_MONITOR
 
     @overload
-    def __init__(self: "DemonMonitor[None]", name: str, **sent: Unpack[_Sent]) -> None: ...
+    def __init__(self: "DemonMonitor[None]", name: str, **sent: Unpack[_DemonMessages]) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], **sent: Unpack[_Sent]) -> None: ...
+    def __init__(self, name: str, data: type[D], **sent: Unpack[_DemonMessages]) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any, **sent: Unpack[_Sent]) -> None: ...
+    def __init__(self, name: str, data: Any, **sent: Unpack[_DemonMessages]) -> None: ...
     def __init__(
         self,
         name: str,
@@ -210,6 +208,6 @@ class DemonMonitor(Monitor[D]):
         super().__init__(name, data, [set_up, action, cancel])
         self.action = action
         for part_name, part in (("set-up", set_up), ("action", action), ("cancel message", cancel)):
-            self._check(part_name, part, _OPTIONAL)
+            self._check_class(part_name, part, _ACTION_TYPES)
         for part_name, part in (("set-up", set_up), ("cancel message", cancel)):
-            self._check_data(part_name, part, self.data.schema, f"the monitor's own, {self.data}")
+            self._check_own_data(part_name, part)

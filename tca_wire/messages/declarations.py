@@ -47,17 +47,16 @@ class Declaring(type):
             except TypeError as error:
                 problem = str(error).replace(" keyword-only", "")
                 raise TypeError(
-                    f"{cls.__name__}(): {problem}: write {cls.__name__}{_form(signature)}"
+                    f"{cls.__name__}(): {problem}: write {cls.__name__}{_without_types(signature)}"
                 ) from None
             return super().__call__(*arguments, **options)
 
 
-def _form(signature: inspect.Signature) -> inspect.Signature:
-    """Return the arguments without their types."""
-    plain = [
-        one.replace(annotation=inspect.Parameter.empty) for one in signature.parameters.values()
-    ]
-    return inspect.Signature(plain)
+def _without_types(signature: inspect.Signature) -> inspect.Signature:
+    empty = inspect.Parameter.empty
+    return inspect.Signature(
+        [one.replace(annotation=empty) for one in signature.parameters.values()]
+    )
 
 
 def _checked_name(name: str) -> str:
@@ -68,16 +67,15 @@ def _checked_name(name: str) -> str:
 
 
 def _format(kind: Any, subject: str) -> Format[Any]:
-    """Return the format of a type (None: no data), or a format as it is."""
+    """Return the format of a type (None: no data); a format is returned as it is."""
     try:
-        return kind if isinstance(kind, Format) else Format(type(None) if kind is None else kind)
+        if isinstance(kind, Format):
+            return kind
+        return Format(type(None) if kind is None else kind)
     except BadFormat as error:
-        is_value = isinstance(kind, str | int | float | Message | Failure)
-        why = (
-            f" must be a type, such as float or list[str], not {kind!r:.60}"
-            if is_value
-            else f": {error}"
-        )
+        why = f": {error}"
+        if isinstance(kind, str | int | float | Message | Failure):
+            why = f" must be a type, such as float or list[str], not {kind!r:.60}"
         raise BadFormat(subject + why) from None
 
 
@@ -189,8 +187,7 @@ class Broadcast(Message[D, None]):
 
 
 class Query(Message[D, R]):
-    """A question with a reply. It is not part of the task tree: goals that are held do not delay
-    it.
+    """A question with a reply. It is not part of the task tree, so held goals do not delay it.
 
     Args:
         name: the message's name.
@@ -255,11 +252,10 @@ class TaskMessage(Message[D, R]):
         super().__init__(name, data, result)
         self.progress: Format[Any] = _format(progress, f"the intermediate results of {self.title}")
         if not isinstance(life_cycle, LifeCycle):
-            msg = (
+            raise BadFormat(
                 f"the life cycle of {self.title} must be a LifeCycle, such as GENERAL,"
                 f" not {life_cycle!r:.60}"
             )
-            raise BadFormat(msg)
         self.life_cycle = life_cycle
 
     @property
@@ -270,7 +266,7 @@ class TaskMessage(Message[D, R]):
         return msgspec.structs.replace(super().format, progress=progress, life_cycle=life_cycle)
 
 
-class _OfTask(TypedDict, total=False):
+class _TaskOptions(TypedDict, total=False):
     """The options of a task's declaration, beside its data and result."""
 
     progress: Any
@@ -302,11 +298,11 @@ class Goal(TaskMessage[D, None]):
     message_class = MessageClass.GOAL
 
     @overload
-    def __init__(self: "Goal[None]", name: str, **more: Unpack[_OfTask]) -> None: ...
+    def __init__(self: "Goal[None]", name: str, **more: Unpack[_TaskOptions]) -> None: ...
     @overload
-    def __init__(self, name: str, data: type[D], **more: Unpack[_OfTask]) -> None: ...
+    def __init__(self, name: str, data: type[D], **more: Unpack[_TaskOptions]) -> None: ...
     @overload
-    def __init__(self, name: str, data: Any, **more: Unpack[_OfTask]) -> None: ...
+    def __init__(self, name: str, data: Any, **more: Unpack[_TaskOptions]) -> None: ...
     def __init__(
         self, name: str, data: Any = None, *, progress: Any = None, life_cycle: LifeCycle = GENERAL
     ) -> None:
@@ -314,8 +310,7 @@ class Goal(TaskMessage[D, None]):
 
 
 class Command(TaskMessage[D, R]):
-    """A task that acts: it is handled only when it may be achieved. Its handler may return a
-    result.
+    """A task that acts: it is handled only when it may be achieved. It may return a result.
 
     Args:
         name: the message's name.
@@ -336,22 +331,22 @@ class Command(TaskMessage[D, R]):
     message_class = MessageClass.COMMAND
 
     @overload
-    def __init__(self: "Command[None, None]", name: str, **more: Unpack[_OfTask]) -> None: ...
+    def __init__(self: "Command[None, None]", name: str, **more: Unpack[_TaskOptions]) -> None: ...
     @overload
     def __init__(
-        self: "Command[D, None]", name: str, data: type[D], **more: Unpack[_OfTask]
+        self: "Command[D, None]", name: str, data: type[D], **more: Unpack[_TaskOptions]
     ) -> None: ...
     @overload
     def __init__(
-        self: "Command[None, R]", name: str, *, result: type[R], **more: Unpack[_OfTask]
+        self: "Command[None, R]", name: str, *, result: type[R], **more: Unpack[_TaskOptions]
     ) -> None: ...
     @overload
     def __init__(
-        self, name: str, data: type[D], *, result: type[R], **more: Unpack[_OfTask]
+        self, name: str, data: type[D], *, result: type[R], **more: Unpack[_TaskOptions]
     ) -> None: ...
     @overload
     def __init__(
-        self, name: str, data: Any = None, *, result: Any = None, **more: Unpack[_OfTask]
+        self, name: str, data: Any = None, *, result: Any = None, **more: Unpack[_TaskOptions]
     ) -> None: ...
     def __init__(
         self,
@@ -435,10 +430,12 @@ class Failure(Generic[D], metaclass=Declaring):
         return f"Failure({self.name!r}, {self.data})"
 
     def _check_kind(self, kind_of: Any) -> None:
-        if kind_of is not None and not isinstance(kind_of, Failure):
+        if kind_of is None:
+            return
+        if not isinstance(kind_of, Failure):
             msg = f"the kind_of of failure '{self.name}' must be a Failure, not {kind_of!r:.60}"
             raise BadFormat(msg)
-        if kind_of is None or kind_of.data.kind is type(None):
+        if kind_of.data.kind is type(None):
             return
         if misfit := first_misfit(self.data.schema, kind_of.data.schema):
             text = f"failure '{self.name}' has data of type {self.data}, but exception handlers of"

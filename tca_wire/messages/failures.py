@@ -10,7 +10,8 @@ Its module did not come back when central did.
 """
 
 HANDLER_ERROR = "handler error"
-"""A handler raised a Python error. A failure that it let pass is a kind of this."""
+"""A handler raised a Python error. A failure that it received and did not catch is a kind of this.
+"""
 
 BAD_DATA = "bad data"
 """A handler's data or result does not fit the declaration."""

@@ -1,20 +1,20 @@
 """Whether all data of one format can be decoded as another: for data that central passes on.
 
-An exception handler gets the failure's data, an action the reply of the condition. The rules are
-those of decoding (formats.py). Unknown fields are skipped, an integer is also a number, and each
-alternative of a union needs a fitting one. Schemas do not describe everything; what they leave open
-fits.
+For example, an exception handler gets the failure's data, an action the reply of the condition. The
+rules are those of decoding (formats.py). Unknown fields are skipped, an integer is also a number,
+and each alternative of a union needs a fitting one. Anything that a schema does not describe fits.
 """
 
 import json
+from itertools import chain, repeat
 from typing import Any
 
-from tca_wire.messages.formats import brief
+from tca_wire.messages.formats import here_and_there
 from tca_wire.messages.schemas import TEXT_FORMATS
 
 _AT_LEAST = ("minimum", "exclusiveMinimum", "minLength", "minItems", "minProperties")
 _AT_MOST = ("maximum", "exclusiveMaximum", "maxLength", "maxItems", "maxProperties")
-_LENGTHS = ("minLength", "minItems", "minProperties")
+_ZERO_BY_DEFAULT = ("minLength", "minItems", "minProperties")
 _EQUAL = ("multipleOf", "pattern")
 
 _TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
@@ -40,17 +40,18 @@ def first_misfit(sent: str, wanted: str) -> str | None:
 def alternatives(schema: str) -> list[str]:
     """Return the schemas of a union's alternatives; one schema if it is not a union."""
     whole = json.loads(schema)
-    shared = {name: whole[name] for name in ("$defs",) if name in whole}
+    shared = {"$defs": whole["$defs"]} if "$defs" in whole else {}
     texts = [(one, json.dumps(one)) for one in whole.get("anyOf", [whole])]
     return [json.dumps(one | shared) if "$ref" in text else text for one, text in texts]
 
 
 class _Fitting:
-    """Walks two schemas side by side, following references. Results start with the place in the
-    data.
+    """Compares two schemas side by side, following references.
 
-    A pair of named types that is met again within itself fits, if nothing else speaks against it.
-    If something does, the pairs that seemed to fit since then are checked again.
+    Each result is the first misfit, None if all fits: the place in the data, then the reason.
+
+    A pair of named types that contains itself fits, unless another part of the pair does not. The
+    pairs that seemed to fit inside an unfit pair are forgotten, and checked again when met again.
     """
 
     def __init__(self, sent: Any, wanted: Any) -> None:
@@ -59,20 +60,18 @@ class _Fitting:
         self._misfits: dict[tuple[str, str], str] = {}
 
     def misfit(self, sent: Any, wanted: Any) -> str | None:
-        """Return the first misfit of *sent*, with place and reason: ``".x: integer here, string
-        there"``.
-        """
+        """Return the first misfit of *sent*: ``".x: integer here, string there"``."""
         pair = (sent.get("$ref", ""), wanted.get("$ref", ""))
         if not all(pair):
-            return self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
+            return self._union_misfit(self._resolve(0, sent), self._resolve(1, wanted))
         if pair in self._fits or pair in self._misfits:
             return self._misfits.get(pair)
-        mark = len(self._fits)
+        outer_pairs = len(self._fits)
         self._fits[pair] = None
-        found = self._resolved(self._resolve(0, sent), self._resolve(1, wanted))
+        found = self._union_misfit(self._resolve(0, sent), self._resolve(1, wanted))
         if found:
             self._misfits[pair] = found
-            while len(self._fits) > mark:
+            while len(self._fits) > outer_pairs:
                 self._fits.popitem()
         return found
 
@@ -80,53 +79,49 @@ class _Fitting:
         name = schema.get("$ref", "")
         return self._definitions[side][name.rpartition("/")[2]] if name else schema
 
-    def _resolved(self, sent: Any, wanted: Any) -> str | None:
+    def _union_misfit(self, sent: Any, wanted: Any) -> str | None:
+        """Return the misfit of two schemas that may be unions."""
         choices = wanted.get("anyOf", [wanted])
         for one in _alternatives(sent):
             if one is sent and choices == [wanted]:
-                return self._single(sent, wanted)
+                return self._plain_misfit(sent, wanted)
             found = [self.misfit(one, choice) for choice in choices]
             if None not in found:
-                return found[0] if len(found) == 1 else _differ(one, wanted)
+                return found[0] if len(found) == 1 else here_and_there(wanted, one)
         return None
 
-    def _single(self, sent: Any, wanted: Any) -> str | None:
+    def _plain_misfit(self, sent: Any, wanted: Any) -> str | None:
         """Return the misfit of two schemas that are not unions."""
-        if _is_open(sent) or _is_open(wanted):
+        if _accepts_any(sent) or _accepts_any(wanted):
             return None
         if "enum" in sent or "enum" in wanted:
-            return None if _takes_value(sent, wanted) else _differ(sent, wanted)
+            return None if _accepts_value(sent, wanted) else here_and_there(wanted, sent)
         kinds = (sent.get("type"), wanted.get("type"))
-        if kinds[0] != kinds[1] and kinds != ("integer", "number"):
-            return _differ(sent, wanted)
-        if not _takes_form(sent, wanted):
-            return _differ(sent, wanted)
+        fits_kind = kinds[0] == kinds[1] or kinds == ("integer", "number")
+        if not fits_kind or not _accepts_form(sent, wanted):
+            return here_and_there(wanted, sent)
         found = _out_of_bounds(sent, wanted)
-        if found is None and kinds[1] == "object":
-            found = self.misfit(
-                sent.get("propertyNames", _ANYTHING), wanted.get("propertyNames", _ANYTHING)
-            )
-        if found is None and kinds[1] == "object":
-            found = self._fields(sent, wanted) or self._other_fields(sent, wanted)
-        if found is None and kinds[1] == "array":
-            found = self._items(sent, wanted)
-        return found
+        if kinds[1] == "object":
+            names = [one.get("propertyNames", _ANYTHING) for one in (sent, wanted)]
+            found = found or self.misfit(*names) or self._field_misfit(sent, wanted)
+            return found or self._other_field_misfit(sent, wanted)
+        return found or (self._item_misfit(sent, wanted) if kinds[1] == "array" else None)
 
-    def _fields(self, sent: Any, wanted: Any) -> str | None:
+    def _field_misfit(self, sent: Any, wanted: Any) -> str | None:
         """Return the misfit of the wanted fields."""
         sent_fields, required = sent.get("properties", {}), wanted.get("required", ())
-        other_values = _values(sent)
+        other_values = _value_schema(sent)
         for name, field in wanted.get("properties", {}).items():
-            there = sent_fields.get(name, other_values)
+            sent_field = sent_fields.get(name, other_values)
             if name in required and name not in sent_fields:
                 return f".{name}: a field here, none there"
             if name in required and name not in sent.get("required", ()):
                 return f".{name}: required here, optional there"
-            if there is not None and (found := self.misfit(there, field)):
+            if sent_field is not None and (found := self.misfit(sent_field, field)):
                 return f".{name}{found}"
         return None
 
-    def _other_fields(self, sent: Any, wanted: Any) -> str | None:
+    def _other_field_misfit(self, sent: Any, wanted: Any) -> str | None:
         """Return the misfit of other fields.
 
         They are skipped, unless their values or names matter.
@@ -139,35 +134,30 @@ class _Fitting:
                 return f".{name}: no field here, one there"
             if found := self.misfit(field, accepted):
                 return f".{name}{found}"
-        other_values = _values(sent)
+        other_values = _value_schema(sent)
         if other_values is None:
             return None
-        found = (
-            ": no further fields here, any there"
-            if accepted is False
-            else self.misfit(other_values, accepted)
-        )
+        if accepted is False:
+            return "[...]: no further fields here, any there"
+        found = self.misfit(other_values, accepted)
         return found and f"[...]{found}"
 
-    def _items(self, sent: Any, wanted: Any) -> str | None:
-        wanted_items, sent_items = wanted.get("prefixItems", []), sent.get("prefixItems", [])
-        for place in range(max(len(wanted_items), len(sent_items)) + 1):
-            sent_item = (
-                sent_items[place]
-                if place < len(sent_items)
-                else sent.get("items", False if sent_items else _ANYTHING)
-            )
-            wanted_item = (
-                wanted_items[place] if place < len(wanted_items) else wanted.get("items", _ANYTHING)
-            )
+    def _item_misfit(self, sent: Any, wanted: Any) -> str | None:
+        """Return the misfit of the items of a list: first those with a place, then the others."""
+        sent_items, wanted_items = (one.get("prefixItems", []) for one in (sent, wanted))
+        other_sent = sent.get("items", False if sent_items else _ANYTHING)
+        other_wanted = wanted.get("items", _ANYTHING)
+        for sent_item, wanted_item, _ in zip(
+            chain(sent_items, repeat(other_sent)),
+            chain(wanted_items, repeat(other_wanted)),
+            range(max(len(sent_items), len(wanted_items)) + 1),
+            strict=False,
+        ):
             if sent_item is False:
                 return None
-            found = (
-                ": none here, some there"
-                if wanted_item is False
-                else self.misfit(sent_item, wanted_item)
-            )
-            if found:
+            if wanted_item is False:
+                return "[...]: none here, some there"
+            if found := self.misfit(sent_item, wanted_item):
                 return f"[...]{found}"
         return None
 
@@ -180,12 +170,12 @@ def _alternatives(schema: Any) -> list[Any]:
     return whole
 
 
-def _is_open(schema: Any) -> bool:
+def _accepts_any(schema: Any) -> bool:
     """Return whether a schema accepts any value."""
     return not any(key in schema for key in ("type", "enum", "anyOf"))
 
 
-def _takes_value(sent: Any, wanted: Any) -> bool:
+def _accepts_value(sent: Any, wanted: Any) -> bool:
     """Return whether *sent* has exactly one value, and *wanted* accepts it."""
     if "enum" not in sent:
         return False
@@ -193,36 +183,31 @@ def _takes_value(sent: Any, wanted: Any) -> bool:
     if "enum" in wanted:
         return any(type(one) is type(value) and one == value for one in wanted["enum"])
     kind = _TYPES.get(type(value))
-    if wanted["type"] not in (kind, "number" if kind == "integer" else kind) or not _takes_form(
-        {}, wanted
-    ):
+    kinds = (kind, "number") if kind == "integer" else (kind,)
+    if wanted["type"] not in kinds or not _accepts_form({}, wanted):
         return False
     size = len(value) if isinstance(value, str) else None
     exact = {"minimum": value, "maximum": value, "minLength": size, "maxLength": size}
     return _out_of_bounds(exact, wanted) is None
 
 
-def _takes_form(sent: Any, wanted: Any) -> bool:
+def _accepts_form(sent: Any, wanted: Any) -> bool:
     """Return whether values written as text, or as a list, can be read as wanted."""
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
     wanted_format, sent_format = wanted.get("format"), sent.get("format")
-    is_any_zone = (
-        wanted_format is not None
-        and wanted_format.startswith("any-")
-        and sent_format in (wanted_format[4:], f"partial-{wanted_format[4:]}")
-    )
-    return bool(
-        wanted_format == sent_format
-        or is_any_zone
-        or (wanted_format is None and sent_format in TEXT_FORMATS)
-    )
+    if wanted_format is None:
+        return sent_format is None or sent_format in TEXT_FORMATS
+    with_zone = wanted_format.removeprefix("any-")
+    is_time = with_zone != wanted_format and sent_format in (with_zone, f"partial-{with_zone}")
+    return bool(wanted_format == sent_format or is_time)
 
 
 def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
     """Return the wanted bound that *sent* does not keep."""
     for key in (*_AT_LEAST, *_AT_MOST, *_EQUAL):
-        wanted_bound, sent_bound = wanted.get(key), sent.get(key, 0 if key in _LENGTHS else None)
+        default = 0 if key in _ZERO_BY_DEFAULT else None
+        wanted_bound, sent_bound = wanted.get(key), sent.get(key, default)
         if key == "maxItems" and sent_bound is None and "prefixItems" in sent:
             sent_bound = len(sent["prefixItems"])
         if wanted_bound is None or wanted_bound == sent_bound:
@@ -237,10 +222,8 @@ def _out_of_bounds(sent: Any, wanted: Any) -> str | None:
     return None
 
 
-def _values(schema: Any) -> Any:
+def _value_schema(schema: Any) -> Any:
     """Return the schema of a mapping's values; None for a type with fields only."""
-    return schema.get("additionalProperties", _ANYTHING) if "properties" not in schema else None
-
-
-def _differ(sent: Any, wanted: Any) -> str:
-    return f": {brief(wanted)} here, {brief(sent)} there"
+    if "properties" in schema:
+        return None
+    return schema.get("additionalProperties", _ANYTHING)

@@ -22,8 +22,8 @@ NO_DATA = '{"type":"null"}'
 MISSION_TASK = "x-tca-mission"
 """The key of a schema that names the task server's task of a command, for missions."""
 
-_CERTAIN = (bytes, str, float, int, bool, type(None))
-"""Types whose values can always be read again."""
+_ALWAYS_READABLE = (bytes, str, float, int, bool, type(None))
+"""Types whose values a receiver can always read, so that they are not checked before."""
 
 _UNFIT = (
     msgspec.MsgspecError,
@@ -52,7 +52,7 @@ class Format(Generic[T]):
         except (TypeError, NameError, ValueError) as error:
             raise BadFormat(f"{self} can't be a format: {error}") from None
         self._encoder = msgspec.msgpack.Encoder(enc_hook=encode_custom)
-        self._certain = kind if kind in _CERTAIN else None
+        self._always_readable = kind if kind in _ALWAYS_READABLE else None
         self._has_fields = '"properties"' in self.schema or '"prefixItems"' in self.schema
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -69,9 +69,8 @@ class Format(Generic[T]):
             raise BadData(f"{error}") from None
         if len(data) > Limit.BODY:
             limit = f"a message holds at most {Limit.BODY:d}"
-            msg = f"{len(data)} bytes: {limit}; send a reference instead"
-            raise BadData(msg)
-        if type(value) is not self._certain:
+            raise BadData(f"{len(data)} bytes: {limit}; send a reference instead")
+        if type(value) is not self._always_readable:
             read = self.decode(data)  # msgspec checks types only when it decodes
             if self._has_fields and (loss := _first_loss(value, read)):
                 raise BadData(f"{self} has no place for `{loss}`: it would be lost")
@@ -100,8 +99,13 @@ def decode_untyped(data: bytes) -> Any:
         raise BadData(f"{error}") from None
 
 
-# Parts of a schema that do not affect which data fits.
-_NO_MATTER = frozenset({"title", "description", "default", "examples", "$defs"})
+# Parts of a schema that do not affect which data fits, or are compared separately.
+_IGNORED_KEYS = frozenset(
+    {"title", "description", "default", "examples", "$defs", "properties", "required"}
+)
+
+# Parts of a schema that describe values inside the value.
+_INNER_KEYS = ("items", "additionalProperties", "prefixItems")
 
 
 def first_difference(one: str, other: str) -> str | None:
@@ -132,12 +136,11 @@ class _Comparison:
         self._visited: set[tuple[str, str]] = set()
 
     def _resolve(self, side: int, schema: Any) -> tuple[Any, str]:
+        """Return a schema, or the definition that it refers to, and the reference ("": none)."""
         name = schema.get("$ref", "") if isinstance(schema, dict) else ""
-        return (
-            (self._definitions[side].get(name.rpartition("/")[2], {}), name)
-            if name
-            else (schema, "")
-        )
+        if not name:
+            return schema, ""
+        return self._definitions[side].get(name.rpartition("/")[2], {}), name
 
     def difference(self, left: Any, right: Any, path: str) -> str | None:
         (left, left_name), (right, right_name) = self._resolve(0, left), self._resolve(1, right)
@@ -146,12 +149,13 @@ class _Comparison:
                 return None
             self._visited.add((left_name, right_name))
         if not isinstance(left, dict) or not isinstance(right, dict):
-            return None if left == right else f"{path}: {brief(left)} here, {brief(right)} there"
+            return None if left == right else path + here_and_there(left, right)
         if left.get("type") != right.get("type") or ("enum" in left) != ("enum" in right):
-            return f"{path}: {brief(left)} here, {brief(right)} there"
-        return self._fields(left, right, path) or self._rest(left, right, path)
+            return path + here_and_there(left, right)
+        found = self._field_difference(left, right, path)
+        return found or self._other_difference(left, right, path)
 
-    def _fields(self, left: Any, right: Any, path: str) -> str | None:
+    def _field_difference(self, left: Any, right: Any, path: str) -> str | None:
         left_fields, right_fields = left.get("properties", {}), right.get("properties", {})
         for name in sorted(left_fields.keys() | right_fields.keys()):
             if name not in right_fields:
@@ -160,34 +164,27 @@ class _Comparison:
                 return f"{path}.{name}: no field here, one there"
             if found := self.difference(left_fields[name], right_fields[name], f"{path}.{name}"):
                 return found
-        for name in sorted(set(left.get("required", ())) ^ set(right.get("required", ()))):
-            sides = (
-                ("required", "optional")
-                if name in left.get("required", ())
-                else ("optional", "required")
-            )
-            return f"{path}.{name}: {sides[0]} here, {sides[1]} there"
-        return None
+        left_required, right_required = (set(one.get("required", ())) for one in (left, right))
+        if not (one_sided := left_required ^ right_required):
+            return None
+        name = min(one_sided)
+        if name in left_required:
+            return f"{path}.{name}: required here, optional there"
+        return f"{path}.{name}: optional here, required there"
 
-    def _rest(self, left: Any, right: Any, path: str) -> str | None:
-        for key in sorted((left.keys() | right.keys()) - _NO_MATTER - {"properties", "required"}):
+    def _other_difference(self, left: Any, right: Any, path: str) -> str | None:
+        for key in sorted(
+            (left.keys() | right.keys()) - _IGNORED_KEYS - {"properties", "required"}
+        ):
             left_part, right_part = left.get(key), right.get(key)
-            step = "[...]" if key in ("items", "additionalProperties", "prefixItems") else ""
-            if (
-                key in ("anyOf", "prefixItems")
-                and left_part is not None
-                and right_part is not None
-                and len(left_part) == len(right_part)
-            ):
+            step = "[...]" if key in _INNER_KEYS else ""
+            are_lists = left_part is not None and right_part is not None
+            if key in ("anyOf", "prefixItems") and are_lists and len(left_part) == len(right_part):
                 pairs = zip(left_part, right_part, strict=True)
                 differences = (self.difference(*pair, path + step) for pair in pairs)
                 found = next(filter(None, differences), None)
             elif key in ("enum", "anyOf", "prefixItems"):
-                found = (
-                    None
-                    if left_part == right_part
-                    else f"{path}: {brief(left)} here, {brief(right)} there"
-                )
+                found = None if left_part == right_part else path + here_and_there(left, right)
             else:
                 found = self.difference(left_part, right_part, path + step)
             if found:
@@ -195,8 +192,13 @@ class _Comparison:
         return None
 
 
+def here_and_there(here: Any, there: Any) -> str:
+    """Return a difference between two schemas: ``: number here, string there``."""
+    return f": {brief(here)} here, {brief(there)} there"
+
+
 def brief(schema: Any) -> str:
-    """Return a schema in a word or two, for a message."""
+    """Return a schema in a word or two, for an error."""
     if not isinstance(schema, dict):
         return "nothing" if schema is None else json.dumps(schema)
     if "enum" in schema:
@@ -238,11 +240,8 @@ def _loss(sent: Any, read: Any, path: str) -> str:
         if isinstance(read, dict) and len(fields) == len(sent):
             fields = dict(zip(sent, fields.values(), strict=True))
         for key, value in sent.items():
-            if (
-                found := _loss(value, fields[key], f"{path}.{key}")
-                if key in fields
-                else f"{path}.{key}"
-            ):
+            where = f"{path}.{key}"
+            if found := _loss(value, fields[key], where) if key in fields else where:
                 return found
     elif isinstance(sent, list) and not isinstance(read, set | frozenset):
         items = read if isinstance(read, list | tuple) else list(_fields(read).values())
@@ -258,14 +257,9 @@ def _fields(read: Any) -> dict[Any, Any]:
     if isinstance(read, dict):
         return read
     if isinstance(read, msgspec.Struct):
-        config = read.__struct_config__
+        config, fields = read.__struct_config__, msgspec.structs.fields(read)
         tag = {config.tag_field or "type": config.tag} if config.tag is not None else {}
-        return tag | {
-            one.encode_name: getattr(read, one.name) for one in msgspec.structs.fields(read)
-        }
-    fields = (
-        dataclasses.fields(read)
-        if dataclasses.is_dataclass(read)
-        else getattr(read, "__attrs_attrs__", ())
-    )
-    return {one.name: getattr(read, one.name) for one in fields}
+        return tag | {one.encode_name: getattr(read, one.name) for one in fields}
+    if dataclasses.is_dataclass(read):
+        return {one.name: getattr(read, one.name) for one in dataclasses.fields(read)}
+    return {one.name: getattr(read, one.name) for one in getattr(read, "__attrs_attrs__", ())}

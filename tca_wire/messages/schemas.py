@@ -32,7 +32,7 @@ Times that are "partial" have no time zone; "any" times may have one.
 
 _TIMES: dict[type, str] = {inspect.DateTimeType: "date-time", inspect.TimeType: "time"}
 _ZONES = {True: "", False: "partial-", None: "any-"}
-_KEYS: dict[type, Any] = {
+_KEY_TYPES: dict[type, Any] = {
     inspect.BoolType: bool,
     inspect.IntType: int,
     inspect.FloatType: float,
@@ -65,9 +65,7 @@ def _schema_of_custom(kind: Any) -> dict[str, Any]:
 
 
 class _Completion:
-    """Walks a type and its schema side by side, and completes the schema. Each class is visited
-    once.
-    """
+    """Completes the schema of a type, side by side with the type. Each class is visited once."""
 
     def __init__(self, definitions: dict[str, Any]) -> None:
         self._definitions = definitions
@@ -75,7 +73,7 @@ class _Completion:
 
     def complete(self, kind: inspect.Type, schema: dict[str, Any]) -> None:
         """Complete the *schema* of *kind*, and the schemas inside it."""
-        kind = _plain(kind)
+        kind = _without_metadata(kind)
         if name := schema.get("$ref", "").rpartition("/")[2]:
             if name not in self._visited:
                 self._visited.add(name)
@@ -85,27 +83,26 @@ class _Completion:
             schema["format"] = _ZONES[kind.tz] + _TIMES[type(kind)]
         elif isinstance(kind, inspect.DictType) and (key := self._key(kind.key_type)):
             schema["propertyNames"] = key
-        for part, its_schema in zip(*_parts(kind, schema), strict=False):
-            if its_schema:
-                self.complete(part, its_schema)
+        for part, part_schema in zip(*_parts(kind, schema), strict=False):
+            if part_schema:
+                self.complete(part, part_schema)
 
     def _key(self, kind: inspect.Type) -> dict[str, Any]:
         """Return the schema of a mapping's keys.
 
         It is empty for text, which msgspec describes, and for keys of any type.
         """
-        kind = _plain(kind)
+        kind = _without_metadata(kind)
         if isinstance(kind, inspect.EnumType):
             return {"enum": sorted(one.value for one in kind.cls)}
         if isinstance(kind, inspect.LiteralType):
             return {"enum": list(kind.values)}
-        python: dict[str, Any] = (
-            json.loads(schema_text(_KEYS[type(kind)])) if type(kind) in _KEYS else {}
-        )
-        return python
+        key_type = _KEY_TYPES.get(type(kind))
+        schema: dict[str, Any] = json.loads(schema_text(key_type)) if key_type else {}
+        return schema
 
 
-def _plain(kind: inspect.Type) -> inspect.Type:
+def _without_metadata(kind: inspect.Type) -> inspect.Type:
     """Return a type without its metadata."""
     while isinstance(kind, inspect.Metadata):
         kind = kind.type
@@ -117,11 +114,11 @@ def _parts(
 ) -> tuple[Iterable[inspect.Type], Iterable[dict[str, Any] | None]]:
     """Return the types in a type, and the schema of each.
 
-    In the schema of a union, structs (as a choice) come after other types, and null comes last.
+    msgspec orders the schema of a union: first other types, then structs, and null comes last.
     """
     if isinstance(kind, inspect.UnionType):
         options = [one for option in schema["anyOf"] for one in option.get("anyOf", [option])]
-        return sorted(map(_plain, kind.types), key=_place_in_union), options
+        return sorted(map(_without_metadata, kind.types), key=_place_in_union), options
     if isinstance(kind, inspect.DictType):
         return [kind.value_type], [schema.get("additionalProperties")]
     if isinstance(kind, inspect.CollectionType):

@@ -19,15 +19,13 @@ from tca_wire.vocabulary import Limit
 
 _LENGTHS = struct.Struct(">II")
 _LONGEST, _LONGEST_HEADER = int(Limit.PACKET), int(Limit.HEADER)
-_MOST_ITEMS, _MOST_PARTS, _TOGETHER = int(Limit.ITEMS), int(Limit.PARTS), int(Limit.TOGETHER)
+_MOST_ITEMS, _MOST_ENTRIES, _TOGETHER = int(Limit.ITEMS), int(Limit.PARTS), int(Limit.TOGETHER)
 _COPIED = 4096  # bytes: copying a smaller body is cheaper than a second piece
-_SHORT = 96  # bytes: a shorter item or header can't have many parts
+_SHORT = 96  # bytes: a shorter item or header can't have many entries
 
 
 def plain(value: Any) -> float:
-    """Encode a number of a user-defined type as a plain number: its ``on_wire`` value, if it has
-    one.
-    """
+    """Return a number of a user-defined type as a plain number: its ``on_wire`` value, if any."""
     if isinstance(value, int):
         return getattr(value, "on_wire", None) or int(value)
     if isinstance(value, float):
@@ -63,7 +61,7 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
 def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
     """Return items in as few packets as their sizes allow.
 
-    Each comes with the number of items in the packets before it.
+    Each packet comes after the number of items in the packets before it.
     """
     if len(items) == 1:  # the usual case, fast
         return ((0, pack_item(*items[0])),)
@@ -72,31 +70,33 @@ def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int
 
 def _packets(items: Iterable[tuple[msgspec.Struct, bytes]]) -> Iterator[tuple[int, bytes]]:
     packed: list[bytes] = []
-    before = size = parts = 0
+    before = size = entries = 0
     for header, body in items:
         item = pack_item(header, body)
-        more = parts_in(header) if len(item) > _SHORT else 0
+        more = entries_in(header) if len(item) > _SHORT else 0
         if packed and (
-            size + len(item) > _TOGETHER or len(packed) == _MOST_ITEMS or parts + more > _MOST_PARTS
+            size + len(item) > _TOGETHER
+            or len(packed) == _MOST_ITEMS
+            or entries + more > _MOST_ENTRIES
         ):
             yield before, b"".join(packed)
             before += len(packed)
-            packed, size, parts = [], 0, 0
+            packed, size, entries = [], 0, 0
         packed.append(item)
         size += len(item)
-        parts += more
+        entries += more
     yield before, b"".join(packed)
 
 
 @cache
-def _lists(kind: type) -> tuple[str, ...]:
+def _list_fields(kind: type) -> tuple[str, ...]:
     """Return the fields of a header that are lists."""
     return tuple(name for name, hint in get_type_hints(kind).items() if get_origin(hint) is list)
 
 
-def parts_in(header: msgspec.Struct) -> int:
+def entries_in(header: msgspec.Struct) -> int:
     """Return the number of entries in a header's lists."""
-    return sum(len(getattr(header, name)) for name in _lists(type(header)))
+    return sum(len(getattr(header, name)) for name in _list_fields(type(header)))
 
 
 def unpacker(
@@ -104,8 +104,8 @@ def unpacker(
     expected: str,
     *,
     most_items: int = _LONGEST,
-    most_parts: int = _LONGEST,
-    together: int = _LONGEST,
+    most_entries: int = _LONGEST,
+    most_bytes_together: int = _LONGEST,
 ) -> Callable[[bytes], list[tuple[Any, bytes]]]:
     """Return a function that unpacks packets with headers of the given *kinds*.
 
@@ -115,14 +115,14 @@ def unpacker(
         kinds: the union of header types.
         expected: the packet's purpose, for errors: "a message to central".
         most_items: the limit for items in a packet.
-        most_parts: the limit for entries in the lists of a packet's headers.
-        together: the limit for the bytes of a packet with several items.
+        most_entries: the limit for entries in the lists of a packet's headers.
+        most_bytes_together: the limit for the bytes of a packet with several items.
     """
     decode = msgspec.msgpack.Decoder(kinds).decode
 
     def unpack(packet: bytes) -> list[tuple[Any, bytes]]:
         items: list[tuple[Any, bytes]] = []
-        at, size, parts = 0, len(packet), 0
+        at, size, entries = 0, len(packet), 0
         if not 0 < size <= _LONGEST:
             msg = f"a packet of {size} bytes: 8 to {_LONGEST} are allowed"
             raise ProtocolError(msg)
@@ -134,30 +134,27 @@ def unpacker(
             header_end = at + 8 + header_length
             begin, at = at + 8, header_end + body_length
             if at > size:
-                msg = (
+                raise ProtocolError(
                     f"an item claims {header_length} + {body_length} bytes,"
                     f" more than the packet's {size} bytes hold"
                 )
-                raise ProtocolError(msg)
             if header_length > _LONGEST_HEADER or (
-                items and (len(items) == most_items or size > together)
+                items and (len(items) == most_items or size > most_bytes_together)
             ):
-                msg = (
+                raise ProtocolError(
                     f"a packet of {size} bytes with a header of {header_length}:"
-                    f" allowed are {most_items} items, together {together} bytes,"
+                    f" the limits are {most_items} items, together {most_bytes_together} bytes,"
                     f" and headers of {_LONGEST_HEADER}"
                 )
-                raise ProtocolError(msg)
             try:
                 header = decode(packet[begin:header_end])
             except _BAD_BYTES as error:
                 raise ProtocolError(f"a header is not {expected}: {error}") from None
-            if header_length > _SHORT and (parts := parts + parts_in(header)) > most_parts:
-                msg = (
-                    f"the lists in the headers of a packet have more than {most_parts} entries:"
+            if header_length > _SHORT and (entries := entries + entries_in(header)) > most_entries:
+                raise ProtocolError(
+                    f"the lists in the headers of a packet have more than {most_entries} entries:"
                     " send several packets"
                 )
-                raise ProtocolError(msg)
             items.append((header, packet[header_end:at]))
         return items
 
@@ -168,8 +165,8 @@ unpack_to_central: Callable[[bytes], list[tuple[ToCentral, bytes]]] = unpacker(
     ToCentral,
     "a message to central",
     most_items=_MOST_ITEMS,
-    most_parts=_MOST_PARTS,
-    together=_TOGETHER,
+    most_entries=_MOST_ENTRIES,
+    most_bytes_together=_TOGETHER,
 )
 """The items of a packet that a module sent. Raises ProtocolError for any invalid bytes."""
 
@@ -194,7 +191,8 @@ def misfit(header: Any) -> str:
     except (*_BAD_BYTES, TypeError, OverflowError, ValueError) as error:
         place = re.search(r"`\$\[(\d+)\]", str(error))
         fields = header.__struct_fields__
-        field = fields[int(place[1]) - 1] if place and 0 < int(place[1]) <= len(fields) else ""
+        index = int(place[1]) - 1 if place else -1  # the first element is the kind
+        field = fields[index] if 0 <= index < len(fields) else ""
         problem = str(error).partition(" - at ")[0]
         return f"{field}: {problem}" if field else problem
     return ""

@@ -1,7 +1,7 @@
 """Flow control: central sends a peer at most WINDOW bytes that it has not acknowledged as read.
 
-Messages for a slow reader therefore wait in central, which can count them, and not in ZeroMQ, which
-can't.
+Messages for a slow reader therefore wait in central, which counts them, and not in ZeroMQ, which
+can't count.
 """
 
 from tca_wire.packets.codec import pack_item

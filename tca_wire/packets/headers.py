@@ -44,7 +44,8 @@ PROTOCOL_VERSION = 7
 class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     """First message of a connection, and again after a reconnect. Answered by Welcome or Refused.
 
-    Unknown fields of a later version are accepted: so central can read and refuse it.
+    Unknown fields are accepted, so that central can read the Hello of a later version and refuse
+    it.
     """
 
     version: int
@@ -64,10 +65,9 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     prefetch: int = 0
     """Number of messages that central may prefetch to this slot while it handles another."""
     hung_after: float = 0
-    """Seconds after which central counts this slot as lost, and sends the module Replace (0:
-    never).
+    """Seconds after which central counts this slot as lost and sends Replace (0: never).
 
-    They count while the handler should have ended, or its sender has given up.
+    They count from the time at which the handler should have ended, or its sender gave up.
     """
 
 
@@ -77,7 +77,9 @@ class Register(Numbered, frozen=True, tag=2):
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
-    """The module has finished its attachments at start. Central drops others of its earlier runs.
+    """The module has made its attachments at start.
+
+    Central drops those of its earlier runs that it has not made again.
     """
 
 
@@ -111,7 +113,7 @@ class Send(Numbered, frozen=True, tag=4):
     watch: WatchOptions | None = None
     """The options of a monitor."""
     when_killed: bool = False
-    """Send it when *parent* is killed between its start and its achievement, not now."""
+    """Send it not now, but when *parent* is killed after its start and before its achievement."""
     if_handled: bool = False
     """Send it only if a module handles it now; else Accepted has id 0 (TCA 8.5: MaybeExecute)."""
     keep: bool = False
@@ -128,16 +130,15 @@ class Reply(OfDelivery, frozen=True, tag=5):
     """The handler of a delivery returned; the body is its reply or result."""
 
     took: float = 0
-    """Seconds that it ran, by the module's clock (0: unknown)."""
+    """Seconds that the handler ran, by the module's clock (0: unknown)."""
     refusals: int = 0
-    """The number of refused *quiet* tasks that the handler knows of. It failed if there were more.
-    """
+    """The number of refused *quiet* tasks that it knows of. Central fails it if there were more."""
 
 
 class Replies(WireArray, frozen=True, tag=30):
     """Handlers of informs, queries or broadcasts have returned, one after the other.
 
-    The body is what they returned, end to end.
+    The body is their replies, joined.
     """
 
     ended: Annotated[list[EndedRun], MANY]
@@ -161,7 +162,7 @@ class Recalled(WireArray, frozen=True, tag=29):
 
     deliveries: Annotated[list[int], MANY]
     is_answer: bool = True
-    """It answers a Recall: messages named there, but not here, have started."""
+    """Whether it answers a Recall. Messages named in that, but not here, have started."""
 
 
 class Constrain(Numbered, frozen=True, tag=7):
@@ -187,9 +188,9 @@ class GiveUp(WireArray, frozen=True, tag=9):
 
     request: int
     number: int = 0
-    """With a number it is answered. The text of the Answer says why the other answer is missing.
+    """With a number, central answers this header. The Answer's text says why *request* had none.
 
-    The text is "" if there is or was an answer. For a multi-query without replies it is the first
+    The text is "" if *request* had an answer. For a multi-query without replies it is the first
     failure, if any.
     """
     origin: int = 0
@@ -198,7 +199,7 @@ class GiveUp(WireArray, frozen=True, tag=9):
 class Await(WireArray, frozen=True, tag=26):
     """The sender now waits for an answer: of a query, a multi-query, a *quiet* task or an Observe.
 
-    It had continued after it sent *request*. Nothing else answers this header.
+    It had continued after it sent *request*. This header itself has no answer.
     """
 
     request: int
@@ -210,16 +211,14 @@ class Await(WireArray, frozen=True, tag=26):
     brief: bool = False
     """As in Send; the wait for the reply of a query sent earlier is always brief."""
     seen: int = 0
-    """The number of Observe answers that the sender has received.
+    """The number of Observe answers that the sender has received (-1: it has stopped waiting).
 
-    If more are on their way, it does not wait. -1: it has stopped waiting.
+    If more are on their way, it does not wait.
     """
 
 
 class Kill(OfTask, frozen=True, tag=10):
-    """Kill a task with all its descendants: now, after *delay* seconds, or *delay* seconds after a
-    point.
-    """
+    """Kill a task with all its descendants: now, or *delay* seconds after now or after a point."""
 
     why: str = ""
     scope: Scope = Scope.TASK
@@ -235,8 +234,7 @@ class Ask(Numbered, frozen=True, tag=11):
 
 
 class Receipt(WireArray, frozen=True, tag=50):
-    """The bytes of packets, without heartbeats, that this connection has read since its last
-    receipt.
+    """This connection has read packets of *size* bytes, without heartbeats, since the last receipt.
 
     Central limits the unread bytes for each connection.
     """
@@ -249,8 +247,7 @@ class Bye(WireArray, frozen=True, tag=12):
 
 
 class Attach(Numbered, frozen=True, tag=13):
-    """Attach an exception handler for a failure ("": any) to one task, or to all tasks of a
-    message.
+    """Attach an exception handler to one task, or to all tasks of a message.
 
     Answered by Accepted with the id for Remove.
     """
@@ -291,9 +288,7 @@ class Retry(OfTask, frozen=True, tag=16):
 
 
 class Resolve(Numbered, frozen=True, tag=55):
-    """The exception handler with delivery *origin* has resolved its failure, if it ends without
-    one.
-    """
+    """The exception handler with delivery *origin* resolves its failure, unless it fails itself."""
 
     origin: int
 
@@ -322,11 +317,10 @@ class Inspect(OfTask, frozen=True, tag=19):
 
 
 class Lock(Numbered, frozen=True, tag=23):
-    """Close a resource to all messages or (*reserve*) to those of other modules. Answered when
-    granted.
+    """Lock a resource against all messages or (*reserve*) those of other modules.
 
-    It ends when this request is given up, when the task or message *origin* has ended, or with the
-    connection.
+    Answered when granted. The claim ends when this request is given up, when the task or message
+    *origin* has ended, or with the connection.
     """
 
     resource: str
@@ -380,7 +374,7 @@ class Fire(Numbered, frozen=True, tag=65):
 
     monitor: TaskId
     action: str = ""
-    """The message that the data fit; central refuses it for another action ("": not checked)."""
+    """The message that the data fits; the monitor must have this action ("": not checked)."""
     origin: int = 0
     message: str = ""
     """Fire all watching monitors of this message, instead of one *monitor*."""
@@ -403,7 +397,7 @@ class Keep(OfTask, frozen=True, tag=25):
 class AwaitAny(OfDelivery, frozen=True, tag=27):
     """The coroutine that handles a delivery waits until one of these requests is answered.
 
-    It replaces what Await said before. With no requests the coroutine may continue.
+    This replaces the coroutine's earlier Await headers. With no requests it may continue.
     """
 
     requests: Annotated[list[int], MANY]
@@ -473,7 +467,7 @@ ToCentral = (
 
 
 class Welcome(Numbered, frozen=True, tag=33):
-    """Answers Hello.
+    """The answer to Hello.
 
     *module* is the name by which the journal knows the module; *epoch* names this run of central.
     """
@@ -526,12 +520,12 @@ class Deliver(OfDelivery, frozen=True, tag=37):
     """The cause, if central made the message."""
     suspended: bool = False
     own: bool = False
-    """Handle it within another message: a slot of its resource waits for the answer.
+    """Handle it within another message: a slot of the same resource waits for the answer.
 
-    This slot accepts messages directly.
+    It is set only for slots that accept direct messages.
     """
     ahead: int = 0
-    """The number of unanswered deliveries, as far as central knows, to handle before it."""
+    """The number of deliveries that the slot must handle before it, as far as central knows."""
 
 
 class Cancelled(OfDelivery, frozen=True, tag=38):
@@ -549,7 +543,7 @@ class Unknown(WireArray, frozen=True, tag=40):
     """Central does not know this connection: say Hello again and repeat unacknowledged requests."""
 
     number: int = 0
-    """The request that it answers and has not done: if it was sent only once, it is lost."""
+    """The request that central has not done: it is lost, if the module sent it only once."""
 
 
 class Closing(WireArray, frozen=True, tag=41):

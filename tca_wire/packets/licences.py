@@ -17,8 +17,9 @@ def number_of(shown: str, entrance_key: str) -> str | None:
     """Return the number of a licence shown at the entrance with that key; None if it is invalid."""
     number, _, proof = shown.rpartition("/")
     expected = _proof(entrance_key, number)
-    # compare_digest takes the same time for all proofs, so that none can be guessed step by step.
-    return number if number and hmac.compare_digest(proof.encode(), expected.encode()) else None
+    # compare_digest takes the same time for all proofs, so no part of one can be guessed.
+    is_valid = hmac.compare_digest(proof.encode(), expected.encode())
+    return number if number and is_valid else None
 
 
 def _proof(entrance_key: str, number: str) -> str:

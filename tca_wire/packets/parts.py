@@ -44,9 +44,9 @@ class MessageFormat(WireArray, frozen=True):
     data: str
     reply: str = ""
     parts: Annotated[list[str], MANY] = []
-    """The messages that a monitor sends ("": none).
+    """The messages that a monitor sends: condition and action, or set-up, action and cancel.
 
-    These are condition and action, or set-up, action and cancel message.
+    "" stands for a missing one.
     """
     progress: str = ""
     """The format of a task's intermediate results ("": it has none)."""
@@ -61,7 +61,7 @@ class HandlerFormat(WireArray, frozen=True):
     resource: str
     pool: str = ""
     pending: int = 0
-    """The limit for messages that wait for this handler, the newest ones (0: no limit)."""
+    """The limit for messages that wait for this handler; the newest are kept (0: no limit)."""
     direct: bool = False
     """Senders may send it directly, unless central has a reason against that."""
     accepts: bool = False
@@ -71,14 +71,14 @@ class HandlerFormat(WireArray, frozen=True):
     refuses: Annotated[list[str], MANY] = []
     """The transitions of clients that central refuses for it.
 
-    Without either, an update restarts the task and a cancel kills it.
+    An update that it neither takes nor refuses restarts the task, and such a cancel kills it.
     """
     busy: Busy = Busy.QUEUE
     """The fate of a task that would have to wait for this handler."""
 
 
 class EndedRun(WireArray, frozen=True, gc=False):
-    """A run of a handler that has ended *ago* seconds ago, and *took* some seconds."""
+    """A run of a handler that ended *ago* seconds ago, after *took* seconds."""
 
     delivery: int
     ago: float
@@ -136,7 +136,7 @@ class StateChange(WireArray, frozen=True):
     A report of the present state has the newest intermediate result.
     """
     is_late: bool = False
-    """The state is older than the observation."""
+    """The task was in this state before the observation began."""
     is_over: bool = False
     outcome: Outcome | None = None
     """The outcome, if it *is over*."""
@@ -172,7 +172,7 @@ class Tapped(WireArray, frozen=True, tag="tapped"):
 
 
 class Watching(WireArray, frozen=True, tag="watching"):
-    """The monitor that sent its set-up, condition, action or cancel message."""
+    """The context of a monitor's set-up, condition, action or cancel message."""
 
     monitor: Involved
     action: str = ""

@@ -24,7 +24,7 @@ class Entrance(WireArray, frozen=True):
     endpoint: str
     key: str
     curve: str = ""
-    """The public key of the socket, if it uses CURVE: a sender needs it, and shows a key pair."""
+    """The public key of the socket, if that uses CURVE. A sender then needs a key pair, too."""
 
 
 class Note(WireArray, frozen=True):
@@ -46,7 +46,7 @@ class Note(WireArray, frozen=True):
 
 
 class Loss(WireArray, frozen=True):
-    """The number of direct informs that were lost, or may have been; of message "": lost notes."""
+    """The number of direct informs that may have been lost; with message "", of lost notes."""
 
     message: str
     number: int
@@ -66,9 +66,7 @@ class WatchEntrance(WireArray, frozen=True, tag=81):
 
 
 class Route(WireArray, frozen=True, tag=82):
-    """From now on send this message to one of these entrances, or through central if there are
-    none.
-    """
+    """Send this message to one of these entrances from now on; through central if there is none."""
 
     message: str
     entrances: list[Entrance] = []

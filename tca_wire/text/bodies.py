@@ -73,7 +73,7 @@ def _plain_leaf(value: Any) -> Any:
         return {"extension": value.code, "base64": base64.b64encode(value.data).decode()}
     if hasattr(value, "isoformat"):
         return value.isoformat()
-    # An array, decoded because numpy is loaded: it is shown in the same way without numpy.
+    # A numpy array: show it like the dict that decode_array returns where numpy is not loaded.
     if hasattr(value, "dtype"):
         return {"dtype": value.dtype.str, "shape": list(value.shape)}
     return str(value)

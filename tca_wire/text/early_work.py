@@ -37,41 +37,43 @@ _REMEDIES: dict[Reason, str] = {
 }
 
 
-def why_not_early(chart: MachineChart, one: Objection) -> WhyNotEarly:
+def why_not_early(chart: MachineChart, objection: Objection) -> WhyNotEarly:
     """Return an objection of a report in words, with the labels of its machine."""
-    reason, remedy = _filled(chart, one, _REASONS[one.reason]), _REMEDIES.get(one.reason, "")
-    if one.reason is not Reason.STEADY:
-        reason = _filled(chart, one, "{state} did not start early: ") + reason
-    return WhyNotEarly(reason, _filled(chart, one, remedy))
+    phrase = "" if objection.reason is Reason.STEADY else "{state} did not start early: "
+    return WhyNotEarly(
+        _filled(chart, objection, phrase + _REASONS[objection.reason]),
+        _filled(chart, objection, _REMEDIES.get(objection.reason, "")),
+    )
 
 
-def why_stopped(chart: MachineChart, one: Objection) -> str:
+def why_stopped(chart: MachineChart, objection: Objection) -> str:
     """Return an objection to an activity that started early.
 
     For example ``'reach': it failed when it started early``.
     """
-    return _filled(chart, one, "{state}: " + _REASONS[one.reason])
+    return _filled(chart, objection, "{state}: " + _REASONS[objection.reason])
 
 
-def _filled(chart: MachineChart, one: Objection, phrase: str) -> str:
-    label = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
+def _filled(chart: MachineChart, objection: Objection, phrase: str) -> str:
+    """Fill a phrase with the labels of the states and the name of an objection."""
+    labels = {number: f"'{state.label}'" for number, state in enumerate(chart.states)}
     return phrase.format(
-        state=label.get(one.state, "?"),
-        other=label.get(one.other, "?"),
-        name=f"'{one.name or 'all'}'",
+        state=labels.get(objection.state, "?"),
+        other=labels.get(objection.other, "?"),
+        name=f"'{objection.name or 'all'}'",
     )
 
 
-def late_objections(before: CoordinationReport, now: CoordinationReport) -> list[Objection]:
-    """Return the objections that held until a transition.
+def late_objections(previous: CoordinationReport, report: CoordinationReport) -> list[Objection]:
+    """Return the objections of the report before a transition that are worth a remark after it.
 
-    They concern the activity of the state that is entered, or, if an activity has just finished,
-    that no state was foreseen.
+    They explain why the activity of the entered state did not start early. After the end of an
+    activity, they also explain why no state was foreseen.
     """
-    steady = now.before if now.taken.split(" [")[0] == "done" else -1
-    entered = now.current if now.taken else -1
+    left = report.before if report.taken.split(" [")[0] == "done" else -1
+    entered = report.current if report.taken else -1
     return [
-        one
-        for one in before.refused
-        if one.state == (steady if one.reason is Reason.STEADY else entered)
+        objection
+        for objection in previous.refused
+        if objection.state == (left if objection.reason is Reason.STEADY else entered)
     ]

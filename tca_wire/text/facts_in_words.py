@@ -9,13 +9,11 @@ from typing import Any
 from tca_wire.constraints import Constraint
 from tca_wire.journal import facts
 from tca_wire.journal.causes import Administrator, Cause, ConnectionLost, TimeOver
+from tca_wire.messages.notices import COMMANDS
 from tca_wire.points import ROOT, Point, describe_moments
 from tca_wire.text.measures import duration
 from tca_wire.vocabulary import CENTRAL, Due, Scope
 from tca_wire.waits import WaitKind
-
-_COMMAND = "tca "
-"""The start of the module names of command-line tools: "tca kill"."""
 
 
 class Wording:
@@ -42,20 +40,20 @@ class Wording:
         phrase = PHRASES.get(type(fact)) or f"{{{fact.__struct_fields__[0]}:name}}"
         return self.filled(phrase, fact)
 
-    def filled(self, phrase: str, record: Any) -> str:
-        """Fill a phrase with the fields of a record; ``PHRASES`` explains its parts."""
-        return "".join(self._part(record, *part) for part in _parts(phrase))
+    def filled(self, phrase: str, source: Any) -> str:
+        """Fill a phrase with the fields of a fact or attachment; ``PHRASES`` explains its parts."""
+        return "".join(self._part(source, *part) for part in _parts(phrase))
 
-    def _part(self, record: Any, flag: str, text: str, certain: str) -> str:
+    def _part(self, source: Any, flag: str, optional: str, required: str) -> str:
         """Fill a part of a phrase; return "" for an optional part without values."""
         if flag:
-            text = text.partition("|")[0 if getattr(record, flag) else 2]
-        words, *fields = _pieces(text or certain)
-        for name, form, behind in zip(fields[::3], fields[1::3], fields[2::3], strict=True):
-            value = getattr(record, name)
-            if not (value or flag or certain):
+            optional = optional.partition("|")[0 if getattr(source, flag) else 2]
+        words, *fields = _pieces(optional or required)
+        for name, form, following in zip(fields[::3], fields[1::3], fields[2::3], strict=True):
+            value = getattr(source, name)
+            if not (value or flag or required):
                 return ""
-            words += _FORMS[form](self, record, value) + behind
+            words += _FORMS[form](self, source, value) + following
         return words
 
     def cause(self, cause: Cause) -> str:
@@ -82,8 +80,9 @@ class Wording:
 
         A constraint on time alone shows only the delay before "before".
         """
-        before, delay = constraint.before, _seconds(constraint.delay) if constraint.delay else ""
-        parts = [delay] if before.task == ROOT else [self.point(before), *filter(None, [delay])]
+        parts = [] if constraint.before.task == ROOT else [self.point(constraint.before)]
+        if constraint.delay or not parts:
+            parts.append(_seconds(constraint.delay) if constraint.delay else "")
         return f"{' + '.join(parts)} before {self.point(constraint.after)}"
 
 
@@ -176,15 +175,13 @@ _FIELD = re.compile(r"\{(\w+):?(\w*)\}")
 
 @cache
 def _parts(phrase: str) -> list[tuple[str, str, str]]:
-    """Return the parts of a phrase: its flag, its text if it is optional, its text if not."""
+    """Return the parts of a phrase: the flag, then the text of an optional or a required part."""
     return _PART.findall(phrase)
 
 
 @cache
 def _pieces(text: str) -> list[str]:
-    """Split a part into its words before the first field, then name, form and following words of
-    each field.
-    """
+    """Split a part at its fields: the text before, then each field's name, form and next text."""
     return _FIELD.split(text)
 
 
@@ -247,15 +244,13 @@ def subject_of(fact: facts.Fact) -> int:
 
 
 def called(module: str) -> str:
-    """Return a module's own name: more copies of a program are known as ``legs#2``, ``legs#3``."""
+    """Return the name that a module chose; central calls more copies ``legs#2``, ``legs#3``."""
     return module.partition("#")[0]
 
 
 def by_whom(by: str) -> str:
-    """Return the requester in words: " by legs", " by the command 'tca kill'"; "" for central
-    itself.
-    """
-    if by.startswith(_COMMAND):
+    """Return the requester: " by legs", " by the command 'tca kill'"; "" for central itself."""
+    if by.startswith(COMMANDS):
         return f" by the command '{called(by)}'"
     return f" by {by}" if by not in ("", CENTRAL) else ""
 

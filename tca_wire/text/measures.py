@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-_NAMED = 3
-"""The number of names in a list; further names are counted."""
+_MOST_NAMES = 3
+"""The number of names that a list shows; further names are only counted."""
 
 
 def duration(seconds: float) -> str:
@@ -16,11 +16,9 @@ def duration(seconds: float) -> str:
     if seconds < 119.5:
         return f"{seconds:.3g} s"
     minutes, rest = divmod(round(seconds), 60)
-    return (
-        f"{minutes}:{rest:02} min"
-        if minutes < 120
-        else f"{minutes // 60}:{minutes % 60:02}:{rest:02} h"
-    )
+    if minutes < 120:
+        return f"{minutes}:{rest:02} min"
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02} h"
 
 
 def run_time(seconds: float) -> str:
@@ -30,11 +28,8 @@ def run_time(seconds: float) -> str:
 
 def from_to(start: float, end: float | None) -> str:
     """Return a span: ``from 0.700 s to 1.400 s``, or without an end ``from 0.700 s on``."""
-    return (
-        f"from {run_time(start)} on"
-        if end is None
-        else f"from {run_time(start)} to {run_time(end)}"
-    )
+    until = "on" if end is None else f"to {run_time(end)}"
+    return f"from {run_time(start)} {until}"
 
 
 def percent(share: float) -> str:
@@ -46,12 +41,11 @@ def size(octets: float) -> str:
     """Return ``812 bytes``, ``1.5 KiB``, ``320 MiB``."""
     if octets < 1 << 10:
         return f"{octets:.0f} bytes"
-    unit = next(
-        unit
-        for unit in ("KiB", "MiB", "GiB", "TiB")
-        if (octets := octets / 1024) < 1000 or unit == "TiB"
-    )
-    return f"{octets:.3g} {unit}"
+    for unit in ("KiB", "MiB", "GiB"):
+        octets /= 1024
+        if octets < 1000:
+            return f"{octets:.3g} {unit}"
+    return f"{octets / 1024:.3g} TiB"
 
 
 def times(number: int) -> str:
@@ -64,7 +58,7 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
-def listed(names: Sequence[str], more: int = 0, *, named: int = _NAMED) -> str:
+def listed(names: Sequence[str], more: int = 0, *, named: int = _MOST_NAMES) -> str:
     """Return ``a``, ``a and b``, ``a, b and c``, or ``a, b, c and 52 more``.
 
     Only the first *named* names are shown; *more* counts names that are not given at all.

@@ -4,9 +4,7 @@
 def missing_package(feature: str, package: str, extra: str, otherwise: str = "") -> str:
     """Return ``a report needs the Python package 'jinja2': pip install 'tca-central[report]'``.
 
-    *otherwise* is an alternative.
+    *otherwise* is something else that the user can do.
     """
-    other = f", or {otherwise}" if otherwise else ""
-    return (
-        f"{feature} needs the Python package '{package}': pip install 'tca-central[{extra}]'{other}"
-    )
+    advice = f"pip install 'tca-central[{extra}]'{f', or {otherwise}' if otherwise else ''}"
+    return f"{feature} needs the Python package '{package}': {advice}"

@@ -1,7 +1,7 @@
 """Plain values (JSON, or typed text) as data of a format that is known only as JSON Schema.
 
-For programs that send messages which they did not declare, such as the command line. It is stricter
-than a decoder: it refuses an unknown field, which is most likely a typing error.
+For programs that send messages which they did not declare, such as the command line. An unknown
+field is most likely a typing error. It is therefore refused here, while a decoder skips it.
 """
 
 import base64
@@ -9,6 +9,7 @@ import binascii
 import json
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import msgspec
@@ -30,7 +31,7 @@ _BOUNDS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
     "minItems": (lambda value, bound: len(value) >= bound, "have at least {} items"),
     "maxItems": (lambda value, bound: len(value) <= bound, "have at most {} items"),
 }
-_WORDS = {
+_TYPE_WORDS = {
     "object": "an object",
     "array": "a list",
     "string": "text",
@@ -49,7 +50,7 @@ _WORDS = {
     "uuid": "a UUID",
     "decimal": "a decimal number as text",
 }
-_SIMPLE: dict[str, Any] = {
+_PYTHON_TYPES: dict[str, Any] = {
     "integer": int,
     "number": int | float,
     "boolean": bool,
@@ -59,7 +60,7 @@ _LONGEST_SHOWN = 40
 
 
 class FieldMisfit(BadData):
-    """A value does not fit: the *path* of its field ("": the whole), and the *problem* in words."""
+    """A value does not fit. *path* names its field ("": the whole), *problem* says why."""
 
     def __init__(self, path: str, problem: str) -> None:
         super().__init__(f"field '{path}' {problem}" if path else f"the data {problem}")
@@ -67,7 +68,7 @@ class FieldMisfit(BadData):
 
 
 class Bare:
-    """A value as typed: JSON where that fits, else the text itself."""
+    """A value as a user typed it: JSON where that fits, else the text itself."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -89,7 +90,7 @@ class PlainFormat(Format[Any]):
 
     def __init__(self, schema: str) -> None:
         try:
-            self.shape: dict[str, Any] = _sound(json.loads(schema or "{}"))
+            self.shape: dict[str, Any] = _cleaned(json.loads(schema or "{}"))
         except (ValueError, RecursionError):
             self.shape = {}
         is_nothing = self.shape == {"type": "null"}
@@ -102,22 +103,24 @@ class PlainFormat(Format[Any]):
     @property
     def takes_fields(self) -> bool:
         """Whether its values may have named fields."""
-        return _DataBuilder(self.shape).takes_fields(self.shape)
+        return _Builder(self.shape).takes_fields(self.shape)
 
     def encode(self, value: Any) -> bytes:
         """Encode *value*, in which texts may be Bare. Raises BadData, naming the field."""
         try:
-            fitted = _DataBuilder(self.shape).fit(self.shape, value, "")
+            data = _Builder(self.shape).fit(self.shape, value, "")
         except RecursionError:
             raise BadData("it is nested too deeply") from None
-        return super().encode(fitted)
+        return super().encode(data)
 
 
-def _sound(schema: Any) -> dict[str, Any]:
+def _cleaned(schema: Any) -> dict[str, Any]:
     """Return a schema without its invalid parts: any client may have sent it."""
     if not isinstance(schema, dict):
         return {}
-    parts = {key: _PARTS[key](part) if key in _PARTS else part for key, part in schema.items()}
+    parts = {
+        key: _CLEANERS[key](part) if key in _CLEANERS else part for key, part in schema.items()
+    }
     return {key: part for key, part in parts.items() if part is not None}
 
 
@@ -130,14 +133,14 @@ def _list(part: Any) -> list[Any] | None:
 
 
 def _schemas(part: Any) -> list[Any] | None:
-    return [_sound(one) for one in part] if isinstance(part, list) and part else None
+    return [_cleaned(one) for one in part] if isinstance(part, list) and part else None
 
 
 def _fields(part: Any) -> dict[str, Any] | None:
-    return {name: _sound(one) for name, one in part.items()} if isinstance(part, dict) else None
+    return {name: _cleaned(one) for name, one in part.items()} if isinstance(part, dict) else None
 
 
-_PARTS: dict[str, Callable[[Any], Any]] = {
+_CLEANERS: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("type", "format", "contentEncoding", "$ref", "propertyName"), _text),
     **dict.fromkeys(("properties", "$defs"), _fields),
     **dict.fromkeys(("anyOf", "prefixItems"), _schemas),
@@ -145,10 +148,10 @@ _PARTS: dict[str, Callable[[Any], Any]] = {
     "required": lambda part: (
         [one for one in part if isinstance(one, str)] if isinstance(part, list) else None
     ),
-    "items": _sound,
-    "propertyNames": _sound,
-    "additionalProperties": lambda part: part if isinstance(part, bool) else _sound(part),
-    "discriminator": lambda part: _sound(part) or None,
+    "items": _cleaned,
+    "propertyNames": _cleaned,
+    "additionalProperties": lambda part: part if isinstance(part, bool) else _cleaned(part),
+    "discriminator": lambda part: _cleaned(part) or None,
     "mapping": lambda part: (
         {name: to for name, to in part.items() if _text(to)} if isinstance(part, dict) else None
     ),
@@ -160,12 +163,12 @@ def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
 
     Schemas do not describe everything: a value that is not described passes.
     """
-    whole = PlainFormat(schema).shape
-    fitting, problem = _DataBuilder(whole), ""
+    shape, problem = PlainFormat(schema).shape, ""
+    builder = _Builder(shape)
     try:
-        for option in fitting.field(whole, path):
+        for option in builder.field_schemas(shape, path):
             try:
-                fitting.fit(option, value, ".".join(path))
+                builder.fit(option, value, ".".join(path))
             except (BadData, RecursionError) as error:
                 problem = str(error)
             else:
@@ -177,24 +180,24 @@ def field_misfit(schema: str, path: Sequence[str], value: Any) -> str:
 
 def knows_field(schema: str, path: Sequence[str]) -> bool:
     """Return whether data of a format may have a field at *path*."""
-    whole = PlainFormat(schema).shape
+    shape = PlainFormat(schema).shape
     try:
-        _DataBuilder(whole).field(whole, path)
+        _Builder(shape).field_schemas(shape, path)
     except BadData:
         return False
     return True
 
 
-class _DataBuilder:
-    """Walks value and schema side by side, and builds the data. Unknown parts of a schema pass."""
+class _Builder:
+    """Builds data from a value and its schema, side by side. It skips unknown parts of a schema."""
 
     def __init__(self, schema: dict[str, Any]) -> None:
         self._definitions = schema.get("$defs", {})
-        self._of_type: dict[str, Callable[[dict[str, Any], Any, str], Any]] = {
+        self._build_by_type: dict[str, Callable[[dict[str, Any], Any, str], Any]] = {
             "object": self._object,
             "array": self._array,
             "string": self._string,
-            **dict.fromkeys(_SIMPLE, self._simple),
+            **dict.fromkeys(_PYTHON_TYPES, self._simple),
         }
 
     def _resolve(self, schema: Any) -> dict[str, Any]:
@@ -210,18 +213,17 @@ class _DataBuilder:
             return any(self.takes_fields(option) for option in options)
         return schema.get("type", "object") == "object" and "enum" not in schema
 
-    def field(self, schema: Any, path: Sequence[str]) -> list[Any]:
-        """Return the schemas that the field at *path* may have. Raises BadData for an unknown
-        field.
+    def field_schemas(self, schema: Any, path: Sequence[str]) -> list[Any]:
+        """Return the schemas that the field at *path* may have.
+
+        Raises BadData for an unknown field.
         """
         found = self._options(schema)
-        for depth, name in enumerate(path):
+        for depth, name in enumerate(path, 1):
             known = [key for option in found for key in option.get("properties", ())]
             found = [one for option in found for one in self._fields_named(option, name)]
             if not found:
-                raise FieldMisfit(
-                    ".".join(path[: depth + 1]), f"is unknown: {_advice(name, known)}"
-                )
+                raise FieldMisfit(".".join(path[:depth]), f"is unknown: {_advice(name, known)}")
         return found
 
     def _options(self, schema: Any) -> list[dict[str, Any]]:
@@ -241,29 +243,26 @@ class _DataBuilder:
             return self._fit_bare(schema, value, path)
         schema = self._resolve(schema)
         if "anyOf" in schema:
-            return self._any(schema, value, path)
+            return self._union(schema, value, path)
         if "enum" in schema and not any(
             value == one and type(value) is type(one) for one in schema["enum"]
         ):
             raise self._unfit(schema, value, path)
-        fit_type = self._of_type.get(str(schema.get("type")))
-        fitted = fit_type(schema, value, path) if fit_type else _without_bare(value)
+        build = self._build_by_type.get(str(schema.get("type")))
+        data = build(schema, value, path) if build else _without_bare(value)
         _check_bounds(schema, value, path)
-        return fitted
+        return data
 
     def _fit_bare(self, schema: Any, typed: Bare, path: str) -> Any:
         try:
             return self.fit(schema, typed.value, path)
         except BadData:
-            if isinstance(typed.value, str):
-                raise
-            try:
-                return self.fit(schema, typed.text, path)
-            except BadData:
-                pass
+            if not isinstance(typed.value, str):
+                with suppress(BadData):
+                    return self.fit(schema, typed.text, path)
             raise
 
-    def _any(self, schema: dict[str, Any], value: Any, path: str) -> Any:
+    def _union(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         options = schema["anyOf"]
         tag = schema.get("discriminator", {})
         kind = value.get(tag.get("propertyName")) if isinstance(value, dict) else None
@@ -285,10 +284,8 @@ class _DataBuilder:
     # --- one type each ----------------------------------------------------------------------------
 
     def _object(self, schema: dict[str, Any], value: Any, path: str) -> Any:
-        fields, additional = (
-            schema.get("properties", {}),
-            schema.get("additionalProperties", "properties" not in schema),
-        )
+        fields = schema.get("properties", {})
+        additional = schema.get("additionalProperties", "properties" not in schema)
         if not isinstance(value, dict):
             raise self._unfit(schema, value, path)
         for name in value if additional is False else ():
@@ -344,7 +341,9 @@ class _DataBuilder:
 
     def _simple(self, schema: dict[str, Any], value: Any, path: str) -> Any:
         kind = schema["type"]
-        if not isinstance(value, _SIMPLE[kind]) or (isinstance(value, bool) and kind != "boolean"):
+        if not isinstance(value, _PYTHON_TYPES[kind]) or (
+            isinstance(value, bool) and kind != "boolean"
+        ):
             raise self._unfit(schema, value, path)
         try:
             return float(value) if kind == "number" else value
@@ -364,7 +363,9 @@ class _DataBuilder:
             return " or ".join(self._wanted(option) for option in schema["anyOf"])
         if fields := schema.get("properties"):
             return f"an object with {', '.join(fields)}"
-        return _WORDS.get(schema.get("format") or schema.get("type"), "a value of another type")
+        return _TYPE_WORDS.get(
+            schema.get("format") or schema.get("type"), "a value of another type"
+        )
 
 
 def _without_bare(value: Any) -> Any:
@@ -398,5 +399,5 @@ def _field(path: str, name: str) -> str:
 
 
 def _advice(name: str, known: list[str]) -> str:
-    every = f"the fields are {', '.join(known)}" if known else "there are no fields"
-    return did_you_mean(name, known) or every
+    all_fields = f"the fields are {', '.join(known)}" if known else "there are no fields"
+    return did_you_mean(name, known) or all_fields

@@ -1,4 +1,4 @@
-"""Untrusted text in a line of a terminal or log."""
+"""Untrusted text, made safe for a line of a terminal or log."""
 
 from tca_wire.vocabulary import Limit
 
@@ -22,6 +22,6 @@ def first_line(text: str) -> str:
 
 
 def shortened(text: str, longest: int = int(Limit.TEXT)) -> str:
-    """Return a text, or the start and end of a text that is too long."""
+    """Return *text* if it is short enough, otherwise its start and end."""
     half = (longest - 1) // 2
     return text if len(text) <= longest else f"{text[:half]}…{text[-half:]}"

@@ -1,4 +1,4 @@
-"""Waits in English: the words after "waits". No other module words them."""
+"""Waits in English: the words after "waits". Only this module composes them."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -7,6 +7,7 @@ from tca_wire.text.facts_in_words import by_whom, place
 from tca_wire.text.measures import duration, listed, numbered, run_time
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
+# For each moment (0: the end, whatever the outcome), the auxiliary verb and the rest.
 _REACHED = {
     0: ("has", "ended"),
     Moment.START_HANDLING: ("is", "being handled"),
@@ -16,10 +17,10 @@ _REACHED = {
     Moment.START_ACHIEVING: ("is", "being achieved"),
     Moment.END_ACHIEVING: ("is", "achieved"),
 }
-_OF_SEVERAL = {"is": "are", "has": "have"}
+_PLURALS = {"is": "are", "has": "have"}
 
-_CAUSES = 3
-"""The number of causes named for one wait."""
+_MOST_CAUSES = 3
+"""The number of causes that are named for one wait; further causes are only counted."""
 
 Waits = Sequence[WaitFor]
 
@@ -29,7 +30,7 @@ def in_words(wait: WaitFor, now: float | None = None) -> str:
 
     With *now*, a delay shows the time that is left, and a suspension the time since its start.
     """
-    return _WORDS[wait.kind](_Alike([wait], now))
+    return _WORDS[wait.kind](_WaitGroup([wait], now))
 
 
 def several_in_words(waits: Iterable[WaitFor], now: float | None = None) -> str:
@@ -44,10 +45,10 @@ def clauses(waits: Iterable[WaitFor], now: float | None = None) -> list[str]:
     """Return a clause for each group of waits."""
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
-        is_plain = wait.kind in _TOGETHER and not wait.because
-        key = (wait.kind, wait.moment, wait.seconds) if is_plain else wait
+        is_grouped = wait.kind in _GROUPED_KINDS and not wait.because
+        key = (wait.kind, wait.moment, wait.seconds) if is_grouped else wait
         groups.setdefault(key, []).append(wait)
-    return [_WORDS[group[0].kind](_Alike(group, now)) for group in groups.values()]
+    return [_WORDS[group[0].kind](_WaitGroup(group, now)) for group in groups.values()]
 
 
 def waiter_in_words(waiter: Waiter) -> str:
@@ -86,18 +87,15 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
         lengths[wait] = lengths.get(wait, 0.0) + seconds
     if len(lengths) == 1:
         return in_words(next(iter(lengths)))
-    longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_CAUSES]
-    first = next(wait for wait in lengths if wait in longest)
-    parts, more = list[str](), list[float]()
-    for wait, seconds in lengths.items():
-        if wait not in longest:
-            more.append(seconds)
-            continue
+    longest = sorted(lengths, key=lambda wait: -lengths[wait])[:_MOST_CAUSES]
+    named = [wait for wait in lengths if wait in longest]
+    parts: list[str] = []
+    for wait in named:
         text = in_words(wait)
-        if wait is not first and wait.because and wait.kind is first.kind in _ON_RESOURCES:
+        if parts and wait.because and wait.kind is named[0].kind in _RESOURCE_KINDS:
             text = _blockers(wait.because)  # words shared with the first are not repeated
-        parts.append(f"{text} ({duration(seconds)})")
-    if more:
+        parts.append(f"{text} ({duration(lengths[wait])})")
+    if more := [seconds for wait, seconds in lengths.items() if wait not in longest]:
         parts.append(f"and {len(more):,} more ({duration(sum(more))})")
     return "; ".join(parts)
 
@@ -105,7 +103,7 @@ def causes_in_words(causes: Iterable[tuple[WaitFor, float]]) -> str:
 def reached(moment: int, number: int = 1) -> str:
     """Return the verb for tasks that reach a moment: ``is achieved``, ``have been handled``."""
     verb, rest = _REACHED[moment]
-    return f"{verb if number == 1 else _OF_SEVERAL[verb]} {rest}"
+    return f"{verb if number == 1 else _PLURALS[verb]} {rest}"
 
 
 def suspended_by(module: str, *, since_birth: bool) -> str:
@@ -113,7 +111,7 @@ def suspended_by(module: str, *, since_birth: bool) -> str:
     return f"suspended{' since its creation' * since_birth}{by_whom(module)}"
 
 
-class _Alike:
+class _WaitGroup:
     """Waits of one kind and moment, shown in one clause."""
 
     def __init__(self, waits: Waits, now: float | None = None) -> None:
@@ -133,7 +131,7 @@ class _Alike:
         return reached(self.first.moment, self.number)
 
 
-def _delay(waits: _Alike) -> str:
+def _delay(waits: _WaitGroup) -> str:
     end = waits.first.seconds
     if end is None:
         return "until a delay is over"
@@ -142,37 +140,36 @@ def _delay(waits: _Alike) -> str:
     return f"for another {duration(max(end - waits.now, 0.0))}"
 
 
-def _point(waits: _Alike) -> str:
+def _point(waits: _WaitGroup) -> str:
     delay = waits.first.seconds
     after = f"{duration(delay)} after " if delay else ""
     return f"until {after}{waits.names} {waits.reached}"
 
 
-def _reply(waits: _Alike) -> str:
+def _reply(waits: _WaitGroup) -> str:
     where = f" ({whereabouts(waits.first)})" if waits.first.because else ""
     return f"for the reply to {waits.names}{where}"
 
 
-def _resource(waits: _Alike) -> str:
+def _resource(waits: _WaitGroup) -> str:
     alternatives = f" (or {waits.first.more} more)" if waits.first.more else ""
     return f"for {waits.place}{alternatives}{_blocked_by(waits.first.because)}"
 
 
-def _lock(waits: _Alike) -> str:
+def _lock(waits: _WaitGroup) -> str:
     of = numbered(f"{waits.first.name or 'lock'} of {waits.place}", waits.first.number)
     return f"for the {of}{_blocked_by(waits.first.because)}"
 
 
 def _blocked_by(because: Waits) -> str:
-    """Return what blocks a resource: ``, busy with walk {3} and 2 more``, ``, which panel has
-    locked``.
-    """
+    """Return a comma and what blocks a resource: ``, which panel has locked``; "" for nothing."""
     return f", {_blockers(because)}" if because else ""
 
 
 def _blockers(because: Waits) -> str:
+    """Return what blocks a resource: ``busy with walk {3} and 2 more``."""
     running = [one for one in because if one.kind is WaitKind.RUNNING]
-    parts = [f"busy with {_Alike(running).names}"] if running else []
+    parts = [f"busy with {_WaitGroup(running).names}"] if running else []
     parts += [
         f"which {_blocker(one, ' first' if running else '')}"
         for one in because
@@ -182,18 +179,20 @@ def _blockers(because: Waits) -> str:
 
 
 def _blocker(wait: WaitFor, order: str) -> str:
+    """Return a claim of the resource: ``panel has locked for stop {3}``; or its missing handler."""
     if wait.kind is WaitKind.HANDLER:
         return "has no handler now"
     purpose = ""
     if wait.because:
         message = wait.because[0]
-        how = "while handling" if message.kind is WaitKind.RUNNING else "for"
-        purpose = f" {how} {numbered(message.name, message.number)}"
-    to_lock, has_locked = (
-        ("reserve", "reserved") if wait.name == "reservation" else ("lock", "locked")
-    )
-    how = f"has {has_locked}" if wait.kind is WaitKind.LOCKED else f"waits to {to_lock}{order}"
-    return f"{wait.module} {how}{purpose}"
+        while_or_for = "while handling" if message.kind is WaitKind.RUNNING else "for"
+        purpose = f" {while_or_for} {numbered(message.name, message.number)}"
+    is_reservation = wait.name == "reservation"
+    if wait.kind is WaitKind.LOCKED:
+        claim = "has reserved" if is_reservation else "has locked"
+    else:
+        claim = f"waits to {'reserve' if is_reservation else 'lock'}{order}"
+    return f"{wait.module} {claim}{purpose}"
 
 
 def not_answered(query: WaitFor) -> str:
@@ -201,46 +200,46 @@ def not_answered(query: WaitFor) -> str:
 
     If some have, ``(1 of 3 answered)`` follows.
     """
-    number, answered = len(query.because), query.answered
-    counts = f" ({answered} of {answered + number} answered)" if answered else ""
-    verb = "has" if number == 1 else "have"
+    missing, answered = len(query.because), query.answered
+    counts = f" ({answered} of {answered + missing} answered)" if answered else ""
+    verb = "has" if missing == 1 else "have"
     return f"{listed([_handler_of(one) for one in query.because])} {verb} not answered{counts}"
 
 
 def _handler_of(where: WaitFor) -> str:
-    queued = f" (queued{_blocked_by(where.because)})" if where.kind is WaitKind.RESOURCE else ""
-    return place(where.module, where.resource) + queued
+    """Return the handler that has a query, and what the query is queued for there."""
+    handler = place(where.module, where.resource)
+    if where.kind is WaitKind.RESOURCE:
+        return f"{handler} (queued{_blocked_by(where.because)})"
+    return handler
 
 
-def _resume(waits: _Alike) -> str:
+def _resume(waits: _WaitGroup) -> str:
     wait, ago = waits.first, ""
     if waits.now is not None and wait.seconds is not None:
         ago = f" {duration(max(waits.now - wait.seconds, 0.0))} ago"
-    by = (
-        f" ({suspended_by(wait.module, since_birth=wait.since_birth)}{ago})"
-        if by_whom(wait.module) or ago
-        else ""
-    )
-    return f"until {waits.names if wait.number else 'it'} is resumed{by}"
+    by = f"{suspended_by(wait.module, since_birth=wait.since_birth)}{ago}"
+    shown = f" ({by})" if by_whom(wait.module) or ago else ""
+    return f"until {waits.names if wait.number else 'it'} is resumed{shown}"
 
 
-def _condition(waits: _Alike) -> str:
+def _condition(waits: _WaitGroup) -> str:
     if not waits.first.name:
         return "until it is fired"
     last_test = {None: "not tested yet", False: "did not hold last time", True: "held last time"}
     return f"for its condition {waits.names} ({last_test[waits.first.holds]})"
 
 
-def _running(waits: _Alike) -> str:
+def _running(waits: _WaitGroup) -> str:
     first = waits.first
     handler = f"the handler of {waits.names}" if first.number else "its handler"
     where = f" in {waits.place}" if first.module and waits.number == 1 else ""
-    on = f", which waits {several_in_words(first.because)}" if first.because else ""
-    return f"until {handler}{where} returns{on}"
+    waiting = f", which waits {several_in_words(first.because)}" if first.because else ""
+    return f"until {handler}{where} returns{waiting}"
 
 
-_ON_RESOURCES = (WaitKind.RESOURCE, WaitKind.LOCK)
-_TOGETHER = frozenset(
+_RESOURCE_KINDS = (WaitKind.RESOURCE, WaitKind.LOCK)
+_GROUPED_KINDS = frozenset(
     (
         WaitKind.CONSTRAINT,
         WaitKind.SUBTASK,
@@ -252,9 +251,9 @@ _TOGETHER = frozenset(
         WaitKind.CHANGE,
     )
 )
-"""The kinds of which several waits share one clause."""
+"""Waits of one of these kinds share one clause."""
 
-_WORDS: dict[WaitKind, Callable[[_Alike], str]] = {
+_WORDS: dict[WaitKind, Callable[[_WaitGroup], str]] = {
     WaitKind.CONSTRAINT: _point,
     WaitKind.SUBTASK: _point,
     WaitKind.TASK: _point,

@@ -10,14 +10,14 @@ from itertools import groupby, islice
 from typing import Any, Generic, Protocol, TypeVar
 
 MOST = 100
-"""The number of ends of one node that are listed."""
+"""The number of ends that are listed for one node."""
 
 NodeT = TypeVar("NodeT")
 EndT_co = TypeVar("EndT_co", covariant=True)
 
 
 class TooFarError(Exception):
-    """A graph must not be followed any further. The ends found before remain known."""
+    """A limit of the search is reached. The ends found so far remain known."""
 
 
 class WaitGraph(Protocol[NodeT, EndT_co]):
@@ -45,15 +45,16 @@ class Ends(Generic[NodeT, EndT_co]):
         if (ends := known.get(start)) is not None:
             return ends
         chain: dict[NodeT, None] = {}
-        while node not in known:  # a long chain needs no search
-            nexts, own = self._graph.steps(node)
-            if node in chain or len(nexts) + len(own) != 1:
+        # A chain, in which each node waits for one other, has one end: it needs no search.
+        while node not in known:
+            successors, own = self._graph.steps(node)
+            if node in chain or len(successors) + len(own) != 1:
                 self._find(node)
             elif own:
                 known[node] = (own[0],)
             else:
                 chain[node] = None
-                node = nexts[0]
+                node = successors[0]
         known.update(dict.fromkeys(chain, known[node]))
         return known[start]
 
@@ -66,23 +67,23 @@ class Ends(Generic[NodeT, EndT_co]):
         undecided: dict[NodeT, tuple[Sequence[NodeT], Sequence[EndT_co]]] = {}
         path: list[tuple[NodeT, Sequence[NodeT], Iterator[NodeT]]] = [(start, (), iter([start]))]
         while path:
-            node, nexts, rest = path[-1]
+            node, successors, rest = path[-1]
             for new in rest:
                 if new in order or new in known:
                     continue
                 order[new] = lowest[new] = len(order)
-                further, own = self._graph.steps(new)
+                new_successors, own = self._graph.steps(new)
                 # Its only successor is known: it has the same ends, and needs no search.
-                if len(further) == 1 and not own and further[0] in known:
-                    known[new] = known[further[0]]
+                if len(new_successors) == 1 and not own and new_successors[0] in known:
+                    known[new] = known[new_successors[0]]
                     continue
-                undecided[new] = further, own
-                path.append((new, further, iter(further)))
+                undecided[new] = new_successors, own
+                path.append((new, new_successors, iter(new_successors)))
                 break
             else:
                 path.pop()
                 lowest[node] = min(
-                    [lowest[node], *(lowest[one] for one in nexts if one not in known)]
+                    [lowest[node], *(lowest[one] for one in successors if one not in known)]
                 )
                 if lowest[node] == order[node] and node in undecided:
                     self._record_component(undecided, node)
@@ -98,16 +99,21 @@ class Ends(Generic[NodeT, EndT_co]):
         while first not in group:
             group.update([undecided.popitem()])
         own: set[Any] = {end for _, ends in group.values() for end in ends}
-        beyond = (self.known[to] for nexts, _ in group.values() for to in nexts if to in self.known)
-        # Nodes share tuples of ends: distinct identities leave little to merge.
-        several: list[Any] = [*{id(ends): ends for ends in beyond}.values()]
+        beyond = (
+            self.known[node]
+            for successors, _ in group.values()
+            for node in successors
+            if node in self.known
+        )
+        # Nodes share tuples of ends: merging each tuple once, by its identity, is much cheaper.
+        to_merge: list[Any] = [*{id(ends): ends for ends in beyond}.values()]
         if own:
-            several.append(tuple(sorted(own)))
-        if not several:
+            to_merge.append(tuple(sorted(own)))
+        if not to_merge:
             end = self._graph.circle([*group])
             self.circles[end] = [*group]
-            several = [(end,)]
-        ends = several[0]
-        if len(several) > 1:
-            ends = tuple(islice((end for end, _ in groupby(merge(*several))), MOST + 1))
+            to_merge = [(end,)]
+        ends = to_merge[0]
+        if len(to_merge) > 1:
+            ends = tuple(islice((end for end, _ in groupby(merge(*to_merge))), MOST + 1))
         self.known.update(dict.fromkeys(group, ends))

@@ -11,7 +11,7 @@ import msgspec
 from msgspec.structs import replace
 
 NAMED = 3
-"""The number of waits of one kind that are listed."""
+"""The number of waits that are listed for one kind."""
 
 
 class WaitKind(StrEnum):
@@ -59,10 +59,9 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     """
     resource: str = ""
     seconds: float | None = None
-    """A time on the journal's clock. For DELAY it is the end; after a point that is not reached,
-    the length.
+    """A time on the journal's clock: the end of a DELAY, or the start of a suspension (RESUME).
 
-    For RESUME in central's reports it is the start of the suspension.
+    For a delay after a point that is not reached, it is the length of the delay instead.
     """
     since_birth: bool = False
     """For RESUME: the task was created suspended."""
@@ -71,9 +70,7 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     answered: int = 0
     """For REPLY to a multi-query: the number of answers; *because* has the missing ones."""
     more: int = 0
-    """The number of further waits of this kind and moment; for RESOURCE of further suitable
-    resources.
-    """
+    """The number of further waits of this kind and moment; for RESOURCE, of further resources."""
     because: "tuple[WaitFor, ...]" = ()
     """The causes in turn.
 
@@ -111,7 +108,7 @@ class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def first_ones(waits: Sequence[WaitFor], number: int) -> list[WaitFor]:
-    """Return the first of *number* similar waits. The last of them counts the rest."""
+    """Return the first of *number* similar waits; the last one counts the rest."""
     named = list(waits[:NAMED])
     if more := number - len(named):
         named[-1] = replace(named[-1], more=named[-1].more + more)

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from dev.benchmarks.messages.cases import STAGES, TASK_PEERS, Entrant, Needs, Stage, Trial, chosen
+from dev.benchmarks.messages.cases import STAGES, TASK_PEERS, Case, Entry, Needs, Stage, chosen
 from dev.benchmarks.messages.command import bench
 from dev.benchmarks.messages.results import Report
 from dev.benchmarks.messages.running import Results, lacking, run
@@ -51,9 +51,9 @@ def test_uninstalled_contestant_is_left_out_by_name() -> None:
         == "package no_such_package, package no.such.package, program no-such-program"
     )
     assert not lacking(Needs(("zmq", "msgspec.msgpack"), ("sh",)))
-    entry, lines = Entrant("Missing", "peers.missing", "Missing", needs=needs), list[str]()
+    entry, lines = Entry("Missing", "peers.missing", "Missing", needs=needs), list[str]()
     result = run(
-        [Stage("any", (Trial("round trip", "round_trip", arguments=(100,)),), (entry,), "")],
+        [Stage("any", (Case("round trip", "round_trip", arguments=(100,)),), (entry,), "")],
         1,
         0.001,
         lines.append,
@@ -68,7 +68,7 @@ def test_broken_contestant_is_excluded_and_the_others_run() -> None:
     (stage,) = chosen(
         STAGES, lambda name: name == "round trip", lambda entry: entry.title == "zmq.proxy"
     )[:1]
-    broken = Entrant("broken", "own.library", "Library", {"journal": "no such journal"})
+    broken = Entry("broken", "own.library", "Library", {"journal": "no such journal"})
     result: Results = run(
         [Stage("any", stage.cases, (broken, *stage.entries), "zmq.proxy")], 1, 0.001, lambda _: None
     )

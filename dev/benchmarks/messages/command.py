@@ -11,9 +11,9 @@ from dev.benchmarks.messages.cases import (
     STAGES,
     TASK_PEERS,
     chosen,
-    small,
+    quick_stages,
 )
-from dev.benchmarks.messages.results import reported
+from dev.benchmarks.messages.results import report_of
 from dev.benchmarks.messages.running import run
 from dev.benchmarks.messages.table import lines
 
@@ -84,7 +84,7 @@ def bench(
     if path and not path.parent.is_dir():
         raise click.UsageError(f"no folder '{path.parent}' for the figures: create it first")
     stages = chosen(
-        small(STAGES) if quick else STAGES,
+        quick_stages(STAGES) if quick else STAGES,
         lambda name: not only or name in only,
         lambda one: peers or one.title not in _PEERS,
     )
@@ -93,7 +93,7 @@ def bench(
             click.echo(f"{stage.title}: {', '.join(case.name for case in stage.cases)}")
             click.echo(f"    of {', '.join(entry.title for entry in stage.entries)}")
         return
-    report = reported(
+    report = report_of(
         run(stages, rounds, seconds, lambda text: click.echo(text, err=True)), rounds, seconds
     )
     for line in lines(report):

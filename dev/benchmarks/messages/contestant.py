@@ -39,7 +39,7 @@ def check_arrived(sent: int, *arrived: int) -> None:
 
 
 class Contestant(ABC):
-    """Its abilities are the methods that it overrides; the others are left out of its rows."""
+    """A contestant. It is measured only in the cases whose methods it overrides."""
 
     def __init__(self) -> None:
         self.children = Children()
@@ -55,7 +55,7 @@ class Contestant(ABC):
 
     def stop(self) -> None:
         """Stop everything that was started."""
-        self.children.stop()
+        self.children.close()
         self._folder.cleanup()
 
     def ready(self) -> None:
@@ -124,7 +124,7 @@ def shares(number: int) -> list[int]:
 
 
 def until(attempt: Callable[[], object], seconds: float = SOON) -> None:
-    """Try until it no longer raises NotThere."""
+    """Call *attempt* until it no longer raises NotThere."""
     end = time.monotonic() + seconds
     while True:
         try:

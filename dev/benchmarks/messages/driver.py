@@ -13,14 +13,14 @@ import time
 from multiprocessing.connection import Connection
 from typing import Any
 
-from dev.benchmarks.messages.cases import Entrant, Kind, Trial
+from dev.benchmarks.messages.cases import Case, Entry, Kind
 from dev.benchmarks.messages.contestant import Contestant
 
 _STARTED_WITHIN = 60.0
 _ANSWERED_WITHIN = 300.0
 _ENDED_WITHIN = 10.0
 _PART = 0.2
-"""The part of a measurement's time that a call should take: calls grow until they do."""
+"""The part of a measurement's time that a call should take: until then, calls grow."""
 
 Figures = tuple[float, float | None]
 """A measurement: the median of times, the rate or the number; of times also the 99th percentile."""
@@ -29,7 +29,7 @@ Figures = tuple[float, float | None]
 class Driver:
     """A contestant, as the benchmark controls it."""
 
-    def __init__(self, entry: Entrant) -> None:
+    def __init__(self, entry: Entry) -> None:
         self.entry = entry
         self.is_stopped = False
         self._pipe, remote_end = multiprocessing.get_context("spawn").Pipe()
@@ -43,7 +43,7 @@ class Driver:
         """Return when it can be measured. Raises Broken."""
         self._receive(_STARTED_WITHIN)
 
-    def measure(self, case: Trial, seconds: float) -> Figures | None:
+    def measure(self, case: Case, seconds: float) -> Figures | None:
         """Measure a case for some seconds; None if the contestant can't do it. Raises Broken."""
         self._pipe.send((case, seconds))
         figures: Figures | None = self._receive(_ANSWERED_WITHIN)
@@ -75,20 +75,20 @@ class Driver:
 
 
 class Broken(Exception):
-    """A contestant that can't continue, and why."""
+    """A contestant can't continue; the text says why."""
 
 
-def _drive(pipe: Connection, entry: Entrant) -> None:
+def _drive(pipe: Connection, entry: Entry) -> None:
     """Run the driver's process: start the contestant, then measure until no request follows."""
     os.setpgid(0, 0)  # only the benchmark itself handles Ctrl-C
     contestant = None
     try:
-        contestant = _made(entry)
+        contestant = _new_contestant(entry)
         contestant.start()
         contestant.ready()
         pipe.send((True, None))
         while True:
-            pipe.send((True, _measured(contestant, *pipe.recv())))
+            pipe.send((True, _figures(contestant, *pipe.recv())))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         pass  # the benchmark has ended
     except BaseException as error:  # noqa: BLE001 - any program may raise any error
@@ -99,18 +99,17 @@ def _drive(pipe: Connection, entry: Entrant) -> None:
             contestant.stop()
 
 
-def _made(entry: Entrant) -> Contestant:
-    kind = getattr(importlib.import_module(f"dev.benchmarks.messages.{entry.file}"), entry.kind)
-    made: Contestant = kind(**entry.options)
-    return made
+def _new_contestant(entry: Entry) -> Contestant:
+    module = importlib.import_module(f"dev.benchmarks.messages.{entry.module}")
+    contestant: Contestant = getattr(module, entry.class_name)(**entry.options)
+    return contestant
 
 
-def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | None:
-    act = getattr(contestant, case.method, None)
-    if act is None or getattr(Contestant, case.method, None) is getattr(
-        type(contestant), case.method
-    ):
+def _figures(contestant: Contestant, case: Case, seconds: float) -> Figures | None:
+    """Return the figures of a case; None if the contestant does not define its method."""
+    if getattr(type(contestant), case.method, None) is getattr(Contestant, case.method, None):
         return None
+    act = getattr(contestant, case.method)
     if case.kind is Kind.NUMBER:
         return act(case.number, *case.arguments), None
     if case.kind is Kind.RATE:
@@ -123,7 +122,7 @@ def _measured(contestant: Contestant, case: Trial, seconds: float) -> Figures | 
     return statistics.median(times), times[len(times) * 99 // 100]
 
 
-def _rate(act: Any, case: Trial, seconds: float) -> float:
+def _rate(act: Any, case: Case, seconds: float) -> float:
     """Return the number per second.
 
     Calls grow, so that the last message's way back counts for little.

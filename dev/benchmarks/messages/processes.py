@@ -12,8 +12,8 @@ from typing import Any
 
 from tca_tools.supervise.programs import Programs
 
-_OF_A_PROCESS = 2
-"""The kind of a Linux clock, beside the number of its process."""
+_SCHEDULED_TIME = 2
+"""Linux: the kind of a process's clock that counts its processor time, to the nanosecond."""
 _PATIENCE = 3.0  # seconds until a process that does not end is killed
 
 
@@ -42,25 +42,17 @@ class Children:
 
     def central(self, folder: Path, *options: str) -> int:
         """Start central at ``address_in(folder)``."""
-        command = (
-            sys.executable,
-            "-m",
-            "tca_central",
-            "--quiet",
-            "--bind",
-            address_in(folder),
-            *options,
-        )
-        return self.program(*command, ends_last=True)
+        program = (sys.executable, "-m", "tca_central", "--quiet")
+        where = ("--bind", address_in(folder))
+        return self.program(*program, *where, *options, ends_last=True)
 
     def stop_one(self, process: int) -> None:
         """Stop one process."""
         assert self._programs is not None
-        self._programs.stop(
-            *(name for name, number in self._programs.numbers().items() if number == process)
-        )
+        numbers = self._programs.numbers()
+        self._programs.stop(*(name for name, number in numbers.items() if number == process))
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Stop all processes, central last."""
         if self._programs is not None:
             self._programs.__exit__()
@@ -90,7 +82,7 @@ def free_port() -> int:
 
 def processor_seconds(process: int) -> float:
     """Return the processor time of a process."""
-    return time.clock_gettime((~process << 3) | _OF_A_PROCESS)
+    return time.clock_gettime((~process << 3) | _SCHEDULED_TIME)
 
 
 def resident_bytes(process: int) -> int:

@@ -9,7 +9,6 @@ from statistics import median
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from dev.benchmarks.messages.cases import Kind
 from dev.benchmarks.messages.running import Measured, Results
@@ -72,7 +71,7 @@ _PACKAGES = (
 )
 
 
-def reported(run: Results, rounds: int, seconds: float) -> Report:
+def report_of(run: Results, rounds: int, seconds: float) -> Report:
     """Return the report of a run."""
     machine = {
         "processors": os.cpu_count(),
@@ -93,33 +92,28 @@ def _versions() -> Iterator[tuple[str, str]]:
 
 
 def _table(one: Measured) -> Comparison:
-    case, reference = one.case, one.stage.reference
-    less = case.kind is not Kind.RATE
-    limit = (
-        [figures[0] for figures in one.rows.get(reference, [])]
-        if case.kind is not Kind.NUMBER
-        else []
-    )
+    case, stage = one.case, one.stage
+    is_less_better = case.kind is not Kind.RATE
+    reference = stage.reference if case.kind is not Kind.NUMBER else ""
+    reference_figures = one.rows.get(reference, [])
     rows = []
     for title, figures in one.rows.items():
         values = [value * case.scale for value, _ in figures]
-        late = [p99 * case.scale for _, p99 in figures if p99 is not None]
-        ratios = [value / other for (value, _), other in zip(figures, limit, strict=False)]
-        ends = sorted(values, reverse=not less)
+        p99s = [p99 * case.scale for _, p99 in figures if p99 is not None]
+        pairs = zip(figures, reference_figures, strict=False)
+        ratios = [value / other for (value, _), (other, _) in pairs]
+        ends = sorted(values, reverse=not is_less_better)
         row = Standing(
-            title,
-            None,
-            None,
-            None,
-            median(values),
-            median(late) if late else None,
-            ends[0],
-            ends[-1],
-            values,
+            contestant=title,
+            ratio=median(ratios) if ratios else None,
+            least_ratio=min(ratios, default=None),
+            most_ratio=max(ratios, default=None),
+            median=median(values),
+            p99=median(p99s) if p99s else None,
+            best=ends[0],
+            worst=ends[-1],
+            rounds=values,
         )
-        if ratios:
-            row = replace(
-                row, ratio=median(ratios), least_ratio=min(ratios), most_ratio=max(ratios)
-            )
         rows.append(row)
-    return Comparison(case.name, one.stage.title, case.unit, reference if limit else "", less, rows)
+    shown = reference if reference_figures else ""
+    return Comparison(case.name, stage.title, case.unit, shown, is_less_better, rows)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
-from dev.benchmarks.messages.cases import Entrant, Needs, Stage, Trial
+from dev.benchmarks.messages.cases import Case, Entry, Needs, Stage
 from dev.benchmarks.messages.driver import Broken, Driver, Figures
 from dev.benchmarks.messages.processes import program_path
 
@@ -19,7 +19,7 @@ class Measured:
     """A case: the figures of each contestant, round by round."""
 
     stage: Stage
-    case: Trial
+    case: Case
     rows: dict[str, list[Figures]] = field(default_factory=dict)
 
 
@@ -27,8 +27,14 @@ class Measured:
 class Results:
     """All measurements, and the missing contestants with the reason."""
 
+    log: Callable[[str], None]
     measured: list[Measured] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
+
+    def leave_out(self, entry: Entry, why: str) -> None:
+        """Note and log that a contestant can't take part any longer."""
+        self.missing[entry.title] = why
+        self.log(f"{entry.title} is left out: {why}")
 
 
 def lacking(needs: Needs) -> str:
@@ -49,48 +55,38 @@ def run(
     stages: Iterable[Stage], rounds: int, seconds: float, log: Callable[[str], None]
 ) -> Results:
     """Measure all cases, for *seconds* each time. It names contestants that can't take part."""
-    result = Results()
+    results = Results(log)
     for stage in stages:
-        entries = [entry for entry in stage.entries if _takes_part(entry, result, log)]
-        measured = [Measured(stage, case) for case in stage.cases]
+        entries = [entry for entry in stage.entries if _takes_part(entry, results)]
         log(f"{stage.title}: {', '.join(entry.title for entry in entries)}")
+        measured = [Measured(stage, case) for case in stage.cases]
         groups = [[entry] for entry in entries] if stage.is_sequential else [entries]
         for group in groups:
-            with _started(group, result, log) as drivers:
+            with _started(group, results) as drivers:
                 for number in range(rounds + 1):
-                    log(
-                        f"{stage.title}: round {number} of {rounds}"
-                        if number
-                        else f"{stage.title}: warming up"
-                    )
+                    step = f"round {number} of {rounds}" if number else "warming up"
+                    log(f"{stage.title}: {step}")
                     for one in measured:
-                        _measure(
-                            one,
-                            drivers,
-                            seconds * (1 if number else _WARM_UP),
-                            result,
-                            log,
-                            is_recorded=number > 0,
-                        )
-        result.measured += measured
-    return result
+                        duration = seconds if number else seconds * _WARM_UP
+                        figures = _measure(one.case, drivers, duration, results)
+                        for title, measurement in figures.items() if number else ():
+                            one.rows.setdefault(title, []).append(measurement)
+        results.measured += measured
+    return results
 
 
-def _takes_part(entry: Entrant, result: Results, log: Callable[[str], None]) -> bool:
-    if entry.title not in result.missing and (lack := lacking(entry.needs)):
-        result.missing[entry.title] = f"{lack} not installed: {entry.needs.install}"
-        log(f"{entry.title} is left out: {result.missing[entry.title]}")
-    return entry.title not in result.missing
+def _takes_part(entry: Entry, results: Results) -> bool:
+    if entry.title not in results.missing and (lack := lacking(entry.needs)):
+        results.leave_out(entry, f"{lack} not installed: {entry.needs.install}")
+    return entry.title not in results.missing
 
 
 @contextlib.contextmanager
-def _started(
-    entries: list[Entrant], result: Results, log: Callable[[str], None]
-) -> Iterator[list[Driver]]:
+def _started(entries: list[Entry], results: Results) -> Iterator[list[Driver]]:
     drivers = [Driver(entry) for entry in entries]  # all processes start at once
     try:
         for driver in drivers:
-            _guarded(driver, driver.start, result, log)
+            _guarded(driver, driver.start, results)
         yield drivers
     finally:
         for driver in drivers:
@@ -98,30 +94,23 @@ def _started(
 
 
 def _measure(
-    one: Measured,
-    drivers: list[Driver],
-    seconds: float,
-    result: Results,
-    log: Callable[[str], None],
-    *,
-    is_recorded: bool,
-) -> None:
+    case: Case, drivers: list[Driver], seconds: float, results: Results
+) -> dict[str, Figures]:
+    """Measure a case with each contestant in turn; return the figures of those that can do it."""
+    found: dict[str, Figures] = {}
     for driver in drivers:
-        figures = _guarded(driver, partial(driver.measure, one.case, seconds), result, log)
-        if figures and is_recorded:
-            one.rows.setdefault(driver.entry.title, []).append(figures)
+        if figures := _guarded(driver, partial(driver.measure, case, seconds), results):
+            found[driver.entry.title] = figures
+    return found
 
 
-def _guarded(
-    driver: Driver, act: Callable[[], Figures | None], result: Results, log: Callable[[str], None]
-) -> Figures | None:
+def _guarded(driver: Driver, act: Callable[[], Figures | None], results: Results) -> Figures | None:
     """Return the result of *act*; None if the contestant broke, now or before."""
     if driver.is_stopped:
         return None
     try:
         return act()
     except Broken as error:
-        result.missing[driver.entry.title] = f"it broke: {error}"
-        log(f"{driver.entry.title} is out: {error}")
+        results.leave_out(driver.entry, f"it broke: {error}")
         driver.stop()
         return None

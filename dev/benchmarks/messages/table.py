@@ -28,12 +28,16 @@ def _lines_of(table: Comparison) -> Iterator[str]:
 
 def _cells(row: Standing) -> Iterator[str]:
     yield f"{number(row.ratio):>8}"
-    spread = (
-        f"{number(row.least_ratio)} - {number(row.most_ratio)}" if row.ratio is not None else "-"
-    )
-    yield f"{spread:>16}"
+    yield f"{ratio_range(row) or '-':>16}"
     for value, width in ((row.median, 12), (row.p99, 10), (row.best, 12), (row.worst, 12)):
         yield f"{number(value):>{width}}"
+
+
+def ratio_range(row: Standing) -> str:
+    """Return the least and the greatest ratio of a round; "" without a reference."""
+    if row.ratio is None:
+        return ""
+    return f"{number(row.least_ratio)} - {number(row.most_ratio)}"
 
 
 def number(value: float | None) -> str:

@@ -1,6 +1,4 @@
-"""Central with bare clients, which speak its protocol over plain ZeroMQ, like one in another
-language.
-"""
+"""Central with bare clients: without the library, they speak its protocol over plain ZeroMQ."""
 
 import itertools
 from pathlib import Path
@@ -23,7 +21,7 @@ AHEAD = 64
 """The number of messages that central prefetches to a slot."""
 _PINGS, _COUNTED = {ping.name for ping in PING.values()}, {POSE.name, TICK.name}
 _COUNTS = {one.name for one in (SEEN, *HEARD)}
-_KINDS = (headers.Accepted, headers.Answer)
+_ANSWERS = (headers.Accepted, headers.Answer)
 
 
 _readings: dict[Socket, Receipts] = {}
@@ -155,7 +153,7 @@ class BareEnds(Contestant):
         found: list[tuple[Any, bytes]] = []
         while len(found) < number:
             for header, body in codec.unpack_to_module(read(self.line)):
-                if isinstance(header, _KINDS) and not getattr(header, "more", False):
+                if isinstance(header, _ANSWERS) and not getattr(header, "more", False):
                     found.append((header, body))
                 assert not isinstance(header, headers.Refused), header
         return found
@@ -169,13 +167,13 @@ class BareEnds(Contestant):
 
     def pipelined(self, number: int, slots: int) -> None:
         body = PING[slots].encode_data(body_of(100))
-        sent = 0
+        unanswered = 0
         while number:
-            fresh = min(OPEN - sent, number - sent)
+            fresh = min(OPEN - unanswered, number - unanswered)
             self._send([self._question(PING[slots], body) for _ in range(fresh)])
-            sent += fresh
+            unanswered += fresh
             answered = len(self._answers(1))
-            sent, number = sent - answered, number - answered
+            unanswered, number = unanswered - answered, number - answered
 
     def oneway(self, number: int) -> None:
         body = POSE.encode_data(body_of(100))

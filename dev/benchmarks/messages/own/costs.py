@@ -28,10 +28,11 @@ class Memory(Contestant):
 
     def __init__(self, of: str) -> None:
         super().__init__()
-        self.more, self.part = {
-            "a waiting goal": (self._goals, 1.0),
-            "a waiting inform": (self._informs, 1.0),
-            "a connected module": (self._modules, 0.05),
+        #: Modules are costly: only a part of the given number is added.
+        self.add, self.part = {
+            "a waiting goal": (self._add_goals, 1.0),
+            "a waiting inform": (self._add_informs, 1.0),
+            "a connected module": (self._add_modules, 0.05),
         }[of]
         self.modules: list[Socket] = []
 
@@ -46,26 +47,26 @@ class Memory(Contestant):
         self._ask(headers.Register(next(self.numbers), [WALK.format, NOTE.format]))
 
     def ready(self) -> None:
-        self._goals(1)  # it occupies the handler: nothing else is handled
-        self.more(20)
+        self._add_goals(1)  # it occupies the handler: nothing else is handled
+        self.add(20)
 
     def _ask(self, header: Any, body: bytes = b"") -> None:
         self.line.send(codec.pack_item(header, body))
         ((answer, _),) = codec.unpack_to_module(self.line.recv())
         assert isinstance(answer, headers.Accepted), answer
 
-    def _goals(self, number: int) -> None:
+    def _add_goals(self, number: int) -> None:
         for _ in range(number):
             self._ask(
                 headers.Send(next(self.numbers), WALK.name, flags=Flags.NONE),
                 WALK.encode_data(body_of(100)),
             )
 
-    def _informs(self, number: int) -> None:
+    def _add_informs(self, number: int) -> None:
         for _ in range(number):
             self._ask(headers.Send(next(self.numbers), NOTE.name), NOTE.encode_data(body_of(100)))
 
-    def _modules(self, number: int) -> None:
+    def _add_modules(self, number: int) -> None:
         for _ in range(number):
             name = f"module {len(self.modules)}"
             self.modules += registered(
@@ -74,14 +75,14 @@ class Memory(Contestant):
 
     def memory(self, number: int) -> float:
         """Return the bytes of memory that each of *number* more objects takes."""
-        self.children.stop()
+        self.children.close()
         for line in (*self.modules, *self.busy, self.line):
             line.close()
         self.modules.clear()
         self.start()  # a new central: an old one would reuse freed memory
         self.ready()
         before, more = resident_bytes(self.central), max(int(number * self.part), 1)
-        self.more(more)
+        self.add(more)
         return (resident_bytes(self.central) - before) / more
 
 

@@ -26,11 +26,8 @@ PING = {number: Query(f"ping {name}", bytes, reply=bytes) for number, name in SL
 POSE, SEEN = Inform("pose", bytes), Query("seen", reply=int)
 TICK = Broadcast("tick", bytes)
 HEARD = [Query(f"heard {number}", reply=int) for number in range(LISTENERS)]
-MOVE, THREE_MOVES, MANY_MOVES = (
-    Command("move", bytes),
-    Goal("three moves", bytes),
-    Goal("many moves", int),
-)
+MOVE = Command("move", bytes)
+THREE_MOVES, MANY_MOVES = Goal("three moves", bytes), Goal("many moves", int)
 NOTES = [Inform(f"note {number}", bytes) for number in range(10)]
 JOURNALS = {"off": ("--no-journal",), "batch": ("--sync", "batch"), "always": ("--sync", "always")}
 MOST_DIRECT = 500
@@ -216,8 +213,5 @@ class Straight(Library):
         except Lost as error:
             raise NotThere("central has not announced the direct route yet") from error
 
-    fanout, commands, commands_open = (
-        Contestant.fanout,
-        Contestant.commands,
-        Contestant.commands_open,
-    )
+    fanout = Contestant.fanout
+    commands, commands_open = Contestant.commands, Contestant.commands_open

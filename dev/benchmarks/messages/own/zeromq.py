@@ -36,31 +36,30 @@ def socket(kind: int, *, bind: str = "", connect: str = "") -> Socket:
     return made
 
 
-def at(folder: Path, name: str) -> str:
+def address_of(folder: Path, name: str) -> str:
     """Return the address of a socket."""
     return f"ipc://{folder}/{name}"
 
 
 def forward(folder: Path) -> None:
     """Run the broker: a proxy for single messages and, in a thread, one for broadcasts."""
-    publishers, subscribers = (
-        socket(zmq.XSUB, bind=at(folder, "pub")),
-        socket(zmq.XPUB, bind=at(folder, "sub")),
-    )
+    publishers = socket(zmq.XSUB, bind=address_of(folder, "pub"))
+    subscribers = socket(zmq.XPUB, bind=address_of(folder, "sub"))
     threading.Thread(target=zmq.proxy, args=(publishers, subscribers), daemon=True).start()
     zmq.proxy(
-        socket(zmq.ROUTER, bind=at(folder, "front")), socket(zmq.DEALER, bind=at(folder, "back"))
+        socket(zmq.ROUTER, bind=address_of(folder, "front")),
+        socket(zmq.DEALER, bind=address_of(folder, "back")),
     )
 
 
 def serve_proxy(folder: Path) -> None:
     """Run the server behind the proxy."""
-    answer(socket(zmq.DEALER, connect=at(folder, "back")))
+    answer(socket(zmq.DEALER, connect=address_of(folder, "back")))
 
 
 def serve_directly(folder: Path) -> None:
     """Run the server without a proxy."""
-    answer(socket(zmq.ROUTER, bind=at(folder, "front")))
+    answer(socket(zmq.ROUTER, bind=address_of(folder, "front")))
 
 
 def answer(line: Socket) -> None:
@@ -78,8 +77,8 @@ def answer(line: Socket) -> None:
 
 def listen(folder: Path) -> None:
     """Run the subscribers, which count published messages and report the number."""
-    counts = socket(zmq.PUSH, connect=at(folder, "counts"))
-    subscribers = {socket(zmq.SUB, connect=at(folder, "sub")): 0 for _ in range(LISTENERS)}
+    counts = socket(zmq.PUSH, connect=address_of(folder, "counts"))
+    subscribers = {socket(zmq.SUB, connect=address_of(folder, "sub")): 0 for _ in range(LISTENERS)}
     poller = zmq.Poller()
     for subscriber in subscribers:
         poller.register(subscriber, zmq.POLLIN)
@@ -107,13 +106,13 @@ class Proxy(Contestant):
     def start(self) -> None:
         self._start_others()
         self.children.serve(listen, self.folder)
-        self.counts = socket(zmq.PULL, bind=at(self.folder, "counts"))
-        self.line = socket(zmq.DEALER, connect=at(self.folder, "front"))
+        self.counts = socket(zmq.PULL, bind=address_of(self.folder, "counts"))
+        self.line = socket(zmq.DEALER, connect=address_of(self.folder, "front"))
 
     def _start_others(self) -> None:
         self.children.serve(forward, self.folder)
         self.children.serve(serve_proxy, self.folder)
-        self.publisher = socket(zmq.PUB, connect=at(self.folder, "pub"))
+        self.publisher = socket(zmq.PUB, connect=address_of(self.folder, "pub"))
 
     def ready(self) -> None:
         super().ready()
@@ -178,4 +177,4 @@ class Brokerless(Proxy):
 
     def _start_others(self) -> None:
         self.children.serve(serve_directly, self.folder)
-        self.publisher = socket(zmq.PUB, bind=at(self.folder, "sub"))
+        self.publisher = socket(zmq.PUB, bind=address_of(self.folder, "sub"))

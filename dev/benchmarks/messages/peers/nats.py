@@ -23,7 +23,7 @@ from dev.benchmarks.messages.processes import free_port, program_path
 
 
 def serve(address: str) -> None:
-    """Run one subscription that answers, ten that count."""
+    """Run the subscription that answers."""
     asyncio.run(_serve(address))
 
 
@@ -138,10 +138,7 @@ class Nats(Contestant):
             counts = [
                 int((await answers.next_msg(20 if number else 0.5)).data) for _ in range(LISTENERS)
             ]
-        except (
-            nats.errors.TimeoutError,
-            ValueError,
-        ) as error:  # no answer, or no subscriber
+        except (nats.errors.TimeoutError, ValueError) as error:  # no answer, or no subscriber
             raise NotThere("not all listeners are connected yet") from error
         finally:
             await answers.unsubscribe()

@@ -30,20 +30,10 @@ FOREVER = 0
 def start_redis(children: Children, folder: Path) -> str:
     """Start a server that stores nothing on disk; return its socket."""
     path = f"{folder}/redis.sock"
-    options = (
-        "--port",
-        0,
-        "--unixsocket",
-        path,
-        "--save",
-        "",
-        "--appendonly",
-        "no",
-        "--dir",
-        folder,
-    )
-    limits = ("--client-output-buffer-limit", "pubsub 0 0 0")
-    children.program(program_path("redis-server"), *options, *limits)
+    where = ("--port", 0, "--unixsocket", path, "--dir", folder)
+    no_disk = ("--save", "", "--appendonly", "no")
+    no_limit = ("--client-output-buffer-limit", "pubsub 0 0 0")
+    children.program(program_path("redis-server"), *where, *no_disk, *no_limit)
     line = connected(path)
     until(lambda: _check_there(line))
     return path

@@ -53,7 +53,7 @@ def listen(port: int) -> None:
 
 def _count(one: Any, topic: str) -> None:
     count = 0
-    counts = one.create_publisher("/told")
+    counts = one.create_publisher("/counts")
 
     def receive(body: bytes) -> None:
         nonlocal count
@@ -83,7 +83,7 @@ class RobotBus(Publishing):
 
     def _join(self, port: int) -> None:
         self.node = node("client", port)
-        self.node.create_subscription("/told", self.counts.put, qos_depth=100_000)
+        self.node.create_subscription("/counts", self.counts.put, qos_depth=100_000)
         names = self.pose, self.tick
         self.publishers = {
             name: self.node.create_publisher(name, qos_depth=100_000) for name in names

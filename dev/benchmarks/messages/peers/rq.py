@@ -20,15 +20,9 @@ class Rq(Contestant):
     def start(self) -> None:
         path = start_redis(self.children, self.folder)
         self.queue = rq.Queue(connection=connected(path))
-        worker = (
-            "worker",
-            "--quiet",
-            "--worker-class",
-            "rq.SimpleWorker",
-            "--url",
-            f"unix://{path}",
-        )
-        self.children.program(sys.executable, "-m", "rq.cli", *worker, cwd=self.folder)
+        program = (sys.executable, "-m", "rq.cli", "worker", "--quiet")
+        options = ("--worker-class", "rq.SimpleWorker", "--url", f"unix://{path}")
+        self.children.program(*program, *options, cwd=self.folder)
 
     def ready(self) -> None:
         self.commands(1)

@@ -58,7 +58,7 @@ def listen(endpoint: str) -> None:
 
 def _counter(session: Any) -> Any:
     count = 0
-    counts = session.declare_publisher("told", **PATIENT)
+    counts = session.declare_publisher("counts", **PATIENT)
 
     def receive(sample: Any) -> None:
         nonlocal count
@@ -81,7 +81,7 @@ class Zenoh(Publishing):
         self.children.serve(serve, endpoint)
         self.children.serve(listen, endpoint)
         self.session.declare_subscriber(
-            "told", lambda sample: self.counts.put(sample.payload.to_bytes())
+            "counts", lambda sample: self.counts.put(sample.payload.to_bytes())
         )
         names = self.pose, self.tick
         self.publishers = {name: self.session.declare_publisher(name, **PATIENT) for name in names}
