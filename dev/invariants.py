@@ -15,7 +15,7 @@ from tca_central.model.intervals import delivered_at
 from tca_central.model.observers import Observation
 from tca_central.model.registry import type_size
 from tca_central.model.task_tree import failure_size, first_moments, to_be_fired
-from tca_central.model.tasks import Scheduled, Retention, Task, Watch
+from tca_central.model.tasks import Retention, Scheduled, Task, Watch
 from tca_central.order.holds import PendingDelay, held_counts, is_held
 from tca_central.outgoing.direct_routes import route_of
 from tca_central.state import Collector, State
