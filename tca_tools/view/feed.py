@@ -9,7 +9,7 @@ from operator import attrgetter
 
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
-from tca_tools.gantt.titles import changed
+from tca_tools.gantt.titles import awaited_name, changed
 from tca_tools.journal.coordinators import coordinator_of
 from tca_tools.journal.fates import WATCHING, Failing, failing, watches
 from tca_tools.journal.fold import History
@@ -285,7 +285,8 @@ class Feed:
                 within = self._open[id(record.by)][0]
         else:
             row = self._row(record.by, "")
-        about = self.history.name(record.awaited), record.awaited, record.start
+        message = 0 if record.awaited in self.history.claims else record.awaited
+        about = awaited_name(self.history, record), message, record.start
         self._open_span(id(record), SpanKind.WAITING, row, *about, within)
         self._close_span(id(record), record.end)
 

@@ -57,7 +57,7 @@ export class Outline {
       row.place = rows.length;
       rows.push(row);
       if (!row.task) continue;
-      row.children = this.store.sentBy(row.task.children, time);
+      row.children = this.store.countSent(row.task.children, time);
       row.open = row.children > 0 && this.isOpen(row.task, time);
       if (row.open) {
         const below = this.#below(row.task, row.task.children, time, row.depth + 1);
@@ -68,7 +68,7 @@ export class Outline {
   }
 
   #below(parent, children, time, depth) {
-    const sent = this.store.sentBy(children, time);
+    const sent = this.store.countSent(children, time);
     if (sent <= BESIDE || this.unfolded.has(parent)) {
       const rows = new Array(sent);
       for (let i = 0; i < sent; i++) rows[i] = { task: children[i], depth };
