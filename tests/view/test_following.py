@@ -143,7 +143,9 @@ def assert_scrolled_place_is_kept_until_asked(page: Page) -> None:
     page.locator("#speed").select_option("100")
     page.locator("#play").click()
     page.locator("#rows").hover()
-    while page.evaluate("tca.tree.followsCurrent || tca.tree.scroller.scrollTop"):  # new rows scroll a bit
+    while page.evaluate(
+        "tca.tree.followsCurrent || tca.tree.scroller.scrollTop"
+    ):  # new rows scroll a bit
         page.mouse.wheel(0, -100_000)
     expect(page.locator("#play")).to_have_text("▶")  # played to its end
     expect(first).to_be_in_viewport()
