@@ -16,6 +16,7 @@ _BARS_AT_MOST = 2500
 _WIDEST = 1300.0
 """Pixels: the width of a plot that fits most screens without scrolling."""
 _STRIPS, _CELLS = 24, 240
+"""The most resources whose use is shown, and the parts of the run."""
 _LEAST_SHARE = 0.004
 """A smaller busy share would be invisible."""
 

@@ -243,6 +243,7 @@ def _choose(at: Forest, notable: set[int], budget: int, beside_at_most: int) -> 
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
+    # a sample without shown children would look like a leaf: it is folded with them
     return shown - {
         one for one in samples - notable if at.children(one) and shown.isdisjoint(at.children(one))
     }

@@ -77,7 +77,8 @@ def application(
         Mount("/page", StaticFiles(directory=PAGE)),
     ]
     routes += [
-        Route(f"/api/{path}", partial(_answer, runs, answer)) for path, answer in _ANSWERS.items()
+        Route(f"/api/{path}", partial(_answer_about_run, runs, answer))
+        for path, answer in _ANSWERS.items()
     ]
     if steering:
         routes.append(Route("/api/steer", partial(_steer, runs, steering), methods=["POST"]))
@@ -173,7 +174,9 @@ def _no_run(address: str | None) -> Response:
     return JSONResponse({"error": f"there is no run '{address}' any more"}, 404)
 
 
-def _answer(runs: Runs, answer: Callable[[Reading, Request], Any], request: Request) -> Response:
+def _answer_about_run(
+    runs: Runs, answer: Callable[[Reading, Request], Any], request: Request
+) -> Response:
     """Return the answer to a request about the run that the page shows, or "not found"."""
     address = request.query_params.get("run")
     if (shown := runs.show(address)) is None:

@@ -124,7 +124,7 @@ def test_hover_names_the_user_who_suspended_a_task(open_page: OpenPage, tmp_path
           const [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
           for (let y = place.top; y < place.bottom; y++) {
             const x = chart.labelWidth + (time - from) / (to - from) * (chart.width - chart.labelWidth);
-            if (chart.at(x, y)?.span?.message === lane + 1) return [box.left + x, box.top + y];
+            if (chart.hitAt(x, y)?.span?.message === lane + 1) return [box.left + x, box.top + y];
           }
         }""",
             [time, lane],

@@ -66,7 +66,7 @@ export class Chart {
   }
 
   // Show the default window; if it is shown already, the whole run.
-  showAll() {
+  zoomOut() {
     const isShown = this.lastSeconds === null && this.from === null && this.to === null;
     this.lastSeconds = null;
     this.from = isShown ? this.#earliest : null;
@@ -99,9 +99,9 @@ export class Chart {
       this.#moveWindow(span.start, CHOSEN_AT);
     }
     this.draw();
-    const place = span && this.layout.find(({ row }) => row === this.store.rows[span.row]), { height } = this;
-    if (!place || (place.top >= AXIS && Math.min(place.bottom, place.top + LANE) <= height)) return;
-    this.scroll += place.top - height / 2;
+    const box = span && this.layout.find(({ row }) => row === this.store.rows[span.row]), { height } = this;
+    if (!box || (box.top >= AXIS && Math.min(box.bottom, box.top + LANE) <= height)) return;
+    this.scroll += box.top - height / 2;
     this.draw();
   }
 
@@ -136,7 +136,7 @@ export class Chart {
 
   #x(time) {
     const [from, to] = this.window;
-    return this.labelWidth + (Math.min(time, this.store.end + 1e9) - from) / (to - from) * (this.width - this.labelWidth);
+    return this.labelWidth + (Math.min(time, this.store.end + 1e9 /* an open span ends at Infinity */) - from) / (to - from) * (this.width - this.labelWidth);
   }
 
   #timeAt(x) {
@@ -150,18 +150,18 @@ export class Chart {
     const { context, width, height } = prepared(this.canvas);
     Object.assign(this, { context, width, height, style: { lift: css("--lift"), weak: Number(css("--weak")), held: css("--handled") } });
     if (!this.store.head || width < 50) return;
-    const seen = String(this.lastSeconds ?? (this.from === null && this.to === null ? "" : "part"));
-    if (this.lastSelect.value !== seen) this.lastSelect.value = seen;
+    const choice = String(this.lastSeconds ?? (this.from === null && this.to === null ? "" : "part"));
+    if (this.lastSelect.value !== choice) this.lastSelect.value = choice;
     context.font = "12px system-ui, Helvetica, Arial, sans-serif";
     context.textBaseline = "middle";
     this.#layOut();
-    const place = { left: this.labelWidth, width, height };
-    drawAxis(context, this.window, { ...place, x: (time) => this.#x(time) });
+    const area = { left: this.labelWidth, width, height };
+    drawAxis(context, this.window, { ...area, x: (time) => this.#x(time) });
     this.futureNames = []; // functions that draw names over the veil
-    this.#clipToRows(() => this.layout.forEach((row) => row.bottom > AXIS && row.top < height && this.#drawRow(row)));
-    drawCursor(context, this.#x(Math.min(this.time, this.store.end)), place);
+    this.#clipToRows(() => this.layout.forEach((box) => box.bottom > AXIS && box.top < height && this.#drawRow(box)));
+    drawCursor(context, this.#x(Math.min(this.time, this.store.end)), area);
     this.#clipToRows(() => this.futureNames.forEach((draw) => draw()));
-    this.scrollBar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((place) => place.top + LANE > height).length);
+    this.scrollBar.show(this.tall, height - AXIS - 6, this.scroll, this.layout.filter((box) => box.top + LANE > height).length);
   }
 
   // Call `draw`, which can draw only below the axis.
@@ -183,14 +183,14 @@ export class Chart {
     const { layout, tall } = placed(rows, { scale: (this.width - this.labelWidth) / (to - from), now: this.store.end });
     Object.assign(this, { layout, tall });
     this.scroll = Math.min(Math.max(this.scroll, 0), Math.max(tall - (this.height - AXIS - 6), 0));
-    for (const place of this.layout) {
-      place.top += AXIS + 4 - this.scroll;
-      place.bottom += AXIS + 4 - this.scroll;
+    for (const box of this.layout) {
+      box.top += AXIS + 4 - this.scroll;
+      box.bottom += AXIS + 4 - this.scroll;
     }
   }
 
-  #drawRow(place) {
-    const { row, top, bottom, handledLanes, queuedLanes, heldLanes, queuedStep, curveHeight } = place, { context } = this;
+  #drawRow(box) {
+    const { row, top, bottom, handledLanes, queuedLanes, heldLanes, queuedStep, curveHeight } = box, { context } = this;
     context.fillStyle = css("--panel");
     for (const span of row.connected) {
       const x = Math.max(this.#x(span.start), this.labelWidth);
@@ -215,8 +215,8 @@ export class Chart {
       const x = this.#x(span.end);
       if (x >= this.labelWidth && x <= this.width && x - this.#x(span.start) < 4) this.#drawFlag(x, top, this.#frameColour(span));
     }
-    for (const change of row.changes) this.#drawMoment(change, css("--ink"), place);
-    for (const failure of row.raised) this.#drawMoment(failure, css(wasHandled(failure, this.time) ? "--handled" : "--bad"), place);
+    for (const change of row.changes) this.#drawMoment(change, css("--ink"), box);
+    for (const failure of row.raised) this.#drawMoment(failure, css(wasHandled(failure, this.time) ? "--handled" : "--bad"), box);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - BETWEEN / 2, this.labelWidth - 1, bottom - top + BETWEEN);
     context.fillStyle = css("--ink");
@@ -284,9 +284,9 @@ export class Chart {
 
   // Draw the name on a bar. The future part is written in dark letters, after the veil has made the bar paler.
   #drawName(span, x, y, wide, tall) {
-    const { context } = this, begin = Math.max(x, this.labelWidth) + 4, now = this.#x(Math.min(this.time, this.store.end));
+    const { context } = this, begin = Math.max(x, this.labelWidth) + 4, nowX = this.#x(Math.min(this.time, this.store.end));
     const words = clipped(context, span.kind === "waiting" ? `waits for ${span.name}` : span.name, x + wide - begin - 2);
-    const last = begin + context.measureText(words).width, write = (left, right, colour) => {
+    const nameEnd = begin + context.measureText(words).width, write = (left, right, colour) => {
       context.save();
       context.beginPath();
       context.rect(left, y, right - left, tall);
@@ -296,9 +296,9 @@ export class Chart {
       context.fillText(words, begin, y + tall / 2 + 0.5);
       context.restore();
     };
-    const ink = css("--ink"), known = span.kind === "waiting" ? ink : isLight(span, this.#timeAt(begin), this.#timeAt(last)) ? "#111" : "#fff";
-    if (now > begin) write(x, Math.min(x + wide, now), known);
-    if (last > now) this.futureNames.push(() => write(Math.max(x, now), x + wide, ink));
+    const ink = css("--ink"), inkOnBar = span.kind === "waiting" ? ink : isLight(span, this.#timeAt(begin), this.#timeAt(nameEnd)) ? "#111" : "#fff";
+    if (nowX > begin) write(x, Math.min(x + wide, nowX), inkOnBar);
+    if (nameEnd > nowX) this.futureNames.push(() => write(Math.max(x, nowX), x + wide, ink));
   }
 
   // Draw a stroke across the bar, with a flag, at a failure that was raised beside the handler or at a client's request.
@@ -372,7 +372,7 @@ export class Chart {
   // --- the mouse ---------------------------------------------------------------------------------------------------
 
   // The span at a place of the canvas, with a wait, failure or change of it at that place; null if there is none.
-  at(x, y) {
+  hitAt(x, y) {
     if (x < this.labelWidth) return null;
     for (const { row, top, bottom, handledLanes, heldLanes, queuedLanes, queuedStep } of this.layout) {
       if (y < top || y > bottom) continue;
@@ -384,8 +384,8 @@ export class Chart {
       const span = lane?.[firstWith(lane, (other) => other.end >= time - near)];
       if (!span || span.start > time + near) return null;
       const wait = span.waits.find((one) => one.start <= time && one.end >= time);
-      const isThere = (one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near;
-      return { span, wait, row, failure: row.raised.find(isThere), change: row.changes.find(isThere) };
+      const isNear = (one) => one.span === span && Math.abs(one.time - time) <= 1.5 * near;
+      return { span, wait, row, failure: row.raised.find(isNear), change: row.changes.find(isNear) };
     }
     return null;
   }
@@ -413,11 +413,11 @@ export class Chart {
     });
     canvas.addEventListener("pointercancel", () => { this.drag = null; });
     canvas.addEventListener("pointerleave", () => { this.hint.hidden = true; });
-    canvas.addEventListener("dblclick", () => this.showAll());
+    canvas.addEventListener("dblclick", () => this.zoomOut());
   }
 
   #click(event) {
-    const found = event.offsetY > AXIS && this.at(event.offsetX, event.offsetY);
+    const found = event.offsetY > AXIS && this.hitAt(event.offsetX, event.offsetY);
     if (found && found.span.message) this.choose(found.wait?.message || found.span.message); // a wait for a lock has no message
     else if (event.offsetX > this.labelWidth) this.setTime(this.#timeAt(event.offsetX), { followCurrent: true });
   }
@@ -449,7 +449,7 @@ export class Chart {
 
   #showHint({ offsetX, offsetY }) {
     this.pointer = { offsetX, offsetY };
-    const found = this.at(offsetX, offsetY);
+    const found = this.hitAt(offsetX, offsetY);
     this.hint.hidden = !found;
     if (!found) return;
     this.hint.textContent = spanWords(found, this.store, this.time);

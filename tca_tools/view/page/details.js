@@ -99,7 +99,7 @@ export class Details {
     if (!text) return;
     yield element("h3", { text: name });
     const whole = pretty(text), shown = whole.slice(0, LONGEST_DATA);
-    yield element("pre", { text: shown }, shown.length < whole.length ? rest(whole) : null);
+    yield element("pre", { text: shown }, shown.length < whole.length ? showAllButton(whole) : null);
   }
 
   // The rows of constraints, unmet ones first. Only the first ones are shown, with a button for the others.
@@ -146,7 +146,7 @@ export class Details {
   *#linked(text) {
     const shown = withoutCarets(text), { byId } = this.store;
     for (const part of parted(shown.slice(0, LONGEST), (number) => byId.get(number)?.name)) yield part.number ? this.#link(part.number, part.text) : part;
-    if (shown.length > LONGEST) yield* ["… ", rest(shown)];
+    if (shown.length > LONGEST) yield* ["… ", showAllButton(shown)];
   }
 
   #link(number, text) {
@@ -157,7 +157,7 @@ export class Details {
 }
 
 // A button that is replaced by a frame with the whole text.
-function rest(text) {
+function showAllButton(text) {
   const made = element("button", { class: "link", text: `show all ${text.length} characters` });
   made.addEventListener("click", () => made.replaceWith(element("textarea", { class: "whole", readOnly: true, rows: 16, value: text })));
   return made;

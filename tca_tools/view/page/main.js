@@ -231,7 +231,7 @@ const KEYS = {
   "[": () => goToFailure(-1),
   "]": () => goToFailure(1),
   "/": () => search.input.focus(),
-  f: () => chart.showAll(),
+  f: () => chart.zoomOut(),
   l: () => chart.showLast(chart.lastSeconds === null ? LAST_SECONDS : null),
   "?": () => document.getElementById("keys").showModal(),
 };

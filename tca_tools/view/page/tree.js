@@ -178,7 +178,7 @@ export class Tree {
     const first = Math.max(Math.floor(this.scroller.scrollTop / ROW) - 4, 0);
     const last = Math.min(first + Math.ceil(this.scroller.clientHeight / ROW) + 8, this.rows.length);
     const lines = [];
-    this.room = document.querySelector(".heads .why").clientWidth;
+    this.whyWidth = document.querySelector(".heads .why").clientWidth;
     this.related = this.#related(this.rows.slice(first, last));
     for (let place = first; place < last; place++) lines.push(this.#line(this.rows[place], place));
     if (!this.rows.length) lines.push(element("div", { class: "row faint", text: "no task was sent yet" }));
@@ -245,7 +245,7 @@ export class Tree {
     const kinds = this.related.has(task) ? [...this.related.get(task)].join(", ") : "";
     const why = element("span", { class: isHandled ? "why handled" : "why" });
     if (kinds) why.append(element("span", { class: "kind", text: kinds, title: kinds }));
-    const room = this.room - (kinds ? this.widthOf(kinds) + KIND_MARGIN : 0) - 4;
+    const room = this.whyWidth - (kinds ? this.widthOf(kinds) + KIND_MARGIN : 0) - 4;
     this.#showWhy(why, this.notes.of(task, this.time), standing, room);
     if (mark) cell.append(element("span", { class: "role", text: mark, title: mark }));
     line.append(cell, element("span", { class: "when", text: when }), why);
@@ -261,9 +261,9 @@ export class Tree {
   #showWhy(why, note, standing, room) {
     const { text = "", end = "", whole = "", start } = note ?? {}, what = text || (end ? "" : standing);
     why.title = whole || standing;
-    const durations = start === undefined ? [] : ages(note), widthOf = (one) => this.widthOf(one.textContent ?? one);
+    const durations = start === undefined ? [] : ages(note), partWidth = (part) => this.widthOf(part.textContent ?? part);
     const forms = [[what, durations, end], [what, durations.slice(0, 1), end], [what, [], end]];
-    const hasRoom = ([first, times, last]) => [first, ...times, last && first ? `; ${last}` : last].reduce((sum, one) => sum + widthOf(one), 0) <= room;
+    const hasRoom = ([first, times, last]) => [first, ...times, last && first ? `; ${last}` : last].reduce((sum, one) => sum + partWidth(one), 0) <= room;
     const [first, times, last] = forms.find(hasRoom) ?? forms.at(-1);
     if (first) why.append(element("span", { class: "what", text: first }), ...times);
     if (last) why.append(element("span", { class: "end", text: first ? `; ${last}` : last }));
@@ -274,10 +274,10 @@ export class Tree {
   // The tasks with a constraint before or after the chosen one, with the kinds of these constraints.
   #related(rows) {
     const { chosen } = this.outline, found = new Map();
-    const note = (task, hold) => hold.time <= this.time && found.set(task, (found.get(task) ?? new Set()).add(hold.kind));
-    for (const hold of chosen?.holds ?? []) note(hold.before, hold);
+    const add = (task, hold) => hold.time <= this.time && found.set(task, (found.get(task) ?? new Set()).add(hold.kind));
+    for (const hold of chosen?.holds ?? []) add(hold.before, hold);
     for (const { task } of chosen ? rows : []) {
-      for (const hold of task?.holds ?? []) if (hold.before === chosen) note(task, hold);
+      for (const hold of task?.holds ?? []) if (hold.before === chosen) add(task, hold);
     }
     return found;
   }
