@@ -10,7 +10,7 @@ from pathlib import Path
 from click import ClickException, Command
 
 from tca_module import TcaError
-from tca_tools.drawing.pictures import converted
+from tca_tools.drawing.pictures import convert_svg
 from tca_tools.errors import NoPicture
 from tca_tools.gantt.__main__ import gantt
 from tca_tools.tasktree_viz.__main__ import tree
@@ -53,7 +53,7 @@ def save_picture(path: Path, svg: str) -> list[Path]:
     made = [path.with_suffix(".svg"), path.with_suffix(".png")]
     made[0].write_text(svg)
     try:
-        made[1].write_bytes(converted(svg, "png"))
+        made[1].write_bytes(convert_svg(svg, "png"))
     except NoPicture as error:
         print(error, file=sys.stderr)
         del made[1]

@@ -116,9 +116,8 @@ class Overlaps(Generic[_T]):
         self._starts = [start for start, _, _ in spans]
         self._things = [thing for _, _, thing in spans]
         self._size = 1 << max(len(spans) - 1, 0).bit_length()
-        last = (
-            [-inf] * self._size + [end for _, end, _ in spans] + [-inf] * (self._size - len(spans))
-        )
+        last = [-inf] * (2 * self._size)
+        last[self._size : self._size + len(spans)] = [end for _, end, _ in spans]
         for node in range(self._size - 1, 0, -1):
             last[node] = max(last[2 * node], last[2 * node + 1])
         # A binary tree: each node is the latest end of the items below it; node 1 is the root

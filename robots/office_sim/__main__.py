@@ -108,7 +108,7 @@ def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, S
     """Print the events, and send CALL_IT_A_DAY when all cups have fallen and none is left."""
     keeping = user.goal(KEEP_FLOOR_FREE)
     printed, has_called = 0, False
-    for is_over in programs.looks(keeping):
+    for is_over in programs.watch(keeping):
         scene = user.query(SCENE)
         for line in scene.happened[printed:]:
             print(line, flush=True)

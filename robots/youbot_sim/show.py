@@ -65,7 +65,7 @@ def _watch(client: Client, programs: Programs) -> JointReadings:
     seen: JointReadings | None = None
     with client.observe(MOVE_GRIPPER, states=["running"]) as moves:
         carrying = client.command(CARRY_OBJECTS, 1)
-        for _ in programs.looks(carrying):
+        for _ in programs.watch(carrying):
             if any(move.goal.to == "open" for move in moves.arrived()) and seen is None:
                 seen = client.query(MEASURE)
         carrying.result()

@@ -8,8 +8,8 @@ from tca_tools.errors import NoPicture
 from tca_wire.text.missing import missing_package
 
 
-def drawn(source: str, kind: str) -> bytes:
-    """Return the picture of dot source, drawn by the installed Graphviz or else by pygraphviz.
+def render(source: str, kind: str) -> bytes:
+    """Draw a picture of dot source, with the installed Graphviz or else with pygraphviz.
 
     Args:
         source: The dot source.

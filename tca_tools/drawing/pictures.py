@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tca_tools.drawing.graphviz import drawn
+from tca_tools.drawing.graphviz import render
 from tca_tools.drawing.page import zoomed_page
 from tca_tools.errors import NoPicture
 from tca_tools.output import check_free, made_for, write_output
@@ -15,7 +15,7 @@ _DOTS = 2.0
 """The scale of a PNG relative to the SVG, so that it is sharp when enlarged or printed."""
 
 
-def converted(svg: str, kind: str) -> bytes:
+def convert_svg(svg: str, kind: str) -> bytes:
     """Return the picture *svg* as "png" or "pdf". Raises NoPicture if it can't be converted."""
     try:
         import vl_convert  # noqa: PLC0415 - pictures are an extra
@@ -47,7 +47,7 @@ def write_svg(path: Path, svg: str, title: str = "") -> None:
     if kind == "html":
         write_output(path, zoomed_page(title, svg))
     else:
-        write_output(path, svg if kind == "svg" else converted(svg, kind))
+        write_output(path, svg if kind == "svg" else convert_svg(svg, kind))
 
 
 def write_graph(path: Path, source: str, title: str = "") -> None:
@@ -66,7 +66,7 @@ def write_graph(path: Path, source: str, title: str = "") -> None:
         write_output(path, source)
         return
     with made_for(path):  # pygraphviz needs a temporary file
-        picture = drawn(source, "svg" if kind == "html" else kind)
+        picture = render(source, "svg" if kind == "html" else kind)
     write_output(path, zoomed_page(title, picture.decode()) if kind == "html" else picture)
 
 

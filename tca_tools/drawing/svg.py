@@ -48,7 +48,10 @@ def document(width: float, height: float, title: str, style: str, body: Iterable
 def rectangle(
     look: str, left: float, top: float, right: float, height: float, title: str = ""
 ) -> str:
-    """Return a rectangle with a hover title; it is visible even if *right* is not above *left*."""
+    """Return a rectangle with a hover title; *look* are attributes, such as its class.
+
+    It is visible even if *right* is not above *left*.
+    """
     place = (
         f'x="{left:.2f}" y="{top:.1f}" width="{max(right - left, 0.05):.2f}" height="{height:.1f}"'
     )
@@ -57,14 +60,14 @@ def rectangle(
     return f"<rect {look} {place}/>"
 
 
-def words(look: str, x: float, y: float, content: str, more: str = "") -> str:
-    """Return a text of the class *look*; *more* are other attributes."""
-    return f'<text class="{look}" x="{x:.2f}" y="{y:.1f}"{more}>{text(content)}</text>'
+def words(style: str, x: float, y: float, content: str, more: str = "") -> str:
+    """Return a text of the class *style*; *more* are other attributes."""
+    return f'<text class="{style}" x="{x:.2f}" y="{y:.1f}"{more}>{text(content)}</text>'
 
 
-def line(look: str, x: float, y: float, right: float, bottom: float) -> str:
-    """Return a straight line of the class *look*."""
-    return f'<line class="{look}" x1="{x:.2f}" y1="{y:.1f}" x2="{right:.2f}" y2="{bottom:.1f}"/>'
+def line(style: str, x: float, y: float, right: float, bottom: float) -> str:
+    """Return a straight line of the class *style*."""
+    return f'<line class="{style}" x1="{x:.2f}" y1="{y:.1f}" x2="{right:.2f}" y2="{bottom:.1f}"/>'
 
 
 def text(words: str) -> str:

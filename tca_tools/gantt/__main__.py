@@ -10,7 +10,7 @@ from tca_tools.gantt.cells import blocks_for, width_for
 from tca_tools.gantt.chart import Chart
 from tca_tools.gantt.svg import page_text, svg_text
 from tca_tools.gantt.text import chart_lines
-from tca_tools.gantt.window import ROOM, Pick
+from tca_tools.gantt.window import MARGIN_SHARE, Pick
 from tca_tools.journal.fold import folded, no_garbage
 from tca_tools.journal.journals import open_log
 from tca_tools.journal.records import OVER, Task
@@ -95,7 +95,7 @@ def _life(run: Run, task: Task) -> tuple[float, float | None]:
     if task.state not in OVER:
         return task.received, None
     end = max(task.stage(-1)[0], task.reached.get(Moment.END_ACHIEVING, 0.0))
-    return task.received, min(end + (end - task.received) * ROOM, run.time)
+    return task.received, min(end + (end - task.received) * MARGIN_SHARE, run.time)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
-_MINUTES = (60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400)
+_LONG_STEPS = (60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 43200, 86400)
+"""Round steps above 30 s, in seconds; longer ones are whole days."""
 
 
 @dataclass(frozen=True)
@@ -16,14 +17,14 @@ class Scale:
     zooms: tuple[int, ...] = (1,)
 
     @property
-    def finest(self) -> float:
+    def min_width(self) -> float:
         """The smallest visible length, in pixels of the plot before zooming."""
         return 1.0 / self.zooms[-1]
 
     @property
-    def pixel(self) -> float:
+    def min_time(self) -> float:
         """The smallest visible length, in seconds."""
-        return self.finest * (self.end - self.start) / self.width
+        return self.min_width * (self.end - self.start) / self.width
 
     def x(self, time: float) -> float:
         """Return the place of *time* in pixels; a time outside the plot is at its edge."""
@@ -50,7 +51,7 @@ def _step(shortest: float) -> float:
         return 0.0
     if shortest > 30:
         days = 86400 * ceil(shortest / 86400)
-        return next((step for step in _MINUTES if step >= shortest), days)
+        return next((step for step in _LONG_STEPS if step >= shortest), days)
     power = 10.0 ** floor(log10(shortest))
     nice = (factor * power for factor in (1, 2, 5, 10))
     step = next((step for step in nice if step >= shortest * (1 - 1e-9)), 10 * power)

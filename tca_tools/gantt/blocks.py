@@ -88,14 +88,14 @@ def queue_lengths(
     for (begin, number), (end, _) in pairwise(levels((bar.start, bar.end) for bar in bars)):
         if number and end >= start and column > 0:
             first, last = (max(int((time - start) / column), 0) for time in (begin, end))
-            for at in range(first, last + 1):
-                most[at] = max(most.get(at, 0), number)
+            for place in range(first, last + 1):
+                most[place] = max(most.get(place, 0), number)
     steps: list[list[int]] = []
-    for at, number in sorted(most.items()):
-        if steps and steps[-1][1:] == [at, number]:
-            steps[-1][1] = at + 1
+    for place, number in sorted(most.items()):
+        if steps and steps[-1][1:] == [place, number]:
+            steps[-1][1] = place + 1
         else:
-            steps.append([at, at + 1, number])
+            steps.append([place, place + 1, number])
     return [
         (start + first * column, start + stop * column, number) for first, stop, number in steps
     ]

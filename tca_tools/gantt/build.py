@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import chain, pairwise
 from math import inf
-from operator import attrgetter
 from typing import Any
 
 from tca_tools.explain.waits import waits_for_display
@@ -66,7 +65,7 @@ def chart(
 
 def _shows_empty(row: ResourceRow, pick: Pick) -> bool:
     """Whether an empty row is shown. A module that only sends must be selected by name."""
-    is_wanted = row.is_offered or pick.modules is not None
+    is_wanted = row.has_handlers or pick.modules is not None
     return is_wanted and pick.messages is None and bool(row.connected)
 
 
@@ -82,7 +81,7 @@ class _RowBuilder:
     def build(self) -> dict[tuple[str, str], ResourceRow]:
         """Return the rows, with all bars that are selected and visible."""
         run = self.run
-        modules = [module for module in run.modules.values() if self.pick.row(module.name)]
+        modules = [module for module in run.modules.values() if self.pick.has_row(module.name)]
         for module in modules:
             self._add_module(module)
         for handling in self._picked(run.handlings):
@@ -90,11 +89,8 @@ class _RowBuilder:
                 self._handled_bar(handling)
             )
         for module in modules:  # what it waits for outside of handlers
-            waits = (
-                wait
-                for wait in self._visible(_lasting(module.waits))
-                if self.pick.message(wait.awaited)
-            )
+            waits = self._visible(_lasting(module.waits))
+            waits = (wait for wait in waits if self.pick.has_bars(wait.awaited))
             awaited = [self._awaited_bar(module.name, wait) for wait in waits]
             self._row(module.name, _resources(module)[0]).handled += awaited
         for queueing in self._picked(run.queueings):
@@ -102,7 +98,7 @@ class _RowBuilder:
         for task in run.tasks.values():
             self._add_held(task)
         for claim in chain.from_iterable(run.grants.values()):
-            if self.pick.row(claim.module):
+            if self.pick.has_row(claim.module):
                 self._row(claim.module, claim.resource).claims.append(self._claim_bar(claim))
         return self.rows
 
@@ -113,7 +109,7 @@ class _RowBuilder:
             row.connected = [
                 (start, self.run.time if end is None else end) for start, end in module.joined
             ]
-            row.is_offered = bool(module.resources)
+            row.has_handlers = bool(module.resources)
 
     def _row(self, module: str, resource: str) -> ResourceRow:
         key = (module, resource)
@@ -123,10 +119,10 @@ class _RowBuilder:
             )
         return self.rows[key]
 
-    def _picked(self, some: Iterable[Any]) -> Iterator[Any]:
+    def _picked(self, spans: Iterable[Any]) -> Iterator[Any]:
         """Yield the selected and visible ones of some handlings or queueings."""
-        for span in self._visible(some):
-            if self.pick.row(span.module) and self.pick.message(span.message_id):
+        for span in self._visible(spans):
+            if self.pick.has_row(span.module) and self.pick.has_bars(span.message_id):
                 yield span
 
     def _visible(self, spans: Iterable[Any]) -> Iterator[Any]:
@@ -142,37 +138,39 @@ class _RowBuilder:
     ) -> Bar:
         """Return a bar *of* a message, without its title."""
         until = self.run.time if end is None else end
-        is_context = of is not None and not self.pick.is_asked(of)
+        is_context = of is not None and not self.pick.is_selected(of)
         return Bar(name, start, until, kind=kind, is_open=end is None, is_context=is_context)
 
-    def _handled_bar(self, one: Handling) -> Bar:
-        bar = self._bar(BarKind.HANDLED, one.name, one.start, one.end, one.message_id)
-        bar.title = partial(titles.handled, self.run, one)
-        if one.outcome is Outcome.FAILED:
-            bar.ending = self._failure_ending(one)
-        elif one.outcome is Outcome.KILLED:
+    def _handled_bar(self, handling: Handling) -> Bar:
+        name, number = handling.name, handling.message_id
+        bar = self._bar(BarKind.HANDLED, name, handling.start, handling.end, number)
+        bar.title = partial(titles.of_handling, self.run, handling)
+        if handling.outcome is Outcome.FAILED:
+            bar.ending = self._failure_ending(handling)
+        elif handling.outcome is Outcome.KILLED:
             bar.ending = Ending.KILLED
-        name_of_waiter = titles.described(self.run, one)
-        bar.waits = [self._wait_bar(name_of_waiter, one.name, wait) for wait in _lasting(one.waits)]
+        waiter = titles.handled_message(self.run, handling)
+        waits = _lasting(handling.waits)
+        bar.waits = [self._wait_bar(waiter, name, wait) for wait in waits]
         for part in bar.waits:
             part.end = min(part.end, bar.end)
-        bar.marks = self._marks(one.message_id, bar)
-        task = self.run.tasks.get(one.message_id)
+        bar.marks = self._marks(number, bar)
+        task = self.run.tasks.get(number)
         if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
             bar.early_until, bar.is_wasted = sent.entered, sent.is_wasted
         return bar
 
-    def _failure_ending(self, one: Handling) -> Ending:
-        task = self.run.tasks.get(one.message_id)
-        if task and task.state is TaskState.RESOLVED and task.handlings[-1] is one:
+    def _failure_ending(self, failed: Handling) -> Ending:
+        task = self.run.tasks.get(failed.message_id)
+        if task and task.state is TaskState.RESOLVED and task.handlings[-1] is failed:
             return Ending.RESOLVED
-        return Ending.COPED if run_continued_after(self.run, one) else Ending.FAILED
+        return Ending.COPED if run_continued_after(self.run, failed) else Ending.FAILED
 
     def _wait_bar(
-        self, name_of_waiter: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING
+        self, waiter: str, name: str, wait: HandlerWait, kind: BarKind = BarKind.WAITING
     ) -> Bar:
         bar = self._bar(kind, name, wait.start, wait.end)
-        bar.title = partial(titles.waits, self.run, name_of_waiter, wait)
+        bar.title = partial(titles.of_wait, self.run, waiter, wait)
         return bar
 
     def _awaited_bar(self, module: str, wait: HandlerWait) -> Bar:
@@ -181,10 +179,11 @@ class _RowBuilder:
         bar.waits = [self._wait_bar(module, name, wait)]
         return bar
 
-    def _queued_bar(self, one: Queueing) -> Bar:
-        number = one.message_id
-        bar = self._bar(BarKind.QUEUED, self.run.name(number), one.start, one.end, number)
-        bar.title = partial(titles.queued, self.run, one)
+    def _queued_bar(self, queueing: Queueing) -> Bar:
+        number = queueing.message_id
+        name = self.run.name(number)
+        bar = self._bar(BarKind.QUEUED, name, queueing.start, queueing.end, number)
+        bar.title = partial(titles.of_queueing, self.run, queueing)
         bar.marks = self._marks(number, bar)
         return bar
 
@@ -192,7 +191,7 @@ class _RowBuilder:
         kind = BarKind.RESERVED if claim.is_reserved else BarKind.LOCKED
         start = claim.start if claim.granted is None else claim.granted
         bar = self._bar(kind, claim.sender, start, claim.end)
-        bar.title = partial(titles.claimed, self.run, claim, start)
+        bar.title = partial(titles.of_claim, self.run, claim, start)
         return bar
 
     def _marks(self, number: int, bar: Bar) -> list[Mark]:
@@ -207,9 +206,10 @@ class _RowBuilder:
         marks = []
         for failure in failures:
             ending = Ending.COPED if run_continued(run, task, failure.time) else Ending.FAILED
-            marks.append(Mark(failure.time, ending, titles.raised(run, task, failure)))
+            title = titles.of_failure(run, task, failure)
+            marks.append(Mark(failure.time, ending, title))
         changes = (change for change in task.life if change.effect is not Effect.RESULT)
-        marks += [Mark(one.time, Ending.NONE, titles.changed(task, one)) for one in changes]
+        marks += [Mark(one.time, Ending.NONE, titles.of_change(task, one)) for one in changes]
         starts = [span.start for span in (*task.handlings, *task.queueings)]
         after = min((start for start in starts if start > bar.start), default=inf)
         return [mark for mark in marks if bar.start <= mark.time < after]
@@ -225,15 +225,15 @@ class _RowBuilder:
         if task.id in self.pick.held:
             wanted += _HELD
         spans = [span for span in task.spans() if span[2] in wanted]
-        if not spans or not self.pick.message(task.id):
+        if not spans or not self.pick.has_bars(task.id):
             return
         for start, end, state in spans:
             module, resource = _place_of(self.run, task, start, end)
-            if not self.pick.row(module):
+            if not self.pick.has_row(module):
                 continue
             if state is TaskState.SUSPENDED:
                 bar = self._task_bar(BarKind.SUSPENDED, task, start, end)
-                bar.title = partial(titles.suspended, self.run, task, start, bar.ended_at)
+                bar.title = partial(titles.of_suspension, self.run, task, start, bar.ended_at)
                 self._row("", SUSPENDED).queued.append(bar)
             else:
                 self._row(module, resource).held += self._held_bars(task, start, end)
@@ -244,20 +244,17 @@ class _RowBuilder:
     def _held_bars(self, task: Task, start: float, end: float) -> list[Bar]:
         """Return a bar for each combination of causes, one after the other in a lane."""
         waits = [wait for wait in waits_for_display(self.run, task) if start <= wait.start < end]
-        starts, ends = (
-            (wait.start for wait in waits),
-            (wait.end for wait in waits if wait.end < end),
-        )
-        stops = sorted({start, *starts, *ends})
+        ends = (wait.end for wait in waits if wait.end < end)
+        stops = sorted({start, *(wait.start for wait in waits), *ends})
         bars: list[Bar] = []
         for since, until in pairwise([*stops, end]):
             if since > self.end or until < self.start:
                 continue
             current = [wait for wait in waits if wait.start <= since < wait.end]
             bar = self._task_bar(BarKind.HELD, task, since, until)
-            bar.title = partial(titles.held, self.run, task, since, bar.ended_at, current)
-            name_of_waiter = "" if bars else f"{task}: "
-            bar.why = partial(titles.why_held, self.run, name_of_waiter, since, current)
+            bar.title = partial(titles.of_hold, self.run, task, since, bar.ended_at, current)
+            waiter = "" if bars else f"{task}: "
+            bar.why = partial(titles.hold_reason, self.run, waiter, since, current)
             bar.lane_leader = bars[0] if bars else None
             bars.append(bar)
         return bars
@@ -278,12 +275,10 @@ def _place_of(run: Run, task: Task, start: float, end: float) -> tuple[str, str]
 
     For a task without handling, those that would have handled it between *start* and *end*.
     """
-    spans: list[Handling | Queueing] = [
-        *task.handlings[:1],
-        *filter(attrgetter("module"), task.queueings),
-    ]
-    if spans:
-        return spans[0].module, spans[0].resource
+    spans: list[Handling | Queueing] = [*task.handlings[:1], *task.queueings]
+    for span in spans:
+        if span.module:  # not while it waits for a handler
+            return span.module, span.resource
     for offer in reversed(run.offers.get(task.name, [])):
         if offer.start < end and (offer.end is None or offer.end > start):
             return offer.module, offer.resource

@@ -114,14 +114,14 @@ class Bar:
     """For a block: the bars that it combines."""
 
     @property
-    def ahead(self) -> tuple[float, float] | None:
+    def early_span(self) -> tuple[float, float] | None:
         """The span of early work; None without any."""
         if self.early_until <= self.start:
             return None
         return self.start, min(self.end, self.early_until)
 
     @property
-    def preview(self) -> TaskRole:
+    def early_style(self) -> TaskRole:
         """The style of the span of early work."""
         return TaskRole.WASTED if self.is_wasted else TaskRole.AHEAD
 
@@ -170,7 +170,7 @@ class ResourceRow:
     """Tasks for this resource that constraints hold."""
     claims: list[Bar] = field(default_factory=list)
     """Its locks and reservations."""
-    is_offered: bool = False
+    has_handlers: bool = False
     """Whether its module has a handler."""
     is_without_module: bool = False
     """Whether it is the row of suspended tasks, or of messages without a handler."""
@@ -227,7 +227,7 @@ class Chart:
         """Return all bars except locks and reservations."""
         return chain.from_iterable(row.bars for row in self.rows)
 
-    def seen(self) -> set[str]:
+    def legend_keys(self) -> set[str]:
         """Return the keys of ``MEANINGS`` that the legend must explain."""
         seen: set[str] = {CONNECTED for row in self.rows if row.is_idle}
         claims = [claim for row in self.rows for claim in row.claims]
@@ -235,7 +235,7 @@ class Chart:
         for bar in self.bars():
             seen |= {bar.kind, bar.ending}
             seen |= {MARKED[mark.ending] for mark in bar.marks if self.shows(mark.time)}
-            seen |= {bar.preview} if bar.ahead else set()
+            seen |= {bar.early_style} if bar.early_span else set()
             seen |= {BarKind.WAITING} if bar.waits else set()
         return seen
 

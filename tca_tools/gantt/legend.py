@@ -19,7 +19,8 @@ _MOST_NAMES = 40
 
 def meanings(chart: Chart, scale: Scale) -> list[tuple[str, str]]:
     """Return the squares of the legend (attributes of a ``<rect>``) with their meanings."""
-    seen, curves = chart.seen(), {id(row) for row in chart.rows if is_curve(row, scale)}
+    seen = chart.legend_keys()
+    curves = {id(row) for row in chart.rows if is_curve(row, scale)}
     hatched = {bar.kind for row in chart.rows for bar in row.queued if id(row) not in curves}
     seen -= {CONNECTED, *({BarKind.QUEUED, BarKind.SUSPENDED} - hatched)}
     seen |= {CURVE} if curves else set()

@@ -12,7 +12,7 @@ MARGIN = 24.0
 CHARACTER = 6.5
 """The mean width of a character in a label, in pixels: an upper estimate."""
 LONGEST_LABEL = 40
-_WIDEST = 1.2
+_FONT_TOLERANCE = 1.2
 """The factor by which letters may be wider if a machine lacks all the fonts of the style."""
 OWN_STYLE = Path(__file__).with_name("chart.css").read_text()
 STYLE = svg.STYLE + OWN_STYLE
@@ -58,4 +58,4 @@ def row_label(row: ResourceRow) -> str:
 
 def label_room(row: ResourceRow) -> float:
     """Return the most pixels that a row's name may need; labels do not scroll."""
-    return svg.width_of(row_label(row)) * _WIDEST
+    return svg.width_of(row_label(row)) * _FONT_TOLERANCE

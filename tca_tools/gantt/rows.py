@@ -81,7 +81,7 @@ class Painter:
             yield from self._block(bar, y) if bar.parts else self._handled(bar, y)
         below = top + min(row.lanes, _MOST_LANES) * _LANE
         if id(row) in self._curves:
-            yield from curve(row, self._scale, _COLUMN * self._scale.pixel, below)
+            yield from curve(row, self._scale, _COLUMN * self._scale.min_time, below)
         else:
             yield from self._queue(row.queued, below)
             yield from self._marks(row.queued, below, QUEUE_LANE, MOST_QUEUE_LANES)
@@ -95,14 +95,14 @@ class Painter:
 
     def _in_blocks(self, bars: list[Bar]) -> Iterator[Bar]:
         """Return the shapes to draw, blocks first so that they lie below the others."""
-        pixel = self._scale.pixel
+        pixel = self._scale.min_time
         wide, blocks = in_blocks(bars, self._scale.start, _COLUMN * pixel, _NARROW * pixel)
         return chain(blocks, wide)
 
     def _ends(self, bar: Bar) -> tuple[float, float]:
         """Return the left and right edge of a bar, which is at least visible."""
         left = self._scale.x(bar.start)
-        return left, max(self._scale.x(bar.end), left + self._scale.finest)
+        return left, max(self._scale.x(bar.end), left + self._scale.min_width)
 
     def _held(self, row: ResourceRow, top: float) -> Iterator[str]:
         """Draw the held tasks, with what each waits for in words."""
@@ -124,7 +124,7 @@ class Painter:
         for bar in bars:
             for mark in filter(lambda one: self._chart.shows(one.time), bar.marks):
                 x, number = self._scale.x(mark.time), min(bar.lane, most - 1)
-                place = number, round(x / self._scale.finest)
+                place = number, round(x / self._scale.min_width)
                 if place not in drawn:  # another mark at the same pixel would hide it
                     drawn.add(place)
                     look, left = f'class="{MARKED[mark.ending]}"', x - _STROKE / 2
@@ -153,8 +153,8 @@ class Painter:
         scale, (left, right), paled = self._scale, self._ends(bar), _paleness(bar)
         strong, pale = (shade(self._numbers[bar.name]) for shade in (dark, light))
         # A gap separates neighbours.
-        gap = 0.8 * scale.finest if right - left > 4 and not bar.is_open else 0.0
-        smallest = _SMALLEST * scale.finest
+        gap = 0.8 * scale.min_width if right - left > 4 and not bar.is_open else 0.0
+        smallest = _SMALLEST * scale.min_width
         colour = pale if bar.is_waiting and right - left <= smallest else strong
         look = f'fill="{colour}"'
         if right - left < _SMALLEST:
@@ -167,9 +167,9 @@ class Painter:
             if end - start > smallest:
                 look = f'fill="{pale}" stroke="{strong}" stroke-width="0.6"{paled}'
                 yield rectangle(look, start, y, end, _BAR, wait.title())
-        if bar.ahead:
-            until = min(max(scale.x(bar.ahead[1]), left + scale.finest), right)
-            yield rectangle(f'class="{bar.preview}"' + UNTOUCHED, left, y, until, _STRIP)
+        if bar.early_span:
+            until = min(max(scale.x(bar.early_span[1]), left + scale.min_width), right)
+            yield rectangle(f'class="{bar.early_style}"' + UNTOUCHED, left, y, until, _STRIP)
         if bar.is_open and bar.end <= scale.end:
             colour = pale if waits and waits[-1][1] >= right else strong
             half = f"{_BAR / 2:.1f}"
@@ -192,7 +192,7 @@ class Painter:
 
     def _ending(self, bar: Bar, left: float, right: float, y: float) -> Iterator[str]:
         """Draw a frame around a failed bar, or the dark end of a killed one; a foot if narrow."""
-        thin = 1.5 * self._scale.finest
+        thin = 1.5 * self._scale.min_width
         if bar.ending and right - left <= _FRAMED:
             look, top = f'class="ink-{bar.ending}"', y + _BAR - _FOOT
             yield rectangle(look, left, top, max(right, left + thin), _FOOT)
@@ -219,7 +219,7 @@ class Painter:
         flags: list[list[tuple[float, str]]] = []
         shown = [failure for failure in failures if self._chart.shows(failure[0])]
         for failure in sorted(shown, key=itemgetter(0)):
-            if flags and failure[0] - flags[-1][0][0] <= _TOGETHER * self._scale.pixel:
+            if flags and failure[0] - flags[-1][0][0] <= _TOGETHER * self._scale.min_time:
                 flags[-1].append(failure)
             else:
                 flags.append([failure])

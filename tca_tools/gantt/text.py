@@ -33,7 +33,7 @@ def chart_lines(chart: Chart, width: int, blocks: dict[str, str] = UNICODE) -> I
     yield from page.lines("", page.axis(ticks(chart.start, chart.end, max(columns // 12, 1))))
     yield from page.rows(chart)
     yield ""
-    seen = chart.seen()
+    seen = chart.legend_keys()
     yield from page.legend({key: meaning for key, meaning in MEANINGS.items() if key in seen})
 
 
@@ -146,15 +146,18 @@ class TextPage:
 
     def _paint(self, cells: Cells, bar: Bar) -> None:
         """Draw a bar with its waits, its ending and its marks."""
-        blocks, colour = self._blocks, self._colours.get(bar.name, "blue" if bar.ahead else None)
+        blocks, colour = (
+            self._blocks,
+            self._colours.get(bar.name, "blue" if bar.early_span else None),
+        )
         if bar.kind is BarKind.IDLE:
             cells.paint(bar.start, bar.end, blocks[bar.kind], bar.name, "bright_black")
             return
         first, stop = cells.span(bar.start, bar.end)
         line = [blocks[BarKind.HANDLED]] * (stop - first)
-        if bar.ahead:
-            count = max(min(cells.column(bar.ahead[1]) - first, len(line)), 1)
-            line[:count] = [blocks[bar.preview]] * count
+        if bar.early_span:
+            count = max(min(cells.column(bar.early_span[1]) - first, len(line)), 1)
+            line[:count] = [blocks[bar.early_style]] * count
         if len(line) == 1 and bar.is_waiting:
             line[0] = blocks[BarKind.WAITING]
         elif len(line) > 1 and not bar.is_open and bar.end <= cells.end:

@@ -28,24 +28,24 @@ _LONGEST_DATA = 80
 """The most columns of data in a title."""
 
 
-def handled(run: Run, handling: Handling) -> str:
+def of_handling(run: Run, handling: Handling) -> str:
     """Return ``take steps {2} handled by gait planner from 0.700 s to 1.400 s, 0.700 s``."""
     where = place(handling.module, handling.resource)
     task = run.tasks.get(handling.message_id)
     preview = RunAt(run).tasks[task.id].preview if task is not None else ""
     ahead = f" ({preview})" if preview else ""
     span = _span(run, handling.start, handling.end)
-    title = f"{described(run, handling)}{ahead} handled by {where} {span}"
+    title = f"{handled_message(run, handling)}{ahead} handled by {where} {span}"
     if handling.outcome and handling.outcome is not Outcome.DONE:
         title += f": {handling.outcome}"
     if handling.outcome is Outcome.FAILED:
-        title += _with_what(run, handling)
+        title += _failure_text(run, handling)
         notice = describe_asker(run, failing(run, handling), handling.end or run.time)
         title += f", {notice}" if notice else ""
     return title
 
 
-def _with_what(run: Run, handling: Handling) -> str:
+def _failure_text(run: Run, handling: Handling) -> str:
     """Return the failure of a handler: ``: terrain collision: leg 4 met rock``.
 
     The copies of a broadcast may fail in different ways, so a failure of one is not shown.
@@ -64,7 +64,7 @@ def _words_or_data(failure: Failure, data: bytes) -> str:
     return f"{failure} {cut(data_text(data), _LONGEST_DATA)}".rstrip()
 
 
-def raised(run: Run, task: Task, failure: Raised) -> str:
+def of_failure(run: Run, task: Task, failure: Raised) -> str:
     """Return ``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
     notice = describe_asker(run, task, failure.time)
     text = _words_or_data(failure.failure, task.was("failure_data", failure.time))
@@ -72,13 +72,13 @@ def raised(run: Run, task: Task, failure: Raised) -> str:
     return title + (f", {notice}" if notice else "")
 
 
-def changed(task: Task, change: LifeChange) -> str:
+def of_change(task: Task, change: LifeChange) -> str:
     """Return ``grasp {7} at 2.000 s: update by planner, now update requested: {"width": 0.1}``."""
     data = cut(data_text(change.body), _LONGEST_DATA)
     return f"{task} at {run_time(change.time)}: {change}" + (f": {data}" if data else "")
 
 
-def waits(run: Run, who: str, wait: HandlerWait) -> str:
+def of_wait(run: Run, who: str, wait: HandlerWait) -> str:
     """Return ``take steps {2} waits for the reply to elevation map {5}, ...``.
 
     The waiter is a handler's message, or a module.
@@ -87,14 +87,14 @@ def waits(run: Run, who: str, wait: HandlerWait) -> str:
     return f"{who} waits {words}, {_span(run, wait.start, wait.end)}"
 
 
-def queued(run: Run, queueing: Queueing) -> str:
+def of_queueing(run: Run, queueing: Queueing) -> str:
     """Return ``take steps {2} queued for gait planner from ...``."""
     where = place(queueing.module, queueing.resource) or "a handler"
     span = _span(run, queueing.start, queueing.end)
     return f"{run.describe(queueing.message_id)} queued for {where} {span}"
 
 
-def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
+def of_suspension(run: Run, task: Task, start: float, end: float | None) -> str:
     """Return ``take steps {2} suspended by user from ...``."""
     begun = [span for span in task.suspensions if span.start <= start]
     current = [span for span in begun if span.end is None or start < span.end]
@@ -102,18 +102,18 @@ def suspended(run: Run, task: Task, start: float, end: float | None) -> str:
     return f"{task} suspended{by} {_span(run, start, end)}"
 
 
-def held(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
+def of_hold(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
     """Return ``take steps {3} held until take steps {2} is achieved, from ...``."""
     why = several_in_words(told(RunAt(run, start), waits))
     return f"{task} held{why and f' {why},'} {_span(run, start, end)}"
 
 
-def why_held(run: Run, who: str, start: float, waits: list[Wait]) -> str:
+def hold_reason(run: Run, who: str, start: float, waits: list[Wait]) -> str:
     """Return ``take steps {3}: until take steps {2} is achieved``."""
     return who + (several_in_words(told(RunAt(run, start), waits)) or "held")
 
 
-def claimed(run: Run, claim: Claim, start: float) -> str:
+def of_claim(run: Run, claim: Claim, start: float) -> str:
     """Return ``controller locked by scanner from ...``."""
     where = place(claim.module, claim.resource)
     kind = "reserved" if claim.is_reserved else "locked"
@@ -131,7 +131,7 @@ def awaited_name(run: Run, wait: HandlerWait) -> str:
     return "reservation" if claim.is_reserved else "lock"
 
 
-def described(run: Run, handling: Handling) -> str:
+def handled_message(run: Run, handling: Handling) -> str:
     """Return the handled message; for a direct one with its sender."""
     if handling.direct_from:
         return f"{handling.name}, directly from {handling.direct_from},"

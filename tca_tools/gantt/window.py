@@ -9,7 +9,7 @@ from tca_tools.journal.fates import watches
 from tca_tools.journal.records import OVER, Task
 from tca_tools.journal.whole_run import Run
 
-ROOM = 0.02
+MARGIN_SHARE = 0.02
 """The margin before and after the bars, as a part of their time."""
 
 
@@ -30,17 +30,17 @@ class Pick:
     until: float | None = None
     """The default end of the chart: the end of the selected task."""
 
-    def row(self, module: str) -> bool:
+    def has_row(self, module: str) -> bool:
         """Whether a module has rows."""
         return self.modules is None or module in self.modules
 
-    def is_asked(self, number: int) -> bool:
+    def is_selected(self, number: int) -> bool:
         """Whether a message is selected itself, not as context."""
         return self.messages is None or number in self.messages
 
-    def message(self, number: int) -> bool:
+    def has_bars(self, number: int) -> bool:
         """Whether a message has bars."""
-        return self.is_asked(number) or number in self.context
+        return self.is_selected(number) or number in self.context
 
 
 ALL = Pick()
@@ -62,7 +62,7 @@ def span_of(
     times += [one.start for one in (*bars, *claims)] + [bar.end for bar in bars]
     times += [one.end for one in claims if not one.is_open]
     first, last = min(times, default=0.0), max(times, default=now)
-    room = (last - first) * ROOM
+    room = (last - first) * MARGIN_SHARE
     start = max(first - room, 0.0) if start is None else start
     if end is None:
         is_active = any(bar.is_open for bar in bars) or any(
@@ -77,6 +77,6 @@ def _is_active(run: Run, pick: Pick, task: Task) -> bool:
 
     It may be held, without a bar.
     """
-    if task.state in OVER or not pick.message(task.id) or watches(task, task.state):
+    if task.state in OVER or not pick.has_bars(task.id) or watches(task, task.state):
         return False
     return all(run.tasks[child].state in OVER for child in task.children)

@@ -20,7 +20,7 @@ from tca_wire.text.printable import printable
 FRAMES = 15
 """The number of times a second that the screen is drawn while time passes."""
 SPEEDS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 100.0, 500.0, 1000.0, 5000.0)
-_FAR = 20
+_LONG_STEP = 20
 _LEAST_BESIDE = 90
 """The least columns for a story beside the tree; with fewer it is below the tree."""
 _KEYS = (
@@ -43,8 +43,8 @@ _MORE_KEYS = (
     ("r", "turn", "reverse time"),
     ("up", "select(-1)", "task above"),
     ("down", "select(1)", "task below"),
-    ("shift+right,ctrl+right", f"step({_FAR})", f"{_FAR} messages forward"),
-    ("shift+left,ctrl+left", f"step({-_FAR})", f"{_FAR} messages back"),
+    ("shift+right,ctrl+right", f"step({_LONG_STEP})", f"{_LONG_STEP} messages forward"),
+    ("shift+left,ctrl+left", f"step({-_LONG_STEP})", f"{_LONG_STEP} messages back"),
     ("pageup", "scroll_story(-1)", "scroll the story up"),
     ("pagedown", "scroll_story(1)", "scroll the story down"),
     ("home", f"step({-sys.maxsize})", "first message"),
@@ -136,8 +136,8 @@ class Replay(App[None]):
         self.place = min(max(place, 0), recording.last)
         self._notice = notice
         at = recording.at(self.place)
-        if self.follows_cursor and (about := self._about()):
-            self.selected = about
+        if self.follows_cursor and (task := self._task_at_cursor()):
+            self.selected = task
         if self.selected not in at.tasks:
             self.selected = int(at.top[0]) if at.top else 0
         rows = rows_at(at, self.selected, self._opened)
@@ -156,11 +156,11 @@ class Replay(App[None]):
         bar = self.query_one(TimeBar)
         bar.place, bar.heading = self.place, "   ".join(heading)
 
-    def _about(self) -> int:
+    def _task_at_cursor(self) -> int:
         """Return the task that the event at the cursor is about; that of a failure comes first."""
         facts = self.recording.events[self.place] if self.recording.events else []
         failed_first = sorted(facts, key=lambda fact: not isinstance(fact, Failed))
-        return next(filter(None, map(self.recording.about, failed_first)), 0)
+        return next(filter(None, map(self.recording.task_of, failed_first)), 0)
 
     # --- moving -----------------------------------------------------------------------------------
 

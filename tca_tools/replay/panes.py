@@ -139,7 +139,7 @@ class MessagesPane(Widget):
         for number, fact in zip(count(), recording.events[place], strict=False):
             text = f"{kind_of(fact):15} {printable(first_line(recording.wording.words(fact)))}  "
             text = (text + data_text(getattr(fact, "body", b""))).rstrip()
-            tint = _TINTS[recording.is_bad_news(place, fact, self.place)]
+            tint = _TINTS[recording.badness(place, fact, self.place)]
             start = " " * len(time) if number else time
             lines.append(Text.assemble((start, plain), (text, tint or plain)))
             lines[-1].truncate(max(self.size.width, 1), overflow="ellipsis")

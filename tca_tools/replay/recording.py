@@ -34,8 +34,8 @@ class Recording:
         """By place of a failure, in order: whether the run did not continue after it."""
         for place, event in enumerate(self.events):
             if failed := [fact for fact in event if isinstance(fact, Failed)]:
-                are_coped_with = [self._has_coped(place, fact) for fact in failed]
-                self.failures[place] = not all(are_coped_with)
+                continued = [self._run_continued(place, one) for one in failed]
+                self.failures[place] = not all(continued)
         tasks = self.run.tasks.values()
         self._ends = sorted(task.time_of(Moment.END_ACHIEVING) for task in tasks)
 
@@ -48,13 +48,13 @@ class Recording:
             self.events[-1] += entry.facts
             yield entry
 
-    def _has_coped(self, place: int, fact: Failed, known: float = inf) -> bool:
+    def _run_continued(self, place: int, fact: Failed, known: float = inf) -> bool:
         failed = self.run.delivered(fact.id)
         time = self.run.times[place]
         return failed is not None and run_continued(self.run, failed, time, known)
 
-    def is_bad_news(self, place: int, fact: Fact, now: int) -> bool | None:
-        """Whether a fact is bad news; None for a failure after which the run has continued.
+    def badness(self, place: int, fact: Fact, now: int) -> bool | None:
+        """Return True for bad news, None for a failure that the run survived, else False.
 
         A failure up to the place *now* is judged by what was known there, a later one by the whole
         journal.
@@ -62,7 +62,7 @@ class Recording:
         if not isinstance(fact, Failed):
             return kind_of(fact) in BAD_NEWS
         known = self.run.times[now] if place <= now else inf
-        return None if self._has_coped(place, fact, known) else True
+        return None if self._run_continued(place, fact, known) else True
 
     @property
     def last(self) -> int:
@@ -104,7 +104,7 @@ class Recording:
         places = self.failures if step > 0 else reversed(self.failures)
         return (failure for failure in places if (failure - place) * step > 0)
 
-    def about(self, fact: Fact) -> int:
+    def task_of(self, fact: Fact) -> int:
         """Return the task that a fact is about, or whose handler sent its message; 0 for none."""
         named = [subject_of(fact), getattr(fact, "origin", 0)]
         if isinstance(fact, Failed):
@@ -156,4 +156,4 @@ class Recording:
         for here in self._failures_from(place, step):
             for fact in self.events[here]:
                 if isinstance(fact, Failed) and wanted in f"{fact.failure}: {fact.text}".casefold():
-                    yield SearchHit(here, self.about(fact))
+                    yield SearchHit(here, self.task_of(fact))

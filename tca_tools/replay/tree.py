@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.selection import lineage
-from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, walked
+from tca_tools.tasktree_viz.outline import SHOWN_AT_MOST, Row, traverse
 from tca_wire.points import ROOT, Moment, TaskId
 
 MOST_ROWS = 3000
@@ -42,7 +42,7 @@ def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
                 rows.append(Row(at.tasks[children[place]], row.number, row.depth + 1))
         return rows
 
-    return walked(below, MOST_ROWS)
+    return traverse(below, MOST_ROWS)
 
 
 def _is_open(at: RunAt, task: TaskId) -> bool:

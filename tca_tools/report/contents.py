@@ -31,11 +31,15 @@ _LEAST_SHARE_OF_ADVICE = 0.005
 _LEAST_SHARE_OF_PATH = 0.001
 """The least share of a path that is shown."""
 _STEPS = 60
+"""The most steps of a path that are shown, the longest ones."""
 _STORIES, _STORIES_EACH = 16, 2
+"""The most stories, and those for each kind of failure."""
 _SENTENCES = 40
+"""The most sentences of a story."""
 KINDS, CASES = 20, 8
 """The most kinds of failures that are shown, and the most failures of each."""
 _WAITS = 8
+"""The most waits of a kind."""
 
 
 class ShownPath(NamedTuple):

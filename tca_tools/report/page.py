@@ -62,7 +62,7 @@ def page(
             verdict=verdict,
             began=_clock(run.began, run.start),
             now=now,
-            fate_class=lambda fate: _FATES.get(fate, "good" if fate in GOOD_FATES else "bad"),
+            fate_class=lambda fate: _FATE_STYLES.get(fate, "good" if fate in GOOD_FATES else "bad"),
             kinds_of_waits=HEADINGS,
             longest_failure=_LONGEST_FAILURE,
             kinds_shown=KINDS,
@@ -98,11 +98,11 @@ def _clock(began: float | None, time: float) -> str:
         return "at an impossible time"
 
 
-_LOOKS = {HANDLED: "s-handled", TaskState.RESOLVED: "s-resolved"}
+_TASK_STYLES = {HANDLED: "s-handled", TaskState.RESOLVED: "s-resolved"}
 """By state of a task: its style, if that has another name."""
 
 
-_FATES = {Fate.DEALT_WITH: "s-resolved"}
+_FATE_STYLES = {Fate.DEALT_WITH: "s-resolved"}
 """By fate of a failure: its style, if that is neither "good" nor "bad"."""
 
 
@@ -121,7 +121,7 @@ def _environment() -> Environment:
         "run_time": run_time,
         "percent": percent,
         "counted": counted,
-        "looks": lambda standing: _LOOKS.get(standing, f"s-{standing}"),
+        "looks": lambda standing: _TASK_STYLES.get(standing, f"s-{standing}"),
         "short": lambda text, width=_LONGEST_TEXT: cut(first_line(str(text)), width),
     }
     return built

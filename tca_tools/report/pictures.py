@@ -16,6 +16,9 @@ _BARS_AT_MOST = 2500
 _WIDEST = 1300.0
 """Pixels: the width of a plot that fits most screens without scrolling."""
 _STRIPS, _CELLS = 24, 240
+"""The most resources whose use is shown, and the parts of the run."""
+_LEAST_SHARE = 0.004
+"""A smaller busy share would be invisible."""
 
 
 class Gantt(NamedTuple):
@@ -77,16 +80,14 @@ def strips(history: History, found: Contents) -> list[Strip]:
     start, length = found.summary.start, found.summary.seconds / _CELLS
     built: list[Strip] = []
     for use in found.uses[:_STRIPS]:
-        runs = history.runs.get(use.key, [])
-        if not runs or length <= 0:
+        handlings, now = history.runs.get(use.key, []), history.time
+        if not handlings or length <= 0:
             continue
-        now = history.time
-        cover = Cover((run.start, now if run.end is None else run.end) for run in runs)
-        cells = []
-        for n in range(_CELLS):
-            since = start + n * length
-            share = cover.within(since, since + length) / length
-            if share > 0.004:
-                cells.append((n, round(min(share, 1.0), 2)))
+        spans = ((one.start, now if one.end is None else one.end) for one in handlings)
+        cover, cells = Cover(spans), []
+        for number in range(_CELLS):
+            since = start + number * length
+            if (share := cover.within(since, since + length) / length) > _LEAST_SHARE:
+                cells.append((number, round(min(share, 1.0), 2)))
         built.append(Strip(use.name, cells))
     return built

@@ -61,9 +61,9 @@ def _box(box: Bar, scale: Scale, left: float, y: float) -> Iterator[str]:
     begin = left + scale.x(box.start)
     end = max(left + scale.x(box.end), begin + 2)
     yield rectangle(_LOOKS[box.kind], begin, y, end, _BOX, box.title())
-    if box.ahead:
-        until = max(left + scale.x(box.ahead[1]), begin + 2)
-        yield rectangle(_LOOKS[box.preview] + UNTOUCHED, begin, y, until, _BOX)
+    if box.early_span:
+        until = max(left + scale.x(box.early_span[1]), begin + 2)
+        yield rectangle(_LOOKS[box.early_style] + UNTOUCHED, begin, y, until, _BOX)
     look = "words" + " halo" * box.is_wasted + " pale" * (not _is_task(box))
     for label in [one for one in box.labels if width_of(one) < end - begin][:1]:
         yield words(look, (begin + end) / 2, y + 16, label, UNTOUCHED)

@@ -26,6 +26,9 @@ SORTS: dict[str, Callable[[MessageStats], float]] = {
 }
 """By name of an order: its figure, which sorts messages from the largest on."""
 
+_USE_KEYS = ("busy", "busy_share", "waiting")
+"""The figures of a resource's use, in JSON."""
+
 
 @click.command()
 @log_argument
@@ -112,11 +115,7 @@ def _row(stats: MessageStats | ResourceStats) -> dict[str, Any]:
     for name in stats.__slots__:
         value = getattr(stats, name)
         if name == "use":
-            for key, figure in {
-                "busy": "busy",
-                "busy_share": "share",
-                "waiting": "waiting",
-            }.items():
+            for key, figure in zip(_USE_KEYS, ("busy", "share", "waiting"), strict=True):
                 row[key] = getattr(value, figure, 0.0)
         elif isinstance(value, Times):
             row[name] = _plain_times(value)

@@ -116,7 +116,8 @@ def measure(run: Run, start: float | None = None) -> Stats:
 
     A part has the messages sent since then, and the handler runs started since then.
     """
-    first = _start_of(run) if start is None else start
+    start_of_run = run.clock[0] if run.clock else 0.0
+    first = start_of_run if start is None else start
     busy_in = span_of(run) if start is None else (first, run.time)
     messages: dict[str, MessageStats] = {}
     resources = _resources(run, busy_in)
@@ -137,10 +138,6 @@ def measure(run: Run, start: float | None = None) -> Stats:
     deadlocks = sum(time >= first for time, _ in run.deadlocks)
     found = list(messages.values()), list(resources.values())
     return Stats(first, run.time, run.is_live, *found, busy_in, deadlocks)
-
-
-def _start_of(run: Run) -> float:
-    return run.clock[0] if run.clock else 0.0
 
 
 def _stats_of(run: Run, messages: dict[str, MessageStats], name: str) -> MessageStats:

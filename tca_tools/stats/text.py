@@ -40,6 +40,10 @@ class _Column(NamedTuple):
     """The order in which columns are left out to save room, highest first; 0: never."""
 
 
+_Cells = list[tuple[_Column, list[str]]]
+"""The columns of a table, with their heads and cells."""
+
+
 def _spread(group: str, name: str, *spare: int) -> list[_Column]:
     """Return three columns of times; *spare* are their places in the order of removal."""
 
@@ -62,12 +66,8 @@ def _rate(number: int, seconds: float) -> str:
     return f"{rate:.2g}" if rate < 100 else f"{rate:.0f}"
 
 
-def _share(part: float, whole: float) -> str:
-    return f"{part / whole:.0%}" if whole else _NONE
-
-
 def _waiting(use: Use | None) -> str:
-    return _share(use.waiting, use.busy) if use else _NONE
+    return f"{use.waiting / use.busy:.0%}" if use and use.busy else _NONE
 
 
 _MESSAGES = (
@@ -118,14 +118,10 @@ def stats_lines(name: str, stats: Stats, width: int | None) -> list[str]:
         ]
         table = _table("resource", _RESOURCES, named, seconds, width)
         start, end = stats.busy_in
-        lines += [
-            "",
-            *table,
-            f"busy: of {duration(end - start)} ({run_time(start)} to {run_time(end)})",
-        ]
-        lines += [f"{_AT_LEAST}: at least; some still wait"] * any(
-            _AT_LEAST in line for line in table[2:]
-        )
+        busy = f"busy: of {duration(end - start)} ({run_time(start)} to {run_time(end)})"
+        lines += ["", *table, busy]
+        if any(_AT_LEAST in line for line in table[2:]):
+            lines.append(f"{_AT_LEAST}: at least; some still wait")
     if stats.deadlocks:
         lines.append(
             f"{counted(stats.deadlocks, 'deadlock')} found: 'tca report' shows the refused waits"
@@ -173,7 +169,7 @@ def _table(
     return [_heads(name_width, shown), *lines]
 
 
-def _line(name: str, columns: list[tuple[_Column, list[str]]], place: int) -> Iterator[str]:
+def _line(name: str, columns: _Cells, place: int) -> Iterator[str]:
     """Yield a line of the table in pieces: the name, and cells as wide as their columns."""
     yield name
     for _, group in _groups(columns):
@@ -182,7 +178,7 @@ def _line(name: str, columns: list[tuple[_Column, list[str]]], place: int) -> It
             yield " " * (2 if number == 0 else 1) + cells[place].rjust(width)
 
 
-def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
+def _heads(name_width: int, columns: _Cells) -> str:
     """Return the headings above the groups of columns."""
     heads = " " * name_width
     for name, group in _groups(columns):
@@ -194,7 +190,5 @@ def _heads(name_width: int, columns: list[tuple[_Column, list[str]]]) -> str:
     return heads.rstrip()
 
 
-def _groups(
-    columns: list[tuple[_Column, list[str]]],
-) -> Iterator[tuple[str, list[tuple[_Column, list[str]]]]]:
+def _groups(columns: _Cells) -> Iterator[tuple[str, _Cells]]:
     return ((name, list(group)) for name, group in groupby(columns, key=lambda pair: pair[0].group))

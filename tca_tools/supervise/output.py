@@ -68,10 +68,8 @@ class Output:
                 self._dropped += 1
                 return
             if self._dropped:
-                self._add(
-                    name,
-                    b"(%d lines of all programs were dropped: the reader is slow)" % self._dropped,
-                )
+                text = b"(%d lines of all programs were dropped: the reader is slow)"
+                self._add(name, text % self._dropped)
                 self._dropped = 0
             self._add(name, line)
             self._changed.notify()

@@ -124,11 +124,8 @@ class Programs:
             os.write(self._guard_pipe, guard.start_line(os.getpid(), ends_last=ends_last))
 
         self._starts[name] = command, {"ends_last": ends_last, **options}
-        with (
-            Path(os.devnull).open("ab")
-            if self._folder is None
-            else self.log(name).open("ab") as output
-        ):
+        log = Path(os.devnull) if self._folder is None else self.log(name)
+        with log.open("ab") as output:
             given = {"env": self._environment, "stdout": output, "stderr": output, **options}
             self._running[name] = subprocess.Popen(
                 command,
@@ -197,7 +194,7 @@ class Programs:
                 if time.monotonic() > deadline:
                     raise
 
-    def looks(self, task: SentTask[Any], period: float = 0.1) -> Iterator[bool]:
+    def watch(self, task: SentTask[Any], period: float = 0.1) -> Iterator[bool]:
         """Yield False every *period* seconds until a task has ended, then True.
 
         Raises ProgramEnded if a program ends before.

@@ -79,15 +79,16 @@ class Running:
 
     def _stop_programs(self, futures: dict[Supervised, "Future[None]"]) -> None:
         """Stop programs, and wait for their threads. A second request kills slow programs."""
-        hurries = False
+        is_hurried = False
 
-        def is_hurried() -> bool:
-            nonlocal hurries
+        def poll_requests() -> bool:
+            """Read the new requests to end. Return whether there has been a second one."""
+            nonlocal is_hurried
             while not self._reasons.empty():
                 requested_at, why = self._reasons.get()
                 is_new = requested_at - self._end_requested_at > _SAME_SIGNAL
-                hurries = hurries or bool(why and is_new)
-            return hurries
+                is_hurried = is_hurried or bool(why and is_new)
+            return is_hurried
 
         def on_kill(group: int) -> None:
             for one in futures:
@@ -98,7 +99,7 @@ class Running:
             one.stop.set()
         while left := [one for one, future in futures.items() if not future.done()]:
             graces = {one.group: one.program.limits.grace for one in left if one.group}
-            guard.stop_all(graces, is_hurried, on_kill)
+            guard.stop_all(graces, poll_requests, on_kill)
             time.sleep(guard.POLL_SECONDS)
 
     def _handle_signals(self) -> None:

@@ -161,16 +161,8 @@ def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     continues with it.
     """
     journal = _path(folder, table.journal) if table.journal else new_journal()
-    command = [
-        sys.executable,
-        "-m",
-        "tca_central",
-        "--bind",
-        address,
-        "--journal",
-        str(journal),
-        *table.options,
-    ]
+    options = ["--bind", address, "--journal", str(journal), *table.options]
+    command = [sys.executable, "-m", "tca_central", *options]
     environment = _environment(address, {})
     return Launch(
         name=CENTRAL, command=command, cwd=folder, env=environment, limits=table, journal=journal
@@ -196,10 +188,8 @@ def _copies(
     if not cwd.is_dir():
         raise BadUserFile(f"{place}.cwd: there is no folder {cwd}")
     command, env = _words(place, table.command), _environment(address, table.env)
-    if (
-        shutil.which(cwd / command[0] if "/" in command[0] else command[0], path=env["PATH"])
-        is None
-    ):
+    program = cwd / command[0] if "/" in command[0] else command[0]
+    if shutil.which(program, path=env["PATH"]) is None:
         raise BadUserFile(
             f"{place}.command: there is no executable program {command[0]}, seen from {cwd}"
         )

@@ -76,7 +76,7 @@ def arrows(at: RunAt, shown: set[int]) -> Arrows:
             # "after it, and not even planned before" is one arrow, as in the literature
             own.remove(delayed)
             _add(sequence, delayed)
-        known = _befores(at, incoming) if incoming.keys() - shown else set()
+        known = _predecessors(at, incoming) if incoming.keys() - shown else set()
         for one, kinds in incoming.items():
             if one in shown:
                 found.between[one, task_id] = kinds
@@ -106,7 +106,7 @@ def in_words(
     return texts
 
 
-def _befores(at: RunAt, tasks: Iterable[int]) -> set[int]:
+def _predecessors(at: RunAt, tasks: Iterable[int]) -> set[int]:
     """Return the predecessors of the given tasks: a successor's wait for them is implied."""
     constraints = (one for task in tasks for one in at.tasks[task].constraints)
     return {one.before.task for one in constraints if kind_of_arrow(one).name == SEQ}

@@ -64,14 +64,14 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
     families: dict[int, list[str]] = {}
     for row in rows:
         families.setdefault(row.parent, []).append(_id(row))
-    beside = {pair for brothers in families.values() for pair in pairwise(brothers)}
+    beside = {pair for siblings in families.values() for pair in pairwise(siblings)}
     # a label on an arrow between distant boxes would cover the boxes between them
     drawn = {
         (a, b): kinds for (a, b), kinds in found.between.items() if (f"t{a}", f"t{b}") in beside
     }
-    said = in_words(at, found, drawn)
+    constraints = in_words(at, found, drawn)
     for row in rows:
-        yield _node(at, row, said.get(row.task.id, []) if row.task else [], with_data)
+        yield _node(at, row, constraints, with_data)
     for row in rows:
         if row.parent >= 0:
             yield f"{_id(rows[row.parent])} -> {_id(row)} [weight=2];"
@@ -83,19 +83,19 @@ def _statements(at: RunAt, rows: list[Row], found: Arrows, with_data: bool) -> I
         if at.tasks[before].parent != at.tasks[after].parent:
             looks += ", constraint=false"
         yield f"t{before} -> t{after} [{looks}];"
-    joined = {(f"t{before}", f"t{after}") for before, after in found.between}
-    for brothers in families.values():
-        unconnected = [pair for pair in pairwise(brothers) if pair not in joined]
+    connected = {(f"t{before}", f"t{after}") for before, after in found.between}
+    for siblings in families.values():
+        unconnected = [pair for pair in pairwise(siblings) if pair not in connected]
         order = " ".join(f"{a} -> {b} [style=invis];" for a, b in unconnected)
-        if len(brothers) > 1:
-            yield f"{{ rank=same; {'; '.join(brothers)}; {order} }}"
+        if len(siblings) > 1:
+            yield f"{{ rank=same; {'; '.join(siblings)}; {order} }}"
 
 
 def _id(row: Row) -> str:
     return f"t{row.task.id}" if row.task else f"f{row.number}"
 
 
-def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
+def _node(at: RunAt, row: Row, constraints: dict[int, list[str]], with_data: bool) -> str:
     if row.task is None:
         fill = FILLS.get(row.state, "#ffffff")
         style = f'fontsize=10, style="filled,dashed", fillcolor="{fill}"'
@@ -103,14 +103,15 @@ def _node(at: RunAt, row: Row, said: list[str], with_data: bool) -> str:
     task, state = row.task, row.task.standing
     style = "filled,rounded" if task.message_class.is_goal else "filled"
     style += ",dashed" if task.state is TaskState.HELD else ""
-    label = "<br/>".join(_label_lines(at, task, said, with_data))
-    border = f', color="{looks[0]}", penwidth=2.2' if (looks := looks_of(task)) else ""
+    lines = _label_lines(at, task, constraints.get(task.id, []), with_data)
+    special = border_of(task)
+    border = f', color="{special[0]}", penwidth=2.2' if special else ""
     tooltip = _quoted(words.tooltip(at, task))
     rest = f'style="{style}", fillcolor="{FILLS[state]}", tooltip={tooltip}{border}'
-    return f"{_id(row)} [label=<{label}>, {rest}];"
+    return f"{_id(row)} [label=<{'<br/>'.join(lines)}>, {rest}];"
 
 
-def looks_of(task: TaskAt) -> tuple[str, str] | None:
+def border_of(task: TaskAt) -> tuple[str, str] | None:
     """Return the border colour of a special task and its meaning; None for other tasks.
 
     Special are tasks that central sent, monitors, and early work of a coordinator.
@@ -120,14 +121,14 @@ def looks_of(task: TaskAt) -> tuple[str, str] | None:
     return ROLES.get(task.role) or _SENT_AHEAD.get(task.preview)
 
 
-def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> Iterator[str]:
+def _label_lines(at: RunAt, task: TaskAt, constraints: list[str], with_data: bool) -> Iterator[str]:
     yield f'{text(task.name)} <font color="{FAINT}">{{{task.id}}}</font>'
     times = ""  # of achieving; before that, of planning
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash
     yield small(f"{task.standing}{times}")
-    for one in said:
+    for one in constraints:
         lines = words.lines_of(printable(one), _LONGEST_NAME, _MOST_LINES)
         yield from (small(line, _HEAVY) for line in lines)
     if task.failure or task.why_killed is not None:
@@ -138,7 +139,7 @@ def _label_lines(at: RunAt, task: TaskAt, said: list[str], with_data: bool) -> I
 
 def borders(rows: list[Row]) -> list[tuple[str, str]]:
     """Return the border colours that occur in the rows, with their meanings."""
-    found = {looks_of(row.task) for row in rows if row.task}
+    found = {border_of(row.task) for row in rows if row.task}
     return sorted(filter(None, found), key=itemgetter(1))
 
 

@@ -53,30 +53,30 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
     The chain is empty if the task had neither failed nor been killed.
     """
     task = run.tasks[number]
-    found: list[tuple[float, _Place, Link]] = []
+    found: list[tuple[float, _Path, Link]] = []
     waiting = [_FailureCause(task, (), moment, moment)]
     seen = {task.id}
     killed = killed_at(task)
     if not task.failures and killed <= moment:
         link = _with_why(killed, 0, f"{task} was killed", task.why_killed or "")
         found.append((killed, (_END, 0), link))
-        place = (_CAUSES, 0)
-        waiting = [_FailureCause(one, place, killed, moment) for one in _culprits(run, task)]
+        path = (_CAUSES, 0)
+        waiting = [_FailureCause(one, path, killed, moment) for one in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
-        if cause.message.id in seen and cause.place:
+        if cause.message.id in seen and cause.path:
             continue
         seen.add(cause.message.id)
         for step, link in _steps_of(run, cause):
             if link.time <= cause.until:
-                found.append((link.time, (*cause.place, *step), link))
+                found.append((link.time, (*cause.path, *step), link))
         waiting += reversed(list(_causes(run, cause)))
     if not task.failures and seen == {task.id}:
         return []
     return [link for time, _, link in sorted(found, key=_order) if time <= moment]
 
 
-_Place = tuple[int, ...]
+_Path = tuple[int, ...]
 """The path of a link: its steps from the task of the chain. It orders events of the same time."""
 _CAUSES, _ITSELF, _CALLS, _AGAIN, _END = range(5)
 """The steps of a message in order: causes, failure, exception handlers, retry, end."""
@@ -86,28 +86,28 @@ class _FailureCause(NamedTuple):
     """A message whose failure led to the failure of the task."""
 
     message: Message
-    place: _Place
+    path: _Path
     until: float
     """Later events were not a cause."""
     known: float
     """The moment for which its fate is described."""
 
 
-def _order(found: tuple[float, _Place, Link]) -> tuple[float, int, _Place]:
-    """The sort key of a link: its time, then its place.
+def _order(found: tuple[float, _Path, Link]) -> tuple[float, int, _Path]:
+    """Return the sort key of a link: its time, then its path.
 
     At one time, failures come before the kills that follow from them. Kills come from top to
     bottom, but an exception handler's end comes before the end of the task it was called for.
     """
-    time, place, _ = found
-    *causes, step, _ = place
+    time, path, _ = found
+    *causes, step, _ = path
     above = sum(1 if one == _CAUSES else -_MOST_LINKS for one in causes[::2])
-    return time, (_MOST_LINKS**2 + above) if step == _END else 0, place
+    return time, (_MOST_LINKS**2 + above) if step == _END else 0, path
 
 
-def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
-    message, place, until, known = cause
-    depth = len(place) // 2
+def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Path, Link]]:
+    message, path, until, known = cause
+    depth = len(path) // 2
     for time, failure in [one for one in message.failures if one[0] <= until]:
         for since, is_indirect, text in _deadline_causes(run, message, time, failure):
             yield (_ITSELF, 0), Link(since, depth + is_indirect, text)
@@ -123,7 +123,7 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Place, Link]]:
             yield from (((_END, 0), link) for link in above)
 
 
-def _newest_state(task: Task, moment: float) -> float:
+def _newest_state_time(task: Task, moment: float) -> float:
     return task.stage(task.place_at(moment))[0]
 
 
@@ -141,7 +141,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
     if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
         return None
     became = fate(run, task, raised[-1][0], moment)
-    time = _newest_state(task, moment)
+    time = _newest_state_time(task, moment)
     if at.why_killed is not None:
         time = task.written("killed", moment)
     without = ""
@@ -170,33 +170,33 @@ def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link
     above = retried_ancestor(run, task, failed, moment)
     if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
         text = f"{above}, handled again: {state}"
-        yield Link(_newest_state(above, moment), depth, text)
+        yield Link(_newest_state_time(above, moment), depth, text)
 
 
 def _has_tried_again(task: Task, moment: float) -> bool:
     """Whether its handler has returned once more after the last retry."""
     again = max((one.time for one in task.retries if one.time <= moment), default=0.0)
-    since = [run for run in task.handlings if run.start >= again]
-    return any(run.end is not None and run.end <= moment for run in since)
+    since = [one for one in task.handlings if one.start >= again]
+    return any(one.end is not None and one.end <= moment for one in since)
 
 
 def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
     """Yield the message that the failing handler waited for, then failed exception handlers."""
-    message, place, moment, known = failed
-    runs = [one for one in message.handlings if one.outcome is Outcome.FAILED]
-    runs = [one for one in runs if (one.end or 0.0) <= moment]
-    for wait, end in [(wait, one.end) for one in runs for wait in one.waits][-1:]:
+    message, path, moment, known = failed
+    handlings = [one for one in message.handlings if one.outcome is Outcome.FAILED]
+    handlings = [one for one in handlings if (one.end or 0.0) <= moment]
+    for wait, end in [(wait, one.end) for one in handlings for wait in one.waits][-1:]:
         until = min(moment if one is None else one for one in (wait.end, end))
         awaited = run.messages.get(wait.awaited)
         if awaited is not None and _is_named(run, awaited, until, message):
-            yield _FailureCause(awaited, (*place, _CAUSES, 0), until, until)
+            yield _FailureCause(awaited, (*path, _CAUSES, 0), until, until)
     if not isinstance(message, Task):
         return
-    for one, number in enumerate(message.caught_by):
+    for order, number in enumerate(message.caught_by):
         if (handler := run.tasks.get(number)) is not None:
             until = min(moment, _decided(message, handler.received))
             if any(time <= until for time, _ in handler.failures):
-                yield _FailureCause(handler, (*place, _CALLS, 2 * one + 1), until, known)
+                yield _FailureCause(handler, (*path, _CALLS, 2 * order + 1), until, known)
 
 
 def _decided(task: Task, failed: float) -> float:
@@ -262,11 +262,9 @@ def _holders(at: RunAt, task: TaskAt, failed: float) -> Iterator[tuple[float, bo
             since, what = claim.granted, f"{claim.sender} had the {claim}"
         elif message is None or message.message_class.asks_many:
             continue
-        elif (run := at.handling_of(message)) is not None:
-            since, what = (
-                run.start,
-                f"{message} was being handled by {place(run.module, run.resource)}",
-            )
+        elif (handling := at.handling_of(message)) is not None:
+            where = place(handling.module, handling.resource)
+            since, what = handling.start, f"{message} was being handled by {where}"
         else:
             continue
         how_long = duration(failed - since)

@@ -18,17 +18,17 @@ MOST_LEAVING = 3
 
 @dataclass(slots=True)
 class Line:
-    """Every row in *to* waits for every row in *sources*; both are ascending numbers of rows."""
+    """Every row of *targets* waits for every row of *sources*; both are ascending row numbers."""
 
     sources: tuple[int, ...]
-    to: list[int]
+    targets: list[int]
     lane: int = 0
     """0 is nearest to the boxes."""
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """Each source with each row that waits for it."""
-        return list(product(self.sources, self.to))
+        return list(product(self.sources, self.targets))
 
     @property
     def ends(self) -> tuple[int, int]:
@@ -36,7 +36,7 @@ class Line:
 
         It leaves a box in the lower half, and reaches a box in the upper half.
         """
-        return 2 * self.sources[0] + 1, 2 * self.to[-1]
+        return 2 * self.sources[0] + 1, 2 * self.targets[-1]
 
 
 def lines(pairs: Iterable[tuple[int, int]]) -> list[Line]:
@@ -49,7 +49,7 @@ def lines(pairs: Iterable[tuple[int, int]]) -> list[Line]:
         sources.setdefault(to, []).append(source)
     joined: dict[tuple[int, ...], Line] = {}
     for to, rows in sorted(sources.items()):
-        joined.setdefault(tuple(rows), Line(tuple(rows), [])).to.append(to)
+        joined.setdefault(tuple(rows), Line(tuple(rows), [])).targets.append(to)
     return _assign_lanes(joined.values())
 
 

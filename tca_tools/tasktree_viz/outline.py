@@ -91,19 +91,19 @@ def outline(
                 rows.append(_fold(at, Row(None, row.number, row.depth + 1), list(children)))
         return _fold_runs(at, rows, notable) if len(rows) > beside_at_most else rows
 
-    return walked(below)
+    return traverse(below)
 
 
 def whole_outline(at: Forest) -> list[Row]:
     """Return a row for every task."""
-    return walked(lambda row: [_row(at, row, child) for child in _children(at, row)])
+    return traverse(lambda row: [_row(at, row, child) for child in _children(at, row)])
 
 
 def _children(at: Forest, row: Row) -> Sequence[TaskId]:
     return at.children(row.task.id if row.task else ROOT)
 
 
-def walked(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
+def traverse(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[Row]:
     """Return the rows of a tree in depth-first order.
 
     *below* returns the children of a row; it is called first with a row for the root.
@@ -145,7 +145,7 @@ def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
         return _thin_out(at, family, notable, beside)
 
     for beside in _FEWER:
-        rows = walked(partial(below, beside=beside))
+        rows = traverse(partial(below, beside=beside))
         if len(rows) <= at_most:
             break
     return _cut_off(rows, at_most)
@@ -163,7 +163,7 @@ def _thin_out(at: Forest, family: list[Row], notable: set[int], beside: int) -> 
     rows: list[Row] = []
     for before, place in zip([-1, *places], [*places, len(family)], strict=True):
         if between := family[before + 1 : place]:
-            rows.append(_folded(at, between))
+            rows.append(_merged(at, between))
         rows += family[place : place + 1]
     return rows
 
@@ -185,7 +185,7 @@ def _cut_off(rows: list[Row], at_most: int) -> list[Row]:
     ]
 
 
-def _folded(at: Forest, rows: list[Row]) -> Row:
+def _merged(at: Forest, rows: list[Row]) -> Row:
     """Return one row in place of several."""
     states = sum((row.states for row in rows), Counter[str]())
     merged = Row(None, rows[0].parent, rows[0].depth, sum(row.folded for row in rows), states)
@@ -243,6 +243,7 @@ def _choose(at: Forest, notable: set[int], budget: int, beside_at_most: int) -> 
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
+    # a sample without shown children would look like a leaf: it is folded with them
     return shown - {
         one for one in samples - notable if at.children(one) and shown.isdisjoint(at.children(one))
     }
@@ -265,7 +266,7 @@ def _fold_runs(at: Forest, rows: list[Row], notable: set[int]) -> list[Row]:
         last = len(alike) - _KEPT if alike[-1].task else len(alike)
         middle = alike[_KEPT:last]
         if state is not None and len(middle) >= _KEPT:
-            alike[_KEPT:last] = [_folded(at, middle)]
+            alike[_KEPT:last] = [_merged(at, middle)]
         folded += alike
     return folded
 

@@ -19,7 +19,7 @@ from tca_tools.journal.fates import STANDINGS
 from tca_tools.journal.records import OVER, TaskState
 from tca_tools.tasktree_viz import words
 from tca_tools.tasktree_viz.arrows import MEANINGS, SEQ, ArrowKind, Arrows, arrows, in_words
-from tca_tools.tasktree_viz.dot import FILLS, borders, looks_of
+from tca_tools.tasktree_viz.dot import FILLS, border_of, borders
 from tca_tools.tasktree_viz.lanes import Line, lines
 from tca_tools.tasktree_viz.outline import Row
 from tca_tools.terminal import columns_of, cut, cut_name
@@ -97,7 +97,7 @@ class _Picture:
         """Place the rows one below the other. Names and notes are cut to fit."""
         shifts: dict[int, float] = {}
         for line in self._lines:
-            parent = self._rows[line.to[0]].parent
+            parent = self._rows[line.targets[0]].parent
             shifts[parent] = max(shifts.get(parent, 0.0), line.lane * _LANE)
         for row in self._rows:
             task = row.task
@@ -211,8 +211,8 @@ class _Picture:
                 entry + self._places[number].top + (_BOX - _ENTRY) * part
                 for number, part in share.items()
             ]
-            ends = [entry + self._places[number].top for number in line.to]
-            left = self._places[line.to[0]].left
+            ends = [entry + self._places[number].top for number in line.targets]
+            left = self._places[line.targets[0]].left
             x = left - self._indent / 2 - line.lane * _LANE
             if line.lane:  # inner lines are interrupted where it crosses them
                 across = " ".join(
@@ -229,7 +229,7 @@ class _Picture:
             look = f'fill="{FILLS.get(place.row.state, "#ffffff")}" '
             look += 'stroke="#1f2933" stroke-dasharray="3 2"'
         else:
-            border = looks_of(task)
+            border = border_of(task)
             look = f'fill="{FILLS[task.standing]}" '
             look += f'stroke="{border[0]}" stroke-width="2.2"' if border else 'stroke="#1f2933"'
             look += ' rx="7"' if task.message_class.is_goal else ""

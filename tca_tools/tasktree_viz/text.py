@@ -79,7 +79,7 @@ def tree_lines(
         yield "(no task was sent)"
         return
     states = max(_STATE_WIDTH, *(len(row.task.standing) for row in rows if row.task))
-    widest = _widest(width, states)
+    widest = _widest_name(width, states)
     before_names = prefixes(rows, guides, *_levels(widest))
     names = list(map(words.label, rows))
     pairs = zip(before_names, names, strict=True)
@@ -155,7 +155,7 @@ def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tu
     return found
 
 
-def _widest(width: int | None, state_width: int) -> int:
+def _widest_name(width: int | None, state_width: int) -> int:
     """Return the greatest width of guides and name, in columns.
 
     A narrow terminal leaves room for the state, but gives the name at least half of the line.

@@ -124,11 +124,9 @@ class TaskNote(NamedTuple):
         if room is None or columns_of(whole) <= room:
             return whole
         beside = room - columns_of(f"; {self.end}") if self.end else room
-        return (
-            _joined("; ", cut(self.text, beside), self.end)
-            if beside >= _LEAST
-            else cut(self.text, room)
-        )
+        if beside < _LEAST:
+            return cut(self.text, room)
+        return _joined("; ", cut(self.text, beside), self.end)
 
 
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:

@@ -7,7 +7,7 @@ import click
 from tca_tools.errors import extra
 from tca_tools.journal.journals import open_log
 from tca_tools.options import log_argument
-from tca_tools.view.door import LOCAL, listening, page_options
+from tca_tools.view.page_socket import LOCAL, listening, page_options
 from tca_wire.endpoint import VARIABLE
 
 
@@ -46,13 +46,13 @@ def view(
     log.check_beginning()
     log.print_remarks()
     runs = Runs(log, follows=log_path is None)
-    with listening(host, port) as door:
+    with listening(host, port) as listener:
         steering = Steering(central) if host == LOCAL and not read_only else None
         runs.show(None)
         notes = ["it is empty: the page will show what central writes to it"] * log.is_empty
         try:
             serve_page(
-                door,
+                listener,
                 host,
                 steering.key.text if steering else "",
                 lambda hosts, token: application(runs, hosts, steering, token),

@@ -30,7 +30,7 @@ from tca_tools.view.guards import NotAllowed, PageKey, guards
 from tca_tools.view.machines import machine_picture
 from tca_tools.view.outcomes import Outcomes
 from tca_tools.view.reading import Reading
-from tca_tools.view.runs import Runs, Shown
+from tca_tools.view.runs import Runs, ShownRun
 from tca_wire.points import TaskId
 
 PAGE = Path(__file__).parent / "page"
@@ -77,7 +77,8 @@ def application(
         Mount("/page", StaticFiles(directory=PAGE)),
     ]
     routes += [
-        Route(f"/api/{path}", partial(_asked, runs, answer)) for path, answer in _ANSWERS.items()
+        Route(f"/api/{path}", partial(_answer_about_run, runs, answer))
+        for path, answer in _ANSWERS.items()
     ]
     if steering:
         routes.append(Route("/api/steer", partial(_steer, runs, steering), methods=["POST"]))
@@ -125,7 +126,7 @@ def _frame(runs: Runs, request: Request) -> Response:
     return Response(frame, media_type="application/json")
 
 
-def _head(runs: Runs, shown: Shown) -> dict[str, Any]:
+def _head(runs: Runs, shown: ShownRun) -> dict[str, Any]:
     """Return the fields of a frame besides the columns."""
     run, newest = runs.names(shown)
     reading = shown.reading
@@ -173,7 +174,9 @@ def _no_run(address: str | None) -> Response:
     return JSONResponse({"error": f"there is no run '{address}' any more"}, 404)
 
 
-def _asked(runs: Runs, answer: Callable[[Reading, Request], Any], request: Request) -> Response:
+def _answer_about_run(
+    runs: Runs, answer: Callable[[Reading, Request], Any], request: Request
+) -> Response:
     """Return the answer to a request about the run that the page shows, or "not found"."""
     address = request.query_params.get("run")
     if (shown := runs.show(address)) is None:

@@ -7,9 +7,9 @@ The details of one task (its data, its story, its waits) are in answers.py.
 from enum import StrEnum
 from operator import attrgetter
 
+from tca_tools.gantt import titles
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
-from tca_tools.gantt.titles import changed
 from tca_tools.journal.coordinators import coordinator_of
 from tca_tools.journal.fates import WATCHING, Failing, failing, watches
 from tca_tools.journal.fold import History
@@ -110,7 +110,7 @@ class Feed:
         #: The names of direct messages, with the row of the first one.
         self._direct: dict[str, int] = {}
         #: The failed handlings of the newest entry, with their spans.
-        self._failed_runs: list[tuple[Handling, int]] = []
+        self._failed_handlings: list[tuple[Handling, int]] = []
         self._verdicts = Verdicts(self.history)
         self._traffic = Traffic(self.history, self.columns)
 
@@ -141,11 +141,13 @@ class Feed:
         for fact in entry.facts:
             if add_fact := _ADD_FACT.get(type(fact)):
                 add_fact(self, fact)
-        for run, span in self._failed_runs:  # of direct messages: they have no fact Failed
-            self._add_failure(failing(history, run), (0, run.end or history.time, span, False))
-        self._failed_runs.clear()
-        for row, is_good in self._verdicts.changed(news):
-            self._add("verdict", row, is_good, history.time)
+        # failures of direct messages: they have no fact Failed
+        for handling, span in self._failed_handlings:
+            row = 0, handling.end or history.time, span, False
+            self._add_failure(failing(history, handling), row)
+        self._failed_handlings.clear()
+        for failure, is_good in self._verdicts.changed(news):
+            self._add("verdict", failure, is_good, history.time)
 
     def _is_new(self, record: object) -> bool:
         return id(record) not in self._open
@@ -178,10 +180,11 @@ class Feed:
         if fact.is_beside:
             failed, span = self.history.tasks.get(number), self._newest.get(number, -1)
         else:
-            for failed_run in self._failed_runs:
-                if fact.id in (failed_run[0].delivery, failed_run[0].message_id):
-                    self._failed_runs.remove(failed_run)
-                    span = failed_run[1]
+            for pair in self._failed_handlings:
+                handling, its_span = pair
+                if fact.id in (handling.delivery, handling.message_id):
+                    self._failed_handlings.remove(pair)
+                    span = its_span
                     break
         self._add_failure(failed, (number, self._now, span, fact.is_beside))
 
@@ -203,7 +206,7 @@ class Feed:
         wanted = (fact.transition, fact.state, fact.serial)
         change = next(one for one in reversed(task.life) if one[1:4] == wanted)
         if change.effect is not Effect.RESULT:
-            self._add("change", span, change.time, changed(task, change))
+            self._add("change", span, change.time, titles.of_change(task, change))
 
     def _add_failure(self, failed: Failing | None, row: tuple[int, float, int, bool]) -> None:
         """Add a failure: its message, time, span, and whether its handler ran on."""
@@ -217,9 +220,7 @@ class Feed:
         if (known := self._states.get(task.id, 0)) == 0:
             self._names.setdefault(task.name)
             kind = task.message_class
-            form = "goal" if kind.is_goal else ""
-            if kind.is_monitor:
-                form = "monitor"
+            form = "monitor" if kind.is_monitor else "goal" if kind.is_goal else ""
             sent = task.sender, task.role, form, task.received
             self._add("task", task.id, task.parent, task.name, *sent)
         is_monitor = task.message_class.is_monitor
@@ -265,7 +266,7 @@ class Feed:
         about = record.name, record.message_id, record.start
         span = self._open_span(id(record), SpanKind.HANDLING, row, *about)
         if record.outcome is Outcome.FAILED and record.end is not None:
-            self._failed_runs.append((record, span))
+            self._failed_handlings.append((record, span))
         self._close_span(id(record), record.end, record.outcome or "")
 
     def _add_queueing(self, record: Queueing) -> None:
@@ -285,7 +286,8 @@ class Feed:
                 within = self._open[id(record.by)][0]
         else:
             row = self._row(record.by, "")
-        about = self.history.name(record.awaited), record.awaited, record.start
+        message = 0 if record.awaited in self.history.claims else record.awaited
+        about = titles.awaited_name(self.history, record), message, record.start
         self._open_span(id(record), SpanKind.WAITING, row, *about, within)
         self._close_span(id(record), record.end)
 

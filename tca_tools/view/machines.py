@@ -4,7 +4,7 @@ from functools import lru_cache
 from typing import Any
 
 from tca_tools.drawing.chart_dot import chart_dot, likely_arrows
-from tca_tools.drawing.graphviz import drawn
+from tca_tools.drawing.graphviz import render
 from tca_tools.errors import NoPicture
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.records import OVER, Task
@@ -65,4 +65,4 @@ def _machine(run: Run, task: Task) -> MachineChart | None:
 
 @lru_cache(maxsize=16)
 def _picture(source: str) -> str:
-    return drawn(source, "svg").decode()
+    return render(source, "svg").decode()

@@ -41,20 +41,17 @@ class Outcomes:
         except OSError as error:
             which = error.filename or run.path
             return {"error": printable_lines(f"{which}: can't be read: {error.strerror}")}
-        return _plain(known[1], known[2] or _state(log, known[1]))
+        _, outcome, damage = known
+        return {
+            "state": damage or _state(log, outcome),
+            "lasted": outcome.lasted,
+            "tasks": outcome.tasks,
+            "top": list(outcome.top.items()),
+            "why": printable_lines(outcome.why),
+        }
 
 
 def _state(log: Log, outcome: RunOutcome) -> str:
     if outcome.is_closed:
         return "ended"
     return "live" if log.is_being_written else "not closed"
-
-
-def _plain(outcome: RunOutcome, state: str) -> dict[str, Any]:
-    return {
-        "state": state,
-        "lasted": outcome.lasted,
-        "tasks": outcome.tasks,
-        "top": list(outcome.top.items()),
-        "why": printable_lines(outcome.why),
-    }

@@ -109,8 +109,8 @@ class Reading:
         return bool(self.problem) or self._stopped.is_set()
 
     @property
-    def is_back(self) -> bool:
-        """Whether a removed or shortened file is there again, so the journal must be read again."""
+    def must_be_reread(self) -> bool:
+        """Whether the journal must be read again: a removed or shortened file is there again."""
         try:
             lost = self._lost
             return lost is not None and lost.segment.stat().st_size >= lost.offset
@@ -157,12 +157,10 @@ class Reading:
             offsets = [place.offset for place in together]
             with segment.open("rb") as stream, suppress(JournalDamaged):  # after the last one
                 for entry in JournalReader(stream, str(segment), offsets[0]):
-                    if (
-                        found and entry.number == found[-1].number
-                    ):  # an event may have several records
-                        found[-1] = Entry(
-                            entry.number, entry.time, [*found[-1].facts, *entry.facts]
-                        )
+                    if found and entry.number == found[-1].number:
+                        # a further record of the same event
+                        facts = [*found[-1].facts, *entry.facts]
+                        found[-1] = Entry(entry.number, entry.time, facts)
                     elif offsets:
                         found.append(entry)
                         offsets.pop()

@@ -10,6 +10,7 @@ which differs from the names of the other runs: "FOLDER" if the folder has one r
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 from time import monotonic
@@ -51,7 +52,7 @@ class ListedRun(NamedTuple):
     """Wall-clock time of its start, if its journal has it."""
 
 
-class Shown(NamedTuple):
+class ShownRun(NamedTuple):
     """A run that is being read."""
 
     place: Path
@@ -76,7 +77,7 @@ class Runs:
         self.follows = follows
         """Whether the newest run is shown."""
         self._own = log.path.resolve()
-        self._shown: OrderedDict[str, tuple[Shown, float]] = OrderedDict()
+        self._shown: OrderedDict[str, tuple[ShownRun, float]] = OrderedDict()
         self._folders: dict[Path, tuple[tuple[int, int], Folder]] = {}
         """Scanned folders, valid until a file is added or removed."""
         self._places = {self._own: None}
@@ -125,7 +126,7 @@ class Runs:
                 self.all()
         return self._named(self._newest)
 
-    def names(self, shown: Shown) -> tuple[RunName, RunName]:
+    def names(self, shown: ShownRun) -> tuple[RunName, RunName]:
         """Return the names of a run that is being read, and of the newest one, consistently."""
         newest, address = self.newest, shown.address
         # its journal was empty until now, and its reading does not know the epoch yet
@@ -133,22 +134,22 @@ class Runs:
             return newest, newest
         return self._named(address), newest
 
-    def show(self, address: str | None) -> Shown | None:
+    def show(self, address: str | None) -> ShownRun | None:
         """Return a run by its address (None: the first one), and start to read it if necessary.
 
         Returns None if there is no such run.
         """
         address = address or self.first.address
         with self._lock:
-            known = self._known_address(address)
+            known = self._first_address(address)
             if (
-                not self._is_read(known)
+                not self._is_being_read(known)
                 and not self._is_stopped
                 and (log := self._open(known)) is not None
             ):
                 reading = Reading(log)
                 reading.start()
-                shown = Shown(log.path.resolve(), reading, token_hex(8))
+                shown = ShownRun(log.path.resolve(), reading, token_hex(8))
                 self._shown[known] = shown, 0.0
             if known not in self._shown:
                 return None
@@ -171,7 +172,7 @@ class Runs:
     def _named(self, address: str) -> RunName:
         return RunName(address, self._names.get(address) or called(Path(address.partition("#")[0])))
 
-    def _known_address(self, address: str) -> str:
+    def _first_address(self, address: str) -> str:
         """Return the address of its first request, which has no epoch if the journal was empty."""
         if address not in self._shown:
             for known, (shown, _) in self._shown.items():
@@ -179,12 +180,12 @@ class Runs:
                     return known
         return address
 
-    def _is_read(self, known: str) -> bool:
+    def _is_being_read(self, known: str) -> bool:
         """Whether a run is being read; not if its removed or shortened journal is there again."""
         if known not in self._shown:
             return False
         shown, _ = self._shown[known]
-        if not shown.reading.is_back:
+        if not shown.reading.must_be_reread:
             return True
         self._folders.pop(shown.place, None)  # another run may lie there
         return False
@@ -194,12 +195,11 @@ class Runs:
             log, self._given = self._given, None
             return log
         runs = self.all()
-        found = next((run for run in runs if run.address == address), None)
-        found = found or next(
-            (run for run in runs if str(run.path) == address), None
-        )  # it was empty
+        found = [run for run in runs if run.address == address]
+        # its journal was empty when it was first requested
+        found += [run for run in runs if str(run.path) == address]
         try:
-            return open_log(found.path, found.epoch) if found else None
+            return open_log(found[0].path, found[0].epoch) if found else None
         except UnusableLog:
             return None
 
@@ -211,11 +211,9 @@ class Runs:
         journals = default_journals()
         beside: list[Path] = []
         if self.follows or self._own.parent == journals.resolve():
-            try:
+            with suppress(UnusableLog):
                 folders = [path for path in by_number(listed(journals)) if path.is_dir()]
                 beside = [path.resolve() for path in folders if segments_in(path)]
-            except UnusableLog:
-                beside = []
         last_first = dict.fromkeys([*reversed(beside), *reversed(self._places)])
         return list(reversed(last_first))
 
@@ -238,7 +236,7 @@ class Runs:
             one = name if len(epochs) == 1 else f"{name}#{number}"
             yield ListedRun(_address(place, opened.epoch), one, place, opened.epoch, opened.began)
 
-    def _remove_unused(self) -> list[Shown]:
+    def _remove_unused(self) -> list[ShownRun]:
         """Remove runs without a recent request, except the last few. Return them to be stopped."""
         since, shown = monotonic() - _UNREQUESTED, list(self._shown.items())[:-_KEPT]
         unused = [address for address, (_, requested) in shown if requested < since]

@@ -11,12 +11,12 @@ from typing import Any
 import click
 import uvicorn
 
-from tca_tools.view.door import LOCAL
 from tca_tools.view.guards import TOKEN
+from tca_tools.view.page_socket import LOCAL
 
 
 def serve_page(
-    door: socket,
+    listener: socket,
     host: str,
     key: str,
     application: Callable[[list[str], str], Any],
@@ -29,7 +29,7 @@ def serve_page(
     """Serve a page until interrupted.
 
     Args:
-        door: where the server listens.
+        listener: where the server listens.
         host: the host that the user named.
         key: the key that allows the page to change anything; "" for a read-only page.
         application: creates the application, from its host names and the token that it requires.
@@ -49,7 +49,7 @@ def serve_page(
     if key:
         query = f"?key={key}"
     named = f"[{host}]" if ":" in host else host
-    address = f"http://{named}:{door.getsockname()[1]}/{query}"
+    address = f"http://{named}:{listener.getsockname()[1]}/{query}"
     hosts = ["127.0.0.1", "localhost", "[::1]", host] if host == LOCAL else ["*"]
     config = uvicorn.Config(
         application(hosts, token), log_level="warning", timeout_graceful_shutdown=1
@@ -58,4 +58,4 @@ def serve_page(
     if browser:
         webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt):
-        Server(config).run(sockets=[door])
+        Server(config).run(sockets=[listener])

@@ -33,7 +33,7 @@ def boxes(one: Chart, agent: str) -> list[Bar]:
 
 
 def described(box: Bar) -> str:
-    return f"{box.name} {box.preview if box.ahead else 'current'}"
+    return f"{box.name} {box.early_style if box.early_span else 'current'}"
 
 
 def test_schedule_matches_the_three_runs_of_figure_7(
@@ -53,7 +53,7 @@ def test_schedule_matches_the_three_runs_of_figure_7(
         "arm to(box C) ahead",
         "arm to(tuck) current",
     ]
-    assert not any(box.ahead for row in plain.rows for box in row.handled)
+    assert not any(box.early_span for row in plain.rows for box in row.handled)
     assert (
         boxes(occupied, "arm")[1].end < boxes(occupied, "base")[0].end
     )  # the arm takes C's pose while the base still drives to B

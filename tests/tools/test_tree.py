@@ -9,7 +9,7 @@ import pytest
 from click.testing import Result
 from tools.story import THIS, Story, arcs, made, silent_for, stumbling, walking
 
-from tca_tools.drawing.graphviz import drawn
+from tca_tools.drawing.graphviz import render
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import TaskState
 from tca_tools.tasktree_viz import words
@@ -305,7 +305,7 @@ def test_legend_fits_every_kind_of_arrow(capfd: pytest.CaptureFixture[str]) -> N
     at = RunAt(story.fold())
     source = dot_source(at, whole_outline(at), "all kinds")
     assert all(f"<b>{kind}</b>" in source for kind in KINDS.values())
-    drawn(source, "svg")
+    render(source, "svg")
     assert "too small" not in capfd.readouterr().err
 
 

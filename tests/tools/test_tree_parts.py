@@ -386,11 +386,11 @@ def test_deep_siblings_have_words_instead_of_lines() -> None:
 )
 def test_lines_draw_only_given_pairs_without_overlap(pairs: set[tuple[int, int]]) -> None:
     found = lines(pairs)
-    drawn_pairs = [pair for line in found for pair in product(line.sources, line.to)]
+    drawn_pairs = [pair for line in found for pair in product(line.sources, line.targets)]
     assert len(drawn_pairs) == len(set(drawn_pairs))
     assert set(drawn_pairs) <= pairs
     for line in found:
-        assert max(line.sources) < min(line.to)
+        assert max(line.sources) < min(line.targets)
     for one, other in combinations(found, 2):
         apart = one.ends[1] <= other.ends[0] or other.ends[1] <= one.ends[0]
         assert one.lane != other.lane or apart

@@ -127,7 +127,7 @@ def test_application_page_shows_and_changes_a_running_one(town: Town, open_page:
     by_keyboard(page, town, slow, fast)
 
     page.locator("#policy").select_option("one_each")
-    expect(page.locator(".processor:not(.place)")).to_have_count(
+    expect(page.locator(".processor:not(.basket)")).to_have_count(
         len(town.application.activity_names)
     )
     page.get_by_label(f"period of {fast}, in milliseconds").fill("50")
@@ -155,7 +155,7 @@ def by_keyboard(page: Page, town: Town, slow: str, fast: str) -> None:
     expect(page.locator(ROW.format("on no processor", fast))).to_be_focused()
     assert [one.name for one in town.application.allocation().unallocated] == [fast]
     page.keyboard.press("ArrowLeft")
-    expect(page.locator(".processor:not(.place) .activity:focus")).to_have_attribute(
+    expect(page.locator(".processor:not(.basket) .activity:focus")).to_have_attribute(
         "data-activity", fast
     )
 

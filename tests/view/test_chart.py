@@ -73,7 +73,7 @@ def test_rows_of_one_module_stand_together(open_page: OpenPage, tmp_path: Path) 
 
 LOOKS = """([time, before]) => {
   const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window;
-  const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels) - before;
+  const x = chart.labelWidth + (time - from) / (to - from) * (chart.width - chart.labelWidth) - before;
   chart.draw();
   const at = [x, top + 4].map((place) => place * devicePixelRatio);
   return [...chart.canvas.getContext("2d").getImageData(...at, 1, 1).data.slice(0, 3)];
@@ -123,8 +123,8 @@ def test_hover_names_the_user_who_suspended_a_task(open_page: OpenPage, tmp_path
           const { chart } = tca, place = chart.layout.find((one) => one.row.label === "(suspended)");
           const [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
           for (let y = place.top; y < place.bottom; y++) {
-            const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
-            if (chart.at(x, y)?.span?.message === lane + 1) return [box.left + x, box.top + y];
+            const x = chart.labelWidth + (time - from) / (to - from) * (chart.width - chart.labelWidth);
+            if (chart.hitAt(x, y)?.span?.message === lane + 1) return [box.left + x, box.top + y];
           }
         }""",
             [time, lane],

@@ -162,7 +162,7 @@ def test_silent_server_is_reported_when_the_journal_is_damaged(
     page.evaluate("() => { window.fetch = async () => { throw new Error('nobody is there'); }; }")
     page.clock.run_for(2500)
     assert "The server does not answer (nobody is there)" in page.locator("#problem").inner_text()
-    assert page.locator("#status").inner_text() == "away"
+    assert page.locator("#status").inner_text() == "no answer"
 
 
 @pytest.mark.soak

@@ -79,7 +79,7 @@ def assert_in_sight_after_click_on_bar(page: Page) -> None:
       tca.chart.draw();
       const { chart } = tca, place = chart.layout.find((one) => one.row.label === "legs");
       const span = place.row.handled.lists[0].at(-1), box = chart.canvas.getBoundingClientRect(), [from, to] = chart.window;
-      const x = chart.labels + (span.start + 0.2 - from) / (to - from) * (chart.width - chart.labels);
+      const x = chart.labelWidth + (span.start + 0.2 - from) / (to - from) * (chart.width - chart.labelWidth);
       return [box.left + x, box.top + place.top + 6];
     }""")
     page.mouse.click(x, y)
@@ -114,7 +114,7 @@ def test_idle_tree_follows_the_last_change_until_scrolled(open_page: OpenPage, w
     for share in (0.5, 0.999):
         on_slider(page, share)
         expect(page.locator("#follow")).to_have_class("on" if share > 0.9 else "")
-        step = page.evaluate("tca.tree.store.sentBy(tca.store.top, tca.slider.time)") - 1
+        step = page.evaluate("tca.tree.store.countSent(tca.store.top, tca.slider.time)") - 1
         assert step > 10  # below the first window
         expect(page.locator(f".row[data-task='{first_number(step)}']")).to_be_in_viewport()
     address, task = page.url.split("#")[0], first_number(30) + 2
@@ -143,7 +143,9 @@ def assert_scrolled_place_is_kept_until_asked(page: Page) -> None:
     page.locator("#speed").select_option("100")
     page.locator("#play").click()
     page.locator("#rows").hover()
-    while page.evaluate("tca.tree.keepsUp || tca.tree.scroller.scrollTop"):  # new rows scroll a bit
+    while page.evaluate(
+        "tca.tree.followsCurrent || tca.tree.scroller.scrollTop"
+    ):  # new rows scroll a bit
         page.mouse.wheel(0, -100_000)
     expect(page.locator("#play")).to_have_text("▶")  # played to its end
     expect(first).to_be_in_viewport()

@@ -70,7 +70,7 @@ def assert_axis_labels_are_free(page: Page) -> None:
     expect(page.locator("#clock")).to_have_text("20.000 s")
     blue = """(y) => {
       const { chart } = tca, [from, to] = chart.window, scale = devicePixelRatio;
-      const x = chart.labels + (20 - from) / (to - from) * (chart.width - chart.labels);
+      const x = chart.labelWidth + (20 - from) / (to - from) * (chart.width - chart.labelWidth);
       const { data } = chart.context.getImageData((x - 1) * scale, y * scale, 3, 1);
       return [0, 4, 8].some((at) => data[at + 3] > 200 && data[at + 2] - data[at] > 60);
     }"""

@@ -177,7 +177,7 @@ def test_failed_query_is_amber_when_its_asker_continued(
       chart.chosen = null; // without the frame of what is chosen
       chart.draw();
       const { top } = chart.layout.find(({ row }) => row.label === "eye"), scale = devicePixelRatio;
-      const [from, to] = chart.window, x = chart.labels + (1.6 - from) / (to - from) * (chart.width - chart.labels);
+      const [from, to] = chart.window, x = chart.labelWidth + (1.6 - from) / (to - from) * (chart.width - chart.labelWidth);
       const [red, green] = chart.context.getImageData(x * scale, (top + 0.5) * scale, 1, 1).data;
       return green > 100 ? "handled" : red > 150 ? "bad" : "none";
     }"""
@@ -233,8 +233,8 @@ def test_failure_raised_outside_the_handler_is_marked_on_the_bar(
             """([time, kind]) => {
           const { chart } = tca, place = chart.layout.find((one) => one.row.label === "legs / left");
           const [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
-          const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
-          const y = place.top + (kind === "queued" ? 18 * place.lanes : 0) + 3;
+          const x = chart.labelWidth + (time - from) / (to - from) * (chart.width - chart.labelWidth);
+          const y = place.top + (kind === "queued" ? 18 * place.handledLanes : 0) + 3;
           const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), y, 1, 1).data;
           return [box.left + x, box.top + y, red > 150 && blue < 60];  // red or amber
         }""",
@@ -261,7 +261,7 @@ def test_running_bar_is_not_marked_failed(open_page: OpenPage, tmp_path: Path) -
     expect(page.locator("#clock")).to_have_text("5.000 s")
     framed = """([time]) => {
       const { chart } = tca, [{ top }] = chart.layout, [from, to] = chart.window, box = chart.canvas.getBoundingClientRect();
-      const x = chart.labels + (time - from) / (to - from) * (chart.width - chart.labels);
+      const x = chart.labelWidth + (time - from) / (to - from) * (chart.width - chart.labelWidth);
       const [red, green, blue] = chart.canvas.getContext("2d").getImageData(Math.floor(x), top, 1, 1).data;
       return [box.left + x, box.top + top + 8, red > green + 50 && red > blue + 50];
     }"""

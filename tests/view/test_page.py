@@ -67,7 +67,7 @@ def test_failed_run_can_be_explored(open_page: OpenPage, tmp_path: Path) -> None
       const { chart } = tca, place = chart.layout.find((one) => one.row.label === "controller");
       const span = place.row.handled.lists[0].find((one) => one.name === "move leg"), box = chart.canvas.getBoundingClientRect();
       const [from, to] = chart.window, middle = (span.start + span.end) / 2;
-      const x = chart.labels + (middle - from) / (to - from) * (chart.width - chart.labels);
+      const x = chart.labelWidth + (middle - from) / (to - from) * (chart.width - chart.labelWidth);
       return [box.left + x, box.top + place.top + 6];
     }""")
     page.mouse.move(x, y)

@@ -29,7 +29,7 @@ def test_page_shows_requests_and_the_newest_progress(open_page: OpenPage, tmp_pa
     x, y = page.evaluate(
         """() => {
           const { chart } = tca, box = chart.canvas.getBoundingClientRect(), [row] = chart.layout, [from, to] = chart.window;
-          return [box.left + chart.labels + (3 - from) / (to - from) * (chart.width - chart.labels), box.top + row.top + 8];
+          return [box.left + chart.labelWidth + (3 - from) / (to - from) * (chart.width - chart.labelWidth), box.top + row.top + 8];
         }"""
     )
     page.mouse.move(x, y)

@@ -134,7 +134,7 @@ def test_page_stands_still_when_the_server_is_gone(
     expect(page.locator("#status")).to_have_text("live")
     page.route("**/api/frame*", lambda route: route.fulfill(json={}))  # an answer without a meaning
     user.goal(WALK, 3)  # the last answer that the page waits for
-    expect(page.locator("#status")).to_have_text("away")
+    expect(page.locator("#status")).to_have_text("no answer")
     assert not page.evaluate("tca.store.isLive")
     expect(reason).to_contain_text("for a module that handles walk, for ")
     page.unroute("**/api/frame*")

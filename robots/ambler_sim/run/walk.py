@@ -140,7 +140,7 @@ class Walk:
         """Wait for the end of the walk. Returns whether the robot has arrived."""
         began = time.monotonic()
         try:
-            for is_over in programs.looks(goal, SAMPLE_PERIOD):
+            for is_over in programs.watch(goal, SAMPLE_PERIOD):
                 if not is_over:
                     self.usage.measure(self.walked, programs.numbers())
             goal.result()

@@ -5,7 +5,7 @@ import click
 from tca_behaviours.activities.page.live import LiveApplication, applications
 from tca_tools.errors import ToolError, extra
 from tca_tools.live.shared import central_option, talking
-from tca_tools.view.door import LOCAL, listening, page_options
+from tca_tools.view.page_socket import LOCAL, listening, page_options
 
 
 @click.command()
@@ -29,10 +29,10 @@ def activities(
         from tca_tools.view.guards import PageKey  # noqa: PLC0415
         from tca_tools.view.served_page import serve_page  # noqa: PLC0415
     live = LiveApplication(_choose(name, central), central)
-    with listening(host, port) as door, live.running():
+    with listening(host, port) as listener, live.running():
         key = PageKey("tca activities") if host == LOCAL and not read_only else None
         serve_page(
-            door,
+            listener,
             host,
             key.text if key else "",
             lambda hosts, token: page_app(live, hosts, key, token),

@@ -26,7 +26,7 @@ export class Details {
   }
 
   async #fetch() {
-    if (this.isAsking) return; // the answer comes back here
+    if (this.isAsking) return; // it is called again after the answer
     const { id, time, version } = this;
     this.isAsking = true;
     const about = await this.ask(`message/${id}`, { at: time });
@@ -41,7 +41,7 @@ export class Details {
   *#parts(about) {
     yield element("h2", { text: numbered(about.name, about.id) });
     yield* this.#lead(about);
-    if (about.machine) yield this.machines.shown(about.id, about.machine);
+    if (about.machine) yield this.machines.pictureOf(about.id, about.machine);
     if (about.machine?.late?.length) yield element("ul", { class: "late" }, ...about.machine.late.map((text) => element("li", { text })));
     yield* this.#relations(about);
     if (about.constraints?.length) {
@@ -54,16 +54,16 @@ export class Details {
     yield* this.#data("result", about.result);
     yield* this.#data("data of the failure", about.failureData);
     yield element("h3", { text: "story" });
-    if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} sentences before these` });
+    if (about.untold) yield element("p", { class: "faint", text: `… ${about.untold} earlier sentences` });
     const later = about.story.findIndex(({ time }) => time > this.time), known = later < 0 ? about.story : about.story.slice(0, later);
     yield element("table", { id: "story" }, ...known.map((one) => this.#sentence(one)));
     if (later >= 0) {
-      yield element("h3", { text: "what came later" });
+      yield element("h3", { text: "later" });
       yield element("table", { id: "later" }, ...about.story.slice(later).map((one) => this.#sentence(one)));
     }
     if (!about.chain?.length) return;
     yield element("h3", { text: "its failure, step by step" });
-    if (about.unlinked) yield element("p", { class: "faint", text: `… ${about.unlinked} steps before these` });
+    if (about.unlinked) yield element("p", { class: "faint", text: `… ${about.unlinked} earlier steps` });
     yield element("table", { id: "chain" }, ...about.chain.map((step) => this.#step(step)));
   }
 
@@ -99,17 +99,17 @@ export class Details {
     if (!text) return;
     yield element("h3", { text: name });
     const whole = pretty(text), shown = whole.slice(0, LONGEST_DATA);
-    yield element("pre", { text: shown }, shown.length < whole.length ? rest(whole) : null);
+    yield element("pre", { text: shown }, shown.length < whole.length ? showAllButton(whole) : null);
   }
 
-  // Unmet constraints first. Of many only the first are shown, and the others on request.
+  // The rows of constraints, unmet ones first. Only the first ones are shown, with a button for the others.
   *#constraints({ id, constraints }) {
     const met = constraints.filter((one) => one.isMet), unmet = constraints.filter((one) => !one.isMet);
-    for (const [group, most, said] of [[unmet, UNMET, "not met"], [met, MET, "met"]]) {
-      const key = `${id} ${said}`, shown = this.unfolded.has(key) || group.length <= most + 1 ? group.length : most;
+    for (const [group, most, state] of [[unmet, UNMET, "not met"], [met, MET, "met"]]) {
+      const key = `${id} ${state}`, shown = this.unfolded.has(key) || group.length <= most + 1 ? group.length : most;
       yield* group.slice(0, shown).map((one) => this.#constraint(one));
       if (shown === group.length) continue;
-      const rest = group.slice(shown), more = element("button", { class: "link", text: `and ${rest.length} more that are ${said}` });
+      const rest = group.slice(shown), more = element("button", { class: "link", text: `and ${rest.length} more ${state}` });
       const row = element("tr", {}, element("td"), element("td", {}, more));
       more.addEventListener("click", () => {
         this.unfolded.add(key); // for later answers, too
@@ -120,7 +120,7 @@ export class Details {
   }
 
   #constraint({ isMet, text }) {
-    return element("tr", { class: isMet ? "met" : "" }, element("td", { text: isMet ? "✓" : "•", title: isMet ? "met" : "holds it" }),
+    return element("tr", { class: isMet ? "met" : "" }, element("td", { text: isMet ? "✓" : "•", title: isMet ? "met" : "not met" }),
       element("td", {}, ...this.#linked(text)));
   }
 
@@ -131,9 +131,9 @@ export class Details {
   }
 
   #step({ time, depth, text }) {
-    const told = element("td", { class: "said" }, ...this.#linked(text));
-    told.style.paddingLeft = `calc(${depth} * var(--indent))`;
-    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), told);
+    const cell = element("td", { class: "said" }, ...this.#linked(text));
+    cell.style.paddingLeft = `calc(${depth} * var(--indent))`;
+    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), cell);
   }
 
   #moment(time) {
@@ -142,11 +142,11 @@ export class Details {
     return when;
   }
 
-  // A text with links to its tasks. Of a very long text only the start is shown, and the rest on request.
+  // A text with links to its tasks. A very long text is cut, with a button that shows all of it.
   *#linked(text) {
     const shown = withoutCarets(text), { byId } = this.store;
     for (const part of parted(shown.slice(0, LONGEST), (number) => byId.get(number)?.name)) yield part.number ? this.#link(part.number, part.text) : part;
-    if (shown.length > LONGEST) yield* ["… ", rest(shown)];
+    if (shown.length > LONGEST) yield* ["… ", showAllButton(shown)];
   }
 
   #link(number, text) {
@@ -156,8 +156,8 @@ export class Details {
   }
 }
 
-// A button that shows a whole text, in a frame of its own.
-function rest(text) {
+// A button that is replaced by a frame with the whole text.
+function showAllButton(text) {
   const made = element("button", { class: "link", text: `show all ${text.length} characters` });
   made.addEventListener("click", () => made.replaceWith(element("textarea", { class: "whole", readOnly: true, rows: 16, value: text })));
   return made;

@@ -1,8 +1,8 @@
-// Elements, canvases and timers, for all parts of the page.
+// Elements, canvases, timers and ages, for all parts of the page.
 
 import { duration } from "./words.js";
 
-// An element with text and children; text is never read as HTML.
+// Create an element with a text and children. Text is never read as HTML.
 export function element(kind, { text, ...properties } = {}, ...children) {
   const made = document.createElement(kind);
   if (text !== undefined) made.textContent = text;
@@ -15,18 +15,19 @@ export function element(kind, { text, ...properties } = {}, ...children) {
   return made;
 }
 
-// The mark of a state; that of a goal is round.
+// The coloured mark of a state: round for a goal.
 export function dot(colour, isGoal = false) {
   const made = element("span", { class: isGoal ? "dot goal" : "dot" });
   made.style.background = colour;
   return made;
 }
 
+// The value of a CSS variable.
 export function css(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-// A canvas as large as it is shown, cleared, measured in CSS pixels.
+// Clear a canvas, and set its resolution to its size on the screen. Returns its context and size in CSS pixels.
 export function prepared(canvas) {
   const width = canvas.clientWidth, height = canvas.clientHeight, scale = window.devicePixelRatio || 1;
   if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
@@ -39,7 +40,7 @@ export function prepared(canvas) {
   return { context, width, height };
 }
 
-// As much of a text on a canvas as is so wide.
+// A text on a canvas, cut with "…" if it is wider than `width`.
 export function clipped(context, text, width) {
   if (context.measureText(text).width <= width) return text;
   let cut = text;
@@ -47,14 +48,14 @@ export function clipped(context, text, width) {
   return `${cut}…`;
 }
 
-// Measures texts in the letters of an element.
-export function ruler(like) {
-  const context = document.createElement("canvas").getContext("2d"), { fontWeight, fontSize, fontFamily } = getComputedStyle(like);
+// A function that measures the width of texts in the font of `model`, an element.
+export function ruler(model) {
+  const context = document.createElement("canvas").getContext("2d"), { fontWeight, fontSize, fontFamily } = getComputedStyle(model);
   context.font = `${fontWeight} ${fontSize} ${fontFamily}`;
   return (text) => context.measureText(text).width;
 }
 
-// Calls `work` soon, and once however often it is asked for meanwhile.
+// A function that calls `work` after a delay, and only once for all calls before that.
 export function soon(work, milliseconds) {
   let timer = null;
   return () => {
@@ -63,30 +64,32 @@ export function soon(work, milliseconds) {
   };
 }
 
-// --- how long something has gone on ----------------------------------------------------------------------------------
+// --- ages: how long something has lasted --------------------------------------------------------------------------------
 
-const BRIEF = 5e-4; // seconds: of what has just begun no age is told
-let now = 0;
+const SHORTEST_AGE = 5e-4; // seconds: shorter ages are not shown
+let now = 0; // the moment shown
 
-// Elements that say how long something has gone on at the moment that is shown.
-export function age(since, before = "", behind = "") {
+// An element that shows how long something has lasted at the moment shown.
+export function age(since, before = "", after = "") {
   const made = element("span", { class: "age" });
-  Object.assign(made.dataset, { since, before, behind });
-  tell(made);
+  Object.assign(made.dataset, { since, before, after });
+  showAge(made);
   return made;
 }
 
-function tell(made) {
-  const { since, before, behind } = made.dataset, time = now - since;
-  made.textContent = before && time < BRIEF ? "" : `${before}${duration(time)}${behind}`;
+function showAge(made) {
+  const { since, before, after } = made.dataset, time = now - since;
+  made.textContent = before && time < SHORTEST_AGE ? "" : `${before}${duration(time)}${after}`;
 }
 
-// ", for 3.4 s" and " (8.8 s in all)": for how long one thing keeps a task waiting, and if something else did before, in all.
+// ", for 3.4 s" and " (8.8 s in all)": for how long a task has waited for one thing; if it waited for another before, also the
+// total.
 export function ages({ since, start }) {
-  return since - start < BRIEF ? [age(since, ", for ")] : [age(since, ", for "), age(start, " (", " in all)")];
+  return since - start < SHORTEST_AGE ? [age(since, ", for ")] : [age(since, ", for "), age(start, " (", " in all)")];
 }
 
-export function setTime(time) {
+// Show all ages as of a moment.
+export function updateAges(time) {
   now = time;
-  document.querySelectorAll(".age").forEach(tell);
+  document.querySelectorAll(".age").forEach(showAge);
 }

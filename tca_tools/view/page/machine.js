@@ -1,4 +1,4 @@
-// State machines of tasks: the picture of each is fetched once; the states that are active or foreseen at the moment shown stand out.
+// State machines of tasks. A picture is fetched once. The states that are active or foreseen at the moment shown are marked.
 
 import { element } from "./dom.js";
 
@@ -8,21 +8,21 @@ export class Machines {
     this.pictures = new Map();
   }
 
-  // The picture of a task that is a machine. It stays the same element, so that it neither flickers nor loses its place.
-  shown(id, machine) {
-    const key = `${this.store.head.token} ${id}`; // of this run, as it is read now
+  // The picture of a task's machine: always the same element, so that it does not flicker, and keeps its scrolled place.
+  pictureOf(id, machine) {
+    const key = `${this.store.head.token} ${id}`; // the token identifies the run, as it is read now
     let frame = this.pictures.get(key);
     if (!frame) {
-      frame = element("div", { class: "machine", title: "click: all of it, or its own size" });
+      frame = element("div", { class: "machine", title: "click to fit the picture, or to show it in full size" });
       frame.addEventListener("click", () => frame.classList.toggle("whole"));
       this.pictures.set(key, frame);
       this.#fetch(id, key, frame);
     }
-    frame.told = machine;
+    frame.machine = machine;
     frame.classList.toggle("previews", "foreseen" in machine);
     const { scrollTop, isConnected } = frame;
     queueMicrotask(() => {
-      frame.scrollTop = scrollTop; // which is lost when it is put into the pane anew
+      frame.scrollTop = scrollTop; // lost when the frame is put into the pane again
       mark(frame, !isConnected);
     });
     return frame;
@@ -32,7 +32,7 @@ export class Machines {
     const { svg, problem, error } = await this.ask(`machine/${id}`) ?? {};
     if (svg) {
       const picture = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
-      picture.querySelectorAll("title").forEach((title) => title.remove()); // Graphviz' own names
+      picture.querySelectorAll("title").forEach((title) => title.remove()); // Graphviz' names of nodes, which a browser shows
       frame.replaceChildren(document.importNode(picture, true));
       mark(frame, true);
     } else {
@@ -43,15 +43,15 @@ export class Machines {
 }
 
 function mark(frame, isNew) {
-  const { active, foreseen = [], likely = {} } = frame.told;
-  isNew = put(frame, "active", active) || isNew;
-  put(frame, "foreseen", foreseen);
-  for (const arrow of frame.querySelectorAll("[id^=arrow-]")) tell(arrow, likely[arrow.id.slice("arrow-".length)]);
-  if (isNew) show(frame, frame.querySelector(".node.active"));
+  const { active, foreseen = [], likely = {} } = frame.machine;
+  isNew = setClass(frame, "active", active) || isNew;
+  setClass(frame, "foreseen", foreseen);
+  for (const arrow of frame.querySelectorAll("[id^=arrow-]")) showLikelihood(arrow, likely[arrow.id.slice("arrow-".length)]);
+  if (isNew) scrollTo(frame, frame.querySelector(".node.active"));
 }
 
-// Give these states a class, and no others; whether one of them is new.
-function put(frame, name, numbers) {
+// Set a class on the states with these numbers only. Returns whether one of them did not have it.
+function setClass(frame, name, numbers) {
   const ids = new Set(numbers.map((number) => `state-${number}`));
   let isNew = false;
   for (const state of frame.querySelectorAll("[id^=state-]")) {
@@ -61,8 +61,8 @@ function put(frame, name, numbers) {
   return isNew;
 }
 
-// The likelihood of an arrow, below its event.
-function tell(arrow, likelihood) {
+// Show the likelihood of an arrow, below its event.
+function showLikelihood(arrow, likelihood) {
   arrow.classList.toggle("likely", Boolean(likelihood));
   arrow.querySelector(".likelihood")?.remove();
   if (!likelihood) return;
@@ -76,8 +76,8 @@ function tell(arrow, likelihood) {
   event.append(words);
 }
 
-// Scroll only the frame, and only if the state is out of sight.
-function show(frame, state) {
+// Scroll the frame to a state, if it is out of sight.
+function scrollTo(frame, state) {
   if (!state) return;
   const inner = state.getBoundingClientRect(), outer = frame.getBoundingClientRect();
   if (inner.top < outer.top || inner.bottom > outer.bottom) frame.scrollTop += inner.top - outer.top - (outer.height - inner.height) / 2;

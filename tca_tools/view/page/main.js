@@ -1,9 +1,9 @@
-// Connects the parts of the page: they share one cursor in time and one chosen task, and get new rows from the server.
+// Connects the parts of the page, which share a cursor in time and a chosen task, and fetches new rows from the server.
 
 import { Causes } from "./causes.js";
 import { Chart } from "./chart.js";
 import { Details } from "./details.js";
-import { dot, element, setTime as setAges } from "./dom.js";
+import { dot, element, updateAges } from "./dom.js";
 import { Messages } from "./messages.js";
 import { Outcomes } from "./outcomes.js";
 import { Pictures } from "./pictures.js";
@@ -15,71 +15,70 @@ import { Store } from "./store.js";
 import { Traffic } from "./traffic.js";
 import { Tree } from "./tree.js";
 
-const BEAT = 250; // milliseconds between two frames while time passes
-const AGAIN = 2000; // milliseconds until the next request to a server that does not answer, or can't read on
-const LATELY = 30; // seconds
+const ADVANCE_INTERVAL = 250; // milliseconds between two frames while the time of a live run passes
+const RETRY_DELAY = 2000; // milliseconds before the next request, if the server did not answer or the journal is damaged
+const LAST_SECONDS = 30; // the stretch that the key "l" shows
 const TABS = ["task", "messages", "traffic"];
-const SLOW = 900; // milliseconds between two updates of the durations of waits
+const AGES_INTERVAL = 900; // milliseconds between two updates of the durations of waits
 
 const store = new Store();
-let cursor = Infinity; // Infinity: the end, wherever it is
-let drawing = false;
-let counted = 0; // the time of the last such update
-let recalled = false; // whether the moment and task of the address have been applied
+let cursor = Infinity; // Infinity: the present end
+let isDrawScheduled = false;
+let agesUpdated = 0; // when the durations of waits were last updated
+let isAddressApplied = false; // whether the moment and task of the address have been applied
 
 async function ask(what, parameters = {}) {
-  const known = Object.entries(parameters).filter(([, value]) => value !== Infinity);
+  const finite = Object.entries(parameters).filter(([, value]) => value !== Infinity); // without "at", the answer is about the end
   try {
-    const answer = await fetch(`api/${what}?${new URLSearchParams({ ...Object.fromEntries(known), ...ofRun(store.head) })}`);
+    const answer = await fetch(`api/${what}?${new URLSearchParams({ ...Object.fromEntries(finite), ...ofRun(store.head) })}`);
     return await answer.json();
   } catch {
-    return null; // the server is away; the page says so already
+    return null; // showStatus reports a server that does not answer
   }
 }
 
-// With `keepUp` the tree scrolls to the current task.
-function setTime(time, { keepPlaying = false, keepUp = time === Infinity && !keepPlaying } = {}) {
+// Move the cursor. With `followCurrent` the tree scrolls to the current task.
+function setTime(time, { keepPlaying = false, followCurrent = time === Infinity && !keepPlaying } = {}) {
   if (!keepPlaying) slider.stop();
-  if (keepUp) tree.keepsUp = true;
+  if (followCurrent) tree.followsCurrent = true;
   cursor = time >= store.end ? Infinity : Math.max(time, store.start);
-  slider.time = Math.min(cursor, store.end); // at once: the next key may be pressed before the next frame
+  slider.time = Math.min(cursor, store.end); // at once, since the next key may be pressed before the next frame
   if (!keepPlaying) reveal(cursor);
   draw();
 }
 
-function reveal(time) { chart.reveal(Math.min(time, store.end)); }
-
-function keepUp() { tree.keepsUp = true; }
-
-// Advance while the run is played.
+// Move the cursor while the run is played.
 function playTo(time) {
-  if (store.place(time) !== store.place(tree.time)) return setTime(time, { keepPlaying: true });
+  if (store.lastEntry(time) !== store.lastEntry(tree.time)) return setTime(time, { keepPlaying: true });
   cursor = time;
-  glide(time);
+  drawTime(time);
 }
 
+// Choose a task or message, or any other number of an address.
 function choose(id) {
   const task = store.byId.get(id);
   openTab("task");
   details.show(id, cursor);
   if (task) {
     if (task.time > cursor) setTime(task.time);
-    tree.reveal(task, Math.min(cursor, store.end)); // at the moment that all parts are about to show
+    tree.reveal(task, Math.min(cursor, store.end)); // the moment that all parts show next
   } else {
-    tree.leave();
+    tree.chooseNone();
   }
-  chart.follow(id, Math.min(cursor, store.end));
-  remember();
+  chart.showChosen(id, Math.min(cursor, store.end));
+  writeAddress();
 }
 
-const callbacks = { choose, setTime, playTo, reveal, keepUp, ask };
+const reveal = (time) => chart.reveal(Math.min(time, store.end));
+const followCurrent = () => { tree.followsCurrent = true; };
+const callbacks = { choose, setTime, playTo, reveal, followCurrent, ask };
 const tree = new Tree(store, callbacks);
 const chart = new Chart(store, callbacks);
 const slider = new Slider(store, callbacks);
 const steering = new Steering(store, { toEnd: () => setTime(Infinity) });
 const details = new Details(store, { ...callbacks, answered: (about) => steering.show(about, cursor === Infinity) });
 const messages = new Messages(store, callbacks);
-const traffic = new Traffic(store, { find: (words) => search.look(words) });
+const traffic = new Traffic(store, { find: (words) => search.lookFor(words) });
 const pictures = new Pictures(store, callbacks);
 const causes = new Causes(store, callbacks);
 const search = new Search(store, { tree, choose, setTime, changed: draw });
@@ -88,14 +87,14 @@ const runs = new Runs(store, { isMoved: () => cursor !== Infinity || details.id 
 
 // Draw all parts, at most once a frame.
 function draw() {
-  if (drawing) return;
-  drawing = true;
+  if (isDrawScheduled) return;
+  isDrawScheduled = true;
   requestAnimationFrame(() => {
-    drawing = false;
+    isDrawScheduled = false;
     if (!store.head) return;
-    if (cursor === Infinity) store.goOn();
+    if (cursor === Infinity) store.advance();
     const time = Math.min(cursor, store.end);
-    setAges(time);
+    updateAges(time);
     search.update(time);
     tree.show(time);
     chart.show(time);
@@ -106,39 +105,39 @@ function draw() {
     pictures.show(time);
     drawCounts(time);
     causes.show(time);
-    remember();
+    writeAddress();
   });
 }
 
-function goOn() {
+function advance() {
   if (cursor !== Infinity || !store.isLive || !store.times.length || document.hidden) return;
-  store.goOn();
-  glide(store.end);
+  store.advance();
+  drawTime(store.end);
 }
 
-// Between two messages only the time changes: move the cursor, extend the chart, update durations.
-function glide(time) {
+// Between two entries only the time changes: draw the cursor, the chart's end and the durations.
+function drawTime(time) {
   slider.show(time, cursor === Infinity);
   chart.show(time);
-  if (performance.now() - counted < SLOW) return;
-  counted = performance.now();
-  setAges(time);
+  if (performance.now() - agesUpdated < AGES_INTERVAL) return;
+  agesUpdated = performance.now();
+  updateAges(time);
   traffic.show(time);
 }
 
 function drawCounts(time) {
-  const chips = store.counts(time).map(([looks, count]) => {
-    const chip = element("button", { title: `go to the next task that is ${looks}` }, dot(store.head.fills[looks]), element("span", { text: `${count} ${looks}` }));
-    chip.dataset.state = looks;
-    chip.addEventListener("click", () => goToNext(looks, time));
+  const chips = store.counts(time).map(([standing, count]) => {
+    const chip = element("button", { title: `go to the next task: ${standing}` }, dot(store.head.fills[standing]), element("span", { text: `${count} ${standing}` }));
+    chip.dataset.state = standing;
+    chip.addEventListener("click", () => goToNext(standing, time));
     return chip;
   });
   document.getElementById("counts").replaceChildren(...chips);
 }
 
-function goToNext(looks, time) {
-  const sent = store.tasks.slice(0, store.sentBy(store.tasks, time)), begin = sent.indexOf(store.byId.get(details.id)) + 1;
-  const next = [...sent.slice(begin), ...sent.slice(0, begin)].find((task) => store.looksOf(task, time) === looks);
+function goToNext(standing, time) {
+  const sent = store.tasks.slice(0, store.countSent(store.tasks, time)), begin = sent.indexOf(store.byId.get(details.id)) + 1;
+  const next = [...sent.slice(begin), ...sent.slice(0, begin)].find((task) => store.standingOf(task, time) === standing);
   if (next) choose(next.id);
 }
 
@@ -153,19 +152,20 @@ function openTab(name) {
 }
 
 // Write moment and task into the address, so that the user can share it.
-function remember() {
-  if (!recalled) return; // the address is applied first
+function writeAddress() {
+  if (!isAddressApplied) return; // it would overwrite the address before it is applied
   const parts = [];
   if (cursor !== Infinity) parts.push(`t=${cursor}`);
   if (details.id !== null) parts.push(`task=${details.id}`);
-  const wanted = `${location.pathname}${runs.search(parts.length > 0)}${parts.length ? `#${parts.join("&")}` : ""}`;
-  if (wanted !== location.pathname + location.search + location.hash) history.replaceState(null, "", wanted);
+  const address = `${location.pathname}${runs.search(parts.length > 0)}${parts.length ? `#${parts.join("&")}` : ""}`;
+  if (address !== location.pathname + location.search + location.hash) history.replaceState(null, "", address);
 }
 
-function recall(hash, otherwise) {
-  const said = new URLSearchParams(hash.slice(1)), time = said.has("t") ? Number(said.get("t")) || 0 : otherwise;
-  if (time !== undefined) setTime(time, { keepUp: true });
-  if (said.has("task")) choose(Number(said.get("task")));
+// Go to the moment and task of an address; without a moment, to `defaultTime`.
+function applyAddress(hash, defaultTime) {
+  const fields = new URLSearchParams(hash.slice(1)), time = fields.has("t") ? Number(fields.get("t")) || 0 : defaultTime;
+  if (time !== undefined) setTime(time, { followCurrent: true });
+  if (fields.has("task")) choose(Number(fields.get("task")));
 }
 
 // --- news ------------------------------------------------------------------------------------------------------------
@@ -176,41 +176,41 @@ const MEANINGS = {
   "not closed": "this run is unfinished: central was killed, or the journal is a copy of a live one",
 };
 
-function showStatus(away = "") {
+// Show the run's name and state, and a problem if there is one. `noAnswer`: why the server can't be reached.
+function showStatus(noAnswer = "") {
   const { head } = store, badge = document.getElementById("status"), problem = document.getElementById("problem");
   const name = document.getElementById("name");
   name.textContent = head?.name ?? "…";
   name.title = head?.name ?? "";
   document.title = head ? `${head.name} – tca view` : "tca view";
-  const wrong = away || head?.problem || "", told = wrong || head?.remark || "";
-  problem.hidden = !told;
-  problem.textContent = told;
+  const error = noAnswer || head?.problem || "", text = error || head?.remark || "";
+  problem.hidden = !text;
+  problem.textContent = text;
   const state = head?.state ?? "reading";
-  badge.textContent = away ? "away" : state === "reading" ? `reading, ${store.times.length} entries` : state;
-  badge.className = `badge ${wrong || state === "not closed" ? "bad" : state === "live" ? "live" : ""}`;
+  badge.textContent = noAnswer ? "no answer" : state === "reading" ? `reading, ${store.times.length} entries` : state;
+  badge.className = `badge ${error || state === "not closed" ? "bad" : state === "live" ? "live" : ""}`;
   badge.title = MEANINGS[state] ?? "";
 }
 
 async function follow() {
   for (let isAway = false; ;) {
     try {
-      await store.more(isAway); // after a failure, request an answer at once
+      await store.fetchMore(isAway); // after a failure, request an answer at once
       isAway = false;
       showStatus();
       runs.update();
       draw();
-      if (!recalled && store.head.caughtUp) {
-        recalled = true;
+      if (!isAddressApplied && store.head.caughtUp) {
+        isAddressApplied = true;
         if (!location.hash && store.head.state === "ended") tree.showTop(store.end);
-        recall(location.hash);
+        applyAddress(location.hash);
       }
-      if (store.head.state === "damaged") await pause(AGAIN); // the server has nothing to wait for
+      if (store.head.state === "damaged") await pause(RETRY_DELAY); // the server answers at once, since there will be no news
     } catch (error) {
       isAway = true;
-      store.stand();
+      store.stopClock();
       showStatus(`The server does not answer (${error.message}). The page shows the part read before. Start 'tca view' again.`);
-      await pause(AGAIN);
-      if (error instanceof RangeError || error instanceof TypeError && !navigator.onLine) continue;
+      await pause(RETRY_DELAY);
     }
   }
 }
@@ -226,13 +226,13 @@ const KEYS = {
   ArrowDown: () => moveChoice(1),
   Enter: () => tree.toggleChosen(),
   " ": () => slider.toggle(),
-  Home: () => setTime(store.start, { keepUp: true }),
+  Home: () => setTime(store.start, { followCurrent: true }),
   End: () => setTime(Infinity),
   "[": () => goToFailure(-1),
   "]": () => goToFailure(1),
   "/": () => search.input.focus(),
-  f: () => chart.showAll(),
-  l: () => chart.showLast(chart.last === null ? LATELY : null),
+  f: () => chart.zoomOut(),
+  l: () => chart.showLast(chart.lastSeconds === null ? LAST_SECONDS : null),
   "?": () => document.getElementById("keys").showModal(),
 };
 
@@ -270,7 +270,7 @@ document.getElementById("divider").addEventListener("pointerdown", (down) => {
 });
 
 document.addEventListener("visibilitychange", draw);
-window.addEventListener("hashchange", ({ newURL }) => recalled && recall(new URL(newURL).hash, Infinity)); // pasted into an open page
-setInterval(goOn, BEAT);
+window.addEventListener("hashchange", ({ newURL }) => isAddressApplied && applyAddress(new URL(newURL).hash, Infinity)); // pasted into an open page
+setInterval(advance, ADVANCE_INTERVAL);
 window.tca = { store, tree, chart, slider }; // for the browser's console
 follow();

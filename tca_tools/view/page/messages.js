@@ -1,18 +1,17 @@
-// The messages around the cursor: what central wrote into the journal, a line a fact.
+// The facts of the journal around the cursor, one line each.
 
 import { element, soon } from "./dom.js";
 import { wasHandled } from "./store.js";
 import { seconds } from "./words.js";
 
-const BEFORE = 60, AFTER = 40;
+const BEFORE = 60, AFTER = 40; // entries
 const LONGEST = 600; // characters of a line
 
 export class Messages {
   constructor(store, { choose, setTime, ask }) {
     Object.assign(this, { store, choose, setTime, ask });
     this.panel = document.getElementById("messages");
-    this.place = null;
-    this.widest = 0; // of all times so far, in characters: columns stand still
+    this.widest = 0; // characters of the longest time so far: the columns do not move
     this.fetch = soon(() => this.#fetch(), 80);
   }
 
@@ -22,10 +21,10 @@ export class Messages {
   }
 
   async #fetch() {
-    const place = this.store.place(this.time);
+    const place = this.store.lastEntry(this.time);
     if (place < 0) return;
     const lines = await this.ask("messages", { place, before: BEFORE, after: AFTER });
-    if (!lines || this.panel.hidden || place !== this.store.place(this.time)) return;
+    if (!lines || this.panel.hidden || place !== this.store.lastEntry(this.time)) return;
     this.widest = lines.reduce((wide, { time }) => Math.max(wide, seconds(time).length), this.widest);
     const made = lines.map((line) => this.#line(line, place));
     this.panel.replaceChildren(...made);
@@ -33,16 +32,16 @@ export class Messages {
     if (now) this.panel.scrollTop = now.offsetTop - this.panel.clientHeight / 2;
   }
 
-  // Red, or amber if the run had gone on at the time that is shown.
-  #tint({ kind, id, time, isBad }) {
+  // The class of a line: bad (red), or handled (amber) for a failure that was handled at the time shown.
+  #badness({ kind, id, time, isBad }) {
     if (!isBad) return "";
     return kind === "failed" && wasHandled(this.store.failureAt(id, time), this.time) ? "handled" : "bad";
   }
 
   #line(line, place) {
-    const kinds = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", this.#tint(line)];
+    const classes = ["line", line.place === place ? "now" : "", line.place > place ? "later" : "", this.#badness(line)];
     const text = (line.text + (line.data ? `  ${line.data}` : "")).slice(0, LONGEST);
-    const made = element("div", { class: kinds.filter(Boolean).join(" "), title: text },
+    const made = element("div", { class: classes.filter(Boolean).join(" "), title: text },
       element("span", { class: "faint time", text: seconds(line.time).padStart(this.widest) }),
       element("span", { class: "kind", text: line.kind }), element("span", { text }));
     made.addEventListener("click", () => {

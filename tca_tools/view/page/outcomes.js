@@ -1,4 +1,4 @@
-// The list of all runs: when each began, how long it lasted, how it stands, and how its top-level tasks ended.
+// The list of all runs: the start, duration and state of each, and the outcomes of its top-level tasks.
 
 import { dot, element } from "./dom.js";
 import { go } from "./runs.js";
@@ -21,10 +21,10 @@ export class Outcomes {
     const heads = element("tr", {}, ...HEADS.map((text) => element("th", { text })));
     this.dialog.querySelector("table").replaceChildren(heads, ...rows);
     this.dialog.showModal();
-    for (const [place, { run }] of runs.entries()) { // one after the other: long ones take a while
+    for (const [place, { run }] of runs.entries()) { // one after another, since a long run takes seconds
       if (!this.dialog.open || !rows[place].isConnected) return;
-      const told = await fetch(`api/outcome?${new URLSearchParams({ run })}`).then((one) => one.json()).catch(() => ({ error: AWAY }));
-      rows[place].lastElementChild.replaceWith(...this.#cells(told));
+      const outcome = await fetch(`api/outcome?${new URLSearchParams({ run })}`).then((one) => one.json()).catch(() => ({ error: AWAY }));
+      rows[place].lastElementChild.replaceWith(...this.#cells(outcome));
     }
   }
 
@@ -32,20 +32,20 @@ export class Outcomes {
     const isShown = run === this.store.head.run, link = element("button", { class: "link", text: name, disabled: isShown });
     link.addEventListener("click", () => go(run));
     const when = began === null ? "" : new Date(began * 1000).toLocaleString();
-    return element("tr", { class: isShown ? "shown" : "" }, element("td", {}, link), element("td", { class: "began", text: when }), wide("…"));
+    return element("tr", { class: isShown ? "shown" : "" }, element("td", {}, link), element("td", { class: "began", text: when }), wideCell("…"));
   }
 
   #cells({ error, state, lasted, tasks, top, why }) {
-    if (error) return [wide(error)];
-    const looks = state === "live" ? "badge live" : state === "ended" ? "badge" : "badge bad";
-    const parts = top.flatMap(([name, count]) => [dot(this.store.head.fills[name]), element("span", { text: `${count.toLocaleString("en")} ${name}` })]);
-    const all = element("span", { class: "faint", text: tasks ? `${counted(tasks, "task")} in all` : "nothing was sent" });
+    if (error) return [wideCell(error)];
+    const badge = state === "live" ? "badge live" : state === "ended" ? "badge" : "badge bad";
+    const parts = top.flatMap(([standing, count]) => [dot(this.store.head.fills[standing]), element("span", { text: `${count.toLocaleString("en")} ${standing}` })]);
+    const all = element("span", { class: "faint", text: tasks ? `${counted(tasks, "task")} in all` : "no tasks" });
     return [
-      element("td", { class: "number", text: duration(lasted) }), element("td", {}, element("span", { class: looks, text: state })),
+      element("td", { class: "number", text: duration(lasted) }), element("td", {}, element("span", { class: badge, text: state })),
       element("td", { class: "became" }, ...parts, all, why ? element("div", { class: "reason", text: why }) : null),
     ];
   }
 }
 
-// What is said of a run instead of its outcome.
-function wide(text) { return element("td", { class: "became faint", colSpan: HEADS.length - 2, text }); }
+// A cell with a text instead of the outcome.
+function wideCell(text) { return element("td", { class: "became faint", colSpan: HEADS.length - 2, text }); }

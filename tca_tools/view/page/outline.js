@@ -3,9 +3,9 @@
 import { isOver } from "./store.js";
 
 const SMALL = 60; // a run of at most this many tasks is shown whole
-const BESIDE = 24; // if a task has more children, runs of children in one state are folded
-const RUN = 8;
-const KEPT = 2;
+const MOST_CHILDREN = 24; // if a task has more children, runs of children in one state are folded
+const LONGEST_RUN = 8; // a longer run is folded
+const KEPT_AT_ENDS = 2; // tasks at each end of a run that stay
 
 export class Outline {
   constructor(store) {
@@ -13,18 +13,18 @@ export class Outline {
     this.opened = new Map(); // whether the reader has opened or closed a task
     this.unfolded = new Set(); // tasks whose folded runs the reader has opened
     this.chosen = null;
-    this.kept = new Set(); // the chosen task and its ancestors: never folded
+    this.neverFolded = new Set(); // the chosen task and its ancestors
   }
 
   choose(task) {
     this.chosen = task;
-    this.kept.clear();
-    for (let above = task; above; above = above.parent) this.kept.add(above);
+    this.neverFolded.clear();
+    for (let above = task; above; above = above.parent) this.neverFolded.add(above);
   }
 
   isOpen(task, time) {
-    const said = this.opened.get(task);
-    if (said !== undefined) return said;
+    const decided = this.opened.get(task);
+    if (decided !== undefined) return decided;
     if (this.store.tasks.length <= SMALL) return true;
     const state = this.store.stateAt(task, time);
     return !isOver(state) || state === "failed" || (state === "killed" && task.failedBelow <= time);
@@ -57,7 +57,7 @@ export class Outline {
       row.place = rows.length;
       rows.push(row);
       if (!row.task) continue;
-      row.children = this.store.sentBy(row.task.children, time);
+      row.children = this.store.countSent(row.task.children, time);
       row.open = row.children > 0 && this.isOpen(row.task, time);
       if (row.open) {
         const below = this.#below(row.task, row.task.children, time, row.depth + 1);
@@ -68,8 +68,8 @@ export class Outline {
   }
 
   #below(parent, children, time, depth) {
-    const sent = this.store.sentBy(children, time);
-    if (sent <= BESIDE || this.unfolded.has(parent)) {
+    const sent = this.store.countSent(children, time);
+    if (sent <= MOST_CHILDREN || this.unfolded.has(parent)) {
       const rows = new Array(sent);
       for (let i = 0; i < sent; i++) rows[i] = { task: children[i], depth };
       return rows;
@@ -78,11 +78,11 @@ export class Outline {
     for (let i = 0; i < sent;) {
       const state = this.store.stateAt(children[i], time);
       let end = i + 1;
-      if (!this.kept.has(children[i]) && !this.#hasFailed(children[i], time)) while (end < sent && this.#isAlike(children[end], state, time)) end++;
-      const fold = end - i > RUN && !this.#hasFailed(children[i], time);
+      if (!this.neverFolded.has(children[i]) && !this.#hasFailed(children[i], time)) while (end < sent && this.#isAlike(children[end], state, time)) end++;
+      const fold = end - i > LONGEST_RUN && !this.#hasFailed(children[i], time);
       for (let j = i; j < end; j++) {
-        if (fold && j === i + KEPT) {
-          const last = end - KEPT;
+        if (fold && j === i + KEPT_AT_ENDS) {
+          const last = end - KEPT_AT_ENDS;
           rows.push({ task: null, folded: last - j, state, parent, depth, key: children[j].id });
           j = last - 1;
         } else {
@@ -95,7 +95,7 @@ export class Outline {
   }
 
   #isAlike(task, state, time) {
-    return this.store.stateAt(task, time) === state && !this.kept.has(task) && !this.#hasFailed(task, time);
+    return this.store.stateAt(task, time) === state && !this.neverFolded.has(task) && !this.#hasFailed(task, time);
   }
 
   // Whether it or one of its descendants failed.

@@ -1,4 +1,4 @@
-// Pictures that modules publish, as they were at the moment shown. A browser runs no script in an image.
+// Pictures that modules publish, as of the moment shown. A browser runs no script in an image.
 
 import { element } from "./dom.js";
 import { lastNotAfter } from "./store.js";
@@ -35,11 +35,11 @@ export class Pictures {
     return this.frames.get(name);
   }
 
-  // One at a time: of those that came meanwhile only the last is wanted.
+  // Fetch the wanted picture, one at a time. Pictures that are no longer wanted are skipped.
   async #fetch(frame) {
     if (frame.isAsking || !frame.box.open || frame.wanted === frame.shown) return;
     frame.isAsking = true;
-    const { wanted } = frame, { image, problem, error } = await this.ask(`picture/${wanted}`) ?? { error: "the picture could not be fetched" };
+    const { wanted } = frame, { image, problem, error } = await this.ask(`picture/${wanted}`) ?? { error: "the server does not answer: start 'tca view' again" };
     frame.isAsking = false;
     frame.shown = wanted;
     frame.image.hidden = !image;

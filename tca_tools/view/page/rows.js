@@ -3,7 +3,7 @@
 export const LANE = 18, THIN = 7, NAMED = 14, BETWEEN = 9; // pixels
 const CURVE = 18;
 const MOST_LANES = 12, MOST_HELD = 3;
-const MOST_WAIT = 6, FIRST = 5; // of a longer queue only the first bars are drawn, and a curve (as in `tca gantt`)
+const MOST_WAIT = 6, FIRST = 5; // bars of a queue: a longer one gets a curve and only its first bars (as in `tca gantt`)
 const FEW = 3, FIRST_OF_FEW = 2; // the same for a row without a module, whose bars may last long
 const HATCHED = 14; // pixels: if most waiting bars are narrower, the curve is drawn, too
 
@@ -91,12 +91,12 @@ export function placed(rows, { scale, now }) {
   let top = 0;
   const layout = rows.map((row) => {
     const waiting = row.queued.length, isWithoutModule = !row.module; // it has only waiting bars
-    const [most, first] = isWithoutModule ? [FEW, FIRST_OF_FEW] : [MOST_WAIT, FIRST], isLong = waiting > most, thin = isLong ? first : waiting;
+    const [most, first] = isWithoutModule ? [FEW, FIRST_OF_FEW] : [MOST_WAIT, FIRST], isLong = waiting > most, queuedLanes = isLong ? first : waiting;
     const isCurve = isLong || waiting > 1 && row.queued.areNarrow(HATCHED / scale, now); // one bar needs no curve
-    const lanes = isWithoutModule ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES);
-    const step = isWithoutModule ? NAMED : THIN;
-    const held = Math.min(row.held.length, MOST_HELD), curve = isCurve ? CURVE : 0, tall = lanes * LANE + thin * step + held * THIN + curve;
-    const place = { row, top, bottom: top + tall, lanes, thin, held, step, curve };
+    const handledLanes = isWithoutModule ? 0 : Math.min(Math.max(row.handled.length, 1), MOST_LANES);
+    const queuedStep = isWithoutModule ? NAMED : THIN;
+    const heldLanes = Math.min(row.held.length, MOST_HELD), curveHeight = isCurve ? CURVE : 0, tall = handledLanes * LANE + queuedLanes * queuedStep + heldLanes * THIN + curveHeight;
+    const place = { row, top, bottom: top + tall, handledLanes, queuedLanes, heldLanes, queuedStep, curveHeight };
     top += tall + BETWEEN;
     return place;
   });
@@ -104,14 +104,14 @@ export function placed(rows, { scale, now }) {
 }
 
 // Draw the queue length as a curve: in each column of pixels its maximum, and as text the maximum in sight.
-export function drawCurve(context, counts, { left, y, tall, ink, paper, how }) {
+export function drawCurve(context, counts, { left, y, tall, ink, paper, state }) {
   const most = counts.reduce((one, other) => Math.max(one, other), 0);
   if (!most) return;
   context.fillStyle = ink;
   context.globalAlpha = 0.35;
   counts.forEach((count, x) => context.fillRect(left + x, y + tall * (1 - count / most), 1, tall * count / most));
   context.globalAlpha = 1;
-  const text = `up to ${most.toLocaleString("en")} ${how}`, begin = left + 4;
+  const text = `up to ${most.toLocaleString("en")} ${state}`, begin = left + 4;
   context.textAlign = "left";
   context.lineJoin = "round";
   context.lineWidth = 3;

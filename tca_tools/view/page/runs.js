@@ -24,11 +24,11 @@ export class Runs {
   // Switch to a newer run, or show a note about it.
   update() {
     if (this.isLeaving) return;
-    const { newest, newestAtStart, run, name, follows } = this.store.head, told = JSON.stringify([newest, run, name]);
-    this.#sayOver();
-    if (told === this.told) return;
+    const { newest, newestAtStart, run, name, follows } = this.store.head, announced = JSON.stringify([newest, run, name]);
+    this.#announceSwitch();
+    if (announced === this.announced) return;
     const isSame = newest.run === this.newest;
-    this.told = told;
+    this.announced = announced;
     this.known ??= chosen === null && !follows ? newestAtStart : newest.run; // with a LOG, only runs newer than that start are announced
     this.newest = newest.run;
     this.#fetch();
@@ -43,13 +43,13 @@ export class Runs {
   }
 
   // Report that the page has switched to a newer run, as soon as its start is known, with a button to go back.
-  #sayOver() {
+  #announceSwitch() {
     const left = sessionStorage.getItem(LEFT), { run, name, began } = this.store.head, note = document.getElementById("over");
     if (this.isLeaving || left === null || began === null || this.names === null) return;
     sessionStorage.removeItem(LEFT);
     if (left === run || chosen !== null) return;
-    const [said, back, close] = note.children;
-    said.textContent = `A new run has started, and is shown now: ${name}, started ${new Date(began * 1000).toLocaleString()}.`;
+    const [text, back, close] = note.children;
+    text.textContent = `A new run has started, and is shown now: ${name}, started ${new Date(began * 1000).toLocaleString()}.`;
     back.hidden = !this.names.has(left);
     back.textContent = `back to ${this.names.get(left)}`;
     back.addEventListener("click", () => go(left));
@@ -72,7 +72,7 @@ export class Runs {
     this.latest = runs.find(({ isNewest }) => isNewest)?.run;
     if (!this.names.has(run)) runs.push({ run, name: `${name} (removed)`, isNewest: false, began: null });
     this.#list(runs.map((one) => [one.run, one.name + (one.isNewest && one.began !== null ? " (newest)" : "")]), run);
-    this.#sayOver();
+    this.#announceSwitch();
   }
 
   #list(options, run) {

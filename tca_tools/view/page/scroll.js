@@ -1,31 +1,32 @@
-// The bar at the right of the chart, and the button that says how many rows are below: both only where not all has room.
+// The chart's scroll bar, and the button with the number of rows below the visible ones. Both are shown only if needed.
 
 import { element } from "./dom.js";
 
 const BAR = 15; // pixels, as in style.css
 
 export class ScrollBar {
-  // `moved` is called with how far the reader has scrolled, in pixels.
-  constructor(canvas, moved) {
+  // `onScroll` is called with the scrolled distance in pixels.
+  constructor(canvas, onScroll) {
     this.canvas = canvas;
-    this.room = element("div");
-    this.bar = element("div", { id: "chart-bar", hidden: true }, this.room);
-    this.below = element("button", { id: "chart-below", hidden: true, title: "show them" });
+    this.content = element("div");
+    this.bar = element("div", { id: "chart-bar", hidden: true }, this.content);
+    this.below = element("button", { id: "chart-below", hidden: true, title: "scroll down" });
     canvas.after(this.bar, this.below);
-    this.bar.addEventListener("scroll", () => moved(this.bar.scrollTop));
-    this.below.addEventListener("click", () => moved(this.bar.scrollTop + this.bar.clientHeight * 0.8));
+    this.bar.addEventListener("scroll", () => onScroll(this.bar.scrollTop));
+    this.below.addEventListener("click", () => onScroll(this.bar.scrollTop + this.bar.clientHeight * 0.8));
   }
 
-  // After a picture: how tall all rows are and how much of that is seen, how far down they are, how many are below.
-  show(tall, seen, scroll, below) {
-    const isNeeded = tall > seen + 1;
+  // Show the bar as needed. `height`: of all rows; `visible`: of the visible part; `scroll`: the scrolled distance; `below`: the
+  // number of rows below.
+  show(height, visible, scroll, below) {
+    const isNeeded = height > visible + 1;
     this.bar.hidden = !isNeeded;
     this.below.hidden = !below;
     this.below.textContent = `▾ ${below} more ${below === 1 ? "row" : "rows"} below`;
     const width = isNeeded ? `calc(100% - ${BAR}px)` : "";
-    if (this.canvas.style.width !== width) this.canvas.style.width = width; // the chart hears of that, and draws anew
+    if (this.canvas.style.width !== width) this.canvas.style.width = width; // the chart observes its size, and is drawn again
     if (!isNeeded) return;
-    this.room.style.height = `${tall - seen + this.bar.clientHeight}px`;
+    this.content.style.height = `${height - visible + this.bar.clientHeight}px`;
     if (Math.abs(this.bar.scrollTop - scroll) > 1) this.bar.scrollTop = scroll;
   }
 }

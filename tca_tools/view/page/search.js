@@ -1,17 +1,17 @@
-// Finding tasks: by name, number or state, by the module that handled them or for which they are queued, and by how they
-// failed. Several words must all fit, each somewhere. Tasks of that name come first, then those in that state, of that
-// module, what failed so, and what was killed for such a reason; each in the order in which they were sent. Other messages are found in the same way, if one
-// of the words is of their name: they come behind the tasks. What is sent only later is found by its name alone.
+// The search for tasks and other messages. A task is found if each word matches its name, number, state, module (of its handler
+// or queue), failure or reason of its kill. The results are ranked by the worst match of a word, in this order; results of one
+// rank are in the order in which they were sent. Other messages follow the tasks, and need a word that matches their name.
+// Messages that are sent after the moment shown are found by name or number only.
 
-const SHORTEST = 3; // letters: of fewer a state must be all
-const KILLED = 4, NOWHERE = 5;
+const SHORTEST = 3; // letters of a word that matches the start of a state; a shorter word must be the whole state
+const NAME = 0, STATE = 1, MODULE = 2, FAILURE = 3, KILL = 4, NO_MATCH = 5; // the ranks of a match
 
 export class Search {
   constructor(store, { tree, choose, setTime, changed }) {
     Object.assign(this, { store, tree, choose, setTime, changed });
     this.input = document.getElementById("search");
     this.found = [];
-    this.later = []; // what is sent after the moment that is shown
+    this.later = []; // matches that are sent after the moment shown
     this.place = -1;
     this.input.addEventListener("input", () => this.update());
     this.input.addEventListener("keydown", (event) => {
@@ -27,46 +27,47 @@ export class Search {
   update(time = this.time) {
     this.time = time;
     const words = this.input.value.toLowerCase().split(" ").filter(Boolean);
-    const { store } = this, sent = (all) => all.slice(0, words.length ? store.sentBy(all, time) : 0);
-    const asked = `${words.join(" ")}@${store.known(time)}`;
+    const { store } = this, sent = (all) => all.slice(0, words.length ? store.countSent(all, time) : 0);
+    const asked = `${words.join(" ")}@${store.versionAt(time)}`;
     if (asked === this.asked) return;
     this.asked = asked;
-    const stood = this.wanted === words.join(" ") ? this.found[this.place] : undefined; // news do not lead back to the first
+    const current = this.wanted === words.join(" ") ? this.found[this.place] : undefined; // new rows do not change the current match
     this.wanted = words.join(" ");
     this.found = this.#sorted(sent(store.tasks), sent(store.messages), words);
-    this.place = this.found.indexOf(stood);
-    this.later = words.length ? this.#named([store.tasks, store.messages].flatMap((all) => all.slice(store.sentBy(all, time))), words) : [];
+    this.place = this.found.indexOf(current);
+    this.later = words.length ? this.#allNamed([store.tasks, store.messages].flatMap((all) => all.slice(store.countSent(all, time))), words) : [];
     const later = this.later.length ? `, ${this.later.length} later` : "";
     this.tree.found = new Set(this.found);
-    this.#tell(words.length ? `${this.found.length} found${later}` : "");
+    this.#showCount(words.length ? `${this.found.length} found${later}` : "");
     this.changed();
   }
 
-  #tell(how) { document.getElementById("found").textContent = this.place < 0 ? how : `${this.place + 1} of ${this.found.length}`; }
+  // Show the number of matches as `text`, or the place of the current match.
+  #showCount(text) { document.getElementById("found").textContent = this.place < 0 ? text : `${this.place + 1} of ${this.found.length}`; }
 
-  // What is found stands where the word stands that fits it last.
+  // The matches by rank.
   #sorted(tasks, messages, words) {
-    const ranks = Array.from({ length: NOWHERE }, () => []), named = Array.from({ length: NOWHERE }, () => []);
-    for (const task of tasks) ranks[Math.max(...words.map((word) => this.#place(task, word)))]?.push(task);
+    const ranks = Array.from({ length: NO_MATCH }, () => []), named = Array.from({ length: NO_MATCH }, () => []);
+    for (const task of tasks) ranks[Math.max(...words.map((word) => this.#rank(task, word)))]?.push(task);
     for (const message of messages) {
-      const places = words.map((word) => this.#place(message, word));
-      if (places.includes(0)) named[Math.max(...places)]?.push(message);
+      const found = words.map((word) => this.#rank(message, word));
+      if (found.includes(NAME)) named[Math.max(...found)]?.push(message);
     }
     return [...ranks, ...named].flat();
   }
 
-  // Those that all words name, the first one first.
-  #named(all, words) {
+  // The tasks and messages whose name or number matches all words, in the order of time.
+  #allNamed(all, words) {
     return all.filter((one) => words.every((word) => isNamed(one, word))).sort((one, other) => one.time - other.time);
   }
 
-  look(words) {
+  lookFor(words) {
     this.input.value = words;
     this.input.focus();
     this.update();
   }
 
-  // To another one; where there is none, to the first one that is sent later, when it is.
+  // Choose the next match, or with -1 the previous one. Without a match, go to the first later one.
   next(step) {
     if (!this.found.length && this.later.length) {
       this.found = [this.later[0]];
@@ -74,22 +75,22 @@ export class Search {
     }
     if (!this.found.length) return;
     this.place = (this.place + step + this.found.length) % this.found.length;
-    this.#tell();
+    this.#showCount();
     this.choose(this.found[this.place].id);
   }
 
-  // Where a word fits: 0 the name or number, 1 the state, 2 the module, 3 the failure, 4 why it was killed.
-  #place(task, word) {
+  // The rank of a word's best match.
+  #rank(task, word) {
     const { store, time } = this, isIn = (text) => text.toLowerCase().includes(word);
-    if (isNamed(task, word)) return 0;
-    const looks = task.times && store.looksOf(task, time), isHandled = looks === store.head.handled;
-    const states = [isHandled ? "handled" : looks, store.failuresOf.get(task.id)?.[0].time <= time ? "failed" : ""];
-    if (states.some((state) => state === word || state && begins(state, word))) return 1;
-    if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return 2;
-    for (const module of task.modules ?? []) if (isIn(module)) return 2;
-    const said = task.said.filter((one) => one.time <= time && one.text.includes(word));
-    if (!said.length) return NOWHERE;
-    return said.every(({ isKill }) => isKill) ? KILLED : 3;
+    if (isNamed(task, word)) return NAME;
+    const standing = task.times && store.standingOf(task, time), isHandled = standing === store.head.handled;
+    const states = [isHandled ? "handled" : standing, store.failuresOf.get(task.id)?.[0].time <= time ? "failed" : ""];
+    if (states.some((state) => state === word || state && begins(state, word))) return STATE;
+    if (task.queued.some((span) => span.start <= time && span.end > time && isIn(store.rows[span.row].label))) return MODULE;
+    for (const module of task.modules ?? []) if (isIn(module)) return MODULE;
+    const reasons = task.reasons.filter((one) => one.time <= time && one.text.includes(word));
+    if (!reasons.length) return NO_MATCH;
+    return reasons.every(({ isKill }) => isKill) ? KILL : FAILURE;
   }
 }
 

@@ -1,23 +1,23 @@
-// The time slider: how much happened when, failures in red or amber, and a handle that is dragged; play, steps and speed.
+// The time slider: the number of entries over time, failures in red or amber, and a handle to drag; also play, steps and speed.
 
 import { css, prepared } from "./dom.js";
 import { duration, seconds } from "./words.js";
 
 const EDGE = 7; // pixels beside the track
-const LONGEST_SILENCE = 5; // seconds: so long it takes at most, however slow the run is played, until the next message
+const LONGEST_SILENCE = 5; // seconds until the next entry when a run is played: a longer silence is played faster
 
 export class Slider {
-  constructor(store, { setTime, playTo, reveal, keepUp }) {
-    Object.assign(this, { store, setTime, playTo, reveal, keepUp });
+  constructor(store, { setTime, playTo, reveal, followCurrent }) {
+    Object.assign(this, { store, setTime, playTo, reveal, followCurrent });
     this.time = 0;
     this.playing = null;
     this.canvas = document.getElementById("slider");
     this.clock = document.getElementById("clock");
-    const on = (id, work) => document.getElementById(id).addEventListener("click", work);
-    on("back", () => this.step(-1));
-    on("on", () => this.step(1));
-    on("play", () => this.toggle());
-    on("follow", () => setTime(Infinity));
+    const onClick = (id, work) => document.getElementById(id).addEventListener("click", work);
+    onClick("back", () => this.step(-1));
+    onClick("on", () => this.step(1));
+    onClick("play", () => this.toggle());
+    onClick("follow", () => setTime(Infinity));
     this.canvas.addEventListener("pointerdown", (event) => {
       this.canvas.setPointerCapture(event.pointerId);
       this.#drag(event);
@@ -35,16 +35,16 @@ export class Slider {
     this.draw();
   }
 
-  // To another message.
+  // Go to the next entry, or with -1 to the previous one.
   step(by) {
     this.stop();
-    const { times } = this.store, place = this.store.place(this.time) + by;
+    const { times } = this.store, place = this.store.lastEntry(this.time) + by;
     if (place >= times.length) this.setTime(Infinity);
     if (place < 0 || place >= times.length) return;
     this.setTime(times[place]);
   }
 
-  // To another moment at which something failed; what failed there, if there is one.
+  // Go to the next failure (by: 1) or the previous one (-1). Returns the number of its message; undefined if there is no such failure.
   stepToFailure(by) {
     const { failures } = this.store;
     const next = by > 0 ? failures.find(({ time }) => time > this.time) : failures.findLast(({ time }) => time < this.time);
@@ -55,7 +55,7 @@ export class Slider {
 
   toggle() {
     if (!this.playing) return this.#play();
-    this.setTime(this.playing.time); // stops, and brings all parts of the page there
+    this.setTime(this.playing.time); // stops, and draws all parts of the page at that time
   }
 
   stop() {
@@ -63,16 +63,16 @@ export class Slider {
     cancelAnimationFrame(this.playing.frame);
     this.playing = null;
     document.getElementById("play").textContent = "▶";
-    this.#tellHaste(false);
+    this.#showHaste(false);
   }
 
-  // From where the run stands, or, at its end, from its beginning.
+  // Play from the moment shown; at the end of the run, from its start.
   #play() {
     document.getElementById("play").textContent = "❚❚";
     if (this.time >= this.store.last) this.time = this.store.start;
     this.playing = { last: performance.now(), frame: 0, time: this.time };
     this.reveal(this.time);
-    this.keepUp(); // until the reader scrolls
+    this.followCurrent(); // until the user scrolls
     const tick = (now) => {
       const { playing } = this, speed = this.#speedAt(playing.time);
       playing.time += Math.max(now - playing.last, 0) / 1000 * speed;
@@ -88,40 +88,40 @@ export class Slider {
     this.playing.frame = requestAnimationFrame(tick);
   }
 
-  // Seconds of the run in a second: as the reader chose, or more where nothing happens for long.
+  // The speed at a time, in seconds of the run a second: the chosen one, or a higher one in a long silence.
   #speedAt(time) {
-    const { times } = this.store, place = this.store.place(time);
+    const { times } = this.store, place = this.store.lastEntry(time);
     const silence = place < 0 || place + 1 >= times.length ? 0 : times[place + 1] - times[place];
     const chosen = Number(document.getElementById("speed").value), speed = Math.max(chosen, silence / LONGEST_SILENCE);
-    this.#tellHaste(speed > chosen, silence);
+    this.#showHaste(speed > chosen, silence);
     return speed;
   }
 
-  #tellHaste(isFaster, silence) {
+  #showHaste(isFaster, silence) {
     this.clock.classList.toggle("faster", isFaster);
-    this.clock.title = isFaster ? `no message for ${duration(silence)}: that is played faster` : "";
+    this.clock.title = isFaster ? `no message for ${duration(silence)}: played faster` : "";
   }
 
   #drag(event) {
     this.stop();
     const { start, end } = this.store, share = (event.offsetX - EDGE) / (this.canvas.clientWidth - 2 * EDGE);
-    this.setTime(share >= 1 ? Infinity : start + Math.max(share, 0) * (end - start), { keepUp: true });
+    this.setTime(share >= 1 ? Infinity : start + Math.max(share, 0) * (end - start), { followCurrent: true });
   }
 
   draw() {
     const { context, width, height } = prepared(this.canvas);
-    const { times, start, end } = this.store, wide = width - 2 * EDGE;
-    if (!times.length || wide < 10) return;
-    const x = (time) => EDGE + (end > start ? (time - start) / (end - start) : 1) * wide;
+    const { times, start, end } = this.store, trackWidth = width - 2 * EDGE;
+    if (!times.length || trackWidth < 10) return;
+    const x = (time) => EDGE + (end > start ? (time - start) / (end - start) : 1) * trackWidth;
     context.fillStyle = css("--line");
-    context.fillRect(EDGE, height - 8, wide, 4);
+    context.fillRect(EDGE, height - 8, trackWidth, 4);
     context.fillStyle = css("--faint");
     context.globalAlpha = 0.5;
-    const { bins, until } = this.#bins(Math.floor(wide / 3)), most = Math.max(...bins, 1);
-    const wideOne = (x(until) - EDGE) / bins.length;
+    const { bins, until } = this.#bins(Math.floor(trackWidth / 3)), largest = Math.max(...bins, 1);
+    const binWidth = (x(until) - EDGE) / bins.length;
     bins.forEach((count, bin) => {
-      const tall = count ? 1 + Math.sqrt(count / most) * (height - 12) : 0;
-      context.fillRect(EDGE + bin * wideOne, height - 8 - tall, wideOne * 0.75, tall);
+      const barHeight = count ? 1 + Math.sqrt(count / largest) * (height - 12) : 0;
+      context.fillRect(EDGE + bin * binWidth, height - 8 - barHeight, binWidth * 0.75, barHeight);
     });
     context.globalAlpha = 1;
     context.fillStyle = css("--mark");
@@ -133,17 +133,17 @@ export class Slider {
     context.fill();
   }
 
-  // Those that were handled lie below the others.
+  // Draw handled failures first, so that the others are on top.
   #drawFailures(context, x, height) {
     const { failures, version } = this.store;
     if (this.marks?.version !== version) this.marks = { version, ...Object.groupBy(failures, (one) => one.handled ? "handled" : "bad") };
-    for (const tint of ["handled", "bad"]) {
-      context.fillStyle = css(`--${tint}`);
-      for (const { time } of this.marks[tint] ?? []) context.fillRect(x(time) - 1, height - 9, 2, 7);
+    for (const kind of ["handled", "bad"]) {
+      context.fillStyle = css(`--${kind}`);
+      for (const { time } of this.marks[kind] ?? []) context.fillRect(x(time) - 1, height - 9, 2, 7);
     }
   }
 
-  // How many entries fall into each part of the run; counted anew when there are more, or the run is a part longer.
+  // The number of entries in each part of the run: counted again when new rows have arrived, or the run is a part longer.
   #bins(number) {
     const { times, start, end, version } = this.store, { binned } = this;
     const isLonger = binned && end - binned.until > (end - start) / number;

@@ -44,15 +44,15 @@ export class Steering {
     this.about = [about, isPresent];
     const { store } = this, task = store.byId.get(about.id), state = task && store.stateAt(task, store.end);
     const isAlive = task && !isOver(state) && store.isLive && sessionStorage.getItem(KEY) !== null;
-    const can = !isAlive || !isPresent || state === "ending" ? [] : ["cancel", "kill", about.isSuspended ? "resume" : "suspend", "retry"];
-    const result = this.result?.id === about.id ? this.result : null, shown = JSON.stringify([about.id, isAlive, can, result]);
+    const actions = !isAlive || !isPresent || state === "ending" ? [] : ["cancel", "kill", about.isSuspended ? "resume" : "suspend", "retry"];
+    const result = this.result?.id === about.id ? this.result : null, shown = JSON.stringify([about.id, isAlive, actions, result]);
     if (shown === this.shown) return;
     this.shown = shown;
-    this.panel.replaceChildren(...can.map((what) => this.#button(what, task)), ...isAlive && !isPresent ? this.#present() : [],
+    this.panel.replaceChildren(...actions.map((what) => this.#button(what, task)), ...isAlive && !isPresent ? this.#linkToEnd() : [],
       ...result ? [element("span", { class: result.isBad ? "bad" : "", role: "status", text: result.text })] : []);
   }
 
-  #present() {
+  #linkToEnd() {
     const made = element("button", { class: "link", text: "go to the end" });
     made.addEventListener("click", this.toEnd);
     return [made, element("span", { class: "faint", text: "to cancel, kill, suspend or retry it" })];

@@ -1,19 +1,19 @@
-// The run, as far as the server has told it: columns that only grow, and what can be asked of them for any moment.
+// The part of the run that the server has sent: rows are only added. Answers questions about any moment of it.
 
 import { firstWith, newRow } from "./rows.js";
 import { ofRun } from "./runs.js";
 
-// The last place in a sorted list whose value is not beyond `value`; -1 if all are.
+// The place of the last item of a sorted list that is at most `value`; -1 if all are greater.
 export function lastNotAfter(list, value) { return firstWith(list, (one) => one > value) - 1; }
 
-// Whether the run had gone on after a failure by a time, or still might; of one that is to come, as far as is known. Each
-// turn makes it the other way round.
+// Whether the run continued after a failure, or still may, by the verdict at a time. The first verdict is that it did
+// not; each turn reverses the verdict. For a failure after that time, the newest verdict.
 export function wasHandled(failure, time) {
   if (!failure || time < failure.time) return Boolean(failure?.handled);
   return lastNotAfter(failure.turns, time) % 2 === 0;
 }
 
-// A frame's columns by table (see columns.py): { task: { id, name, ... }, ... }. `texts` are those known so far.
+// A frame's columns by table (see columns.py): { task: { id, name, ... }, ... }. Adds the frame's texts to `texts`, those of all frames.
 function columnsIn(frame, texts) {
   for (const text of frame.texts) texts.push(text);
   const tables = {};
@@ -31,61 +31,62 @@ export const RESOLVED = "done after a failure";
 
 export function isOver(state) { return ["achieved", RESOLVED, "failed", "killed"].includes(state); }
 
-// States come in the order of time: what is noted of a task is noted of all above it.
-function noteFailure(task, time) {
+// Note the time in all ancestors of a failed task. States come in the order of time: an ancestor with a time keeps it, and so
+// do the ancestors above it.
+function noteFailureBelow(task, time) {
   for (let above = task.parent; above && above.failedBelow === Infinity; above = above.parent) above.failedBelow = time;
 }
 
 export class Store {
   constructor() {
-    this.lengths = {};
-    this.head = null;
-    this.texts = [];
+    this.lengths = {}; // the number of rows received, by table
+    this.head = null; // the newest frame without its columns
+    this.texts = []; // all texts of the columns
     this.times = []; // of entries
     this.tasks = []; // see #addTasks
     this.byId = new Map();
-    this.top = [];
-    this.messages = []; // that are no tasks: { id, name, time, modules, said, queued }
+    this.top = []; // top-level tasks
+    this.messages = []; // other than tasks: { id, name, time, modules, reasons, queued }
     this.messageById = new Map();
     this.rows = []; // of the chart: see rows.js
-    this.spans = []; // { row, kind, name, message, within, lane, start, end, outcome, waits, failure, lanes, by }
-    this.failed = new Set(); // the tasks that were ever in that state
-    this.failures = []; // those of messages, as they were raised: { message, time, span, handled, turns }
-    this.failuresOf = new Map(); // the same by message
-    this.verdicts = []; // the same by their rows, with those of what came directly
-    this.links = []; // who sends what to whom: { sender, message, kind, handler, times, less }, see traffic.py
+    this.spans = []; // see #addSpans
+    this.failed = new Set(); // the tasks that ever failed
+    this.failures = []; // the failures of messages and tasks, in the order of time: see #addFailures
+    this.failuresOf = new Map(); // the same, by message
+    this.failureRows = []; // all failures, also those of direct messages, by their row in the table
+    this.links = []; // { sender, message, kind, handler, times, less }, see traffic.py; less: the times at which the count decreases
     this.pictures = new Map(); // by name: { times, messages }, see pictures.py
     this.version = 0;
-    this.first = Infinity; // when the first message was sent or handled
-    this.lastly = -Infinity; // when something began or ended last, other than a connection
-    this.open = 0; // spans that have not ended, other than connections and locks
-    this.end = 0; // of the run, as far as it has come
-    this.heard = 0; // when the newest answer came, by the browser's clock
+    this.firstMessage = Infinity; // when the first message was sent or handled
+    this.lastChange = -Infinity; // the time of the newest state, or start or end of a span other than a connection
+    this.openSpans = 0; // the number of open spans, without connections and claims
+    this.end = 0; // the present end of the run
+    this.answeredAt = 0; // the time of the newest answer, by the browser's clock
   }
 
   get start() { return this.times.length ? this.times[0] : 0; }
   get last() { return this.times.length ? this.times[this.times.length - 1] : 0; }
-  colour(name) { return this.head.colours[name] ?? "#51606f"; } // of a message; gray, if it has none
+  colour(name) { return this.head.colours[name] ?? "#51606f"; } // of a message; gray if it has no colour
   get isLive() { return typeof this.head?.now === "number"; }
 
-  // Time goes on between two answers of the server, while the run does.
-  goOn() {
-    if (this.isLive) this.end = Math.max(this.last, this.head.now + (performance.now() - this.heard) / 1000);
+  // Advance the end of a live run between two answers of the server.
+  advance() {
+    if (this.isLive) this.end = Math.max(this.last, this.head.now + (performance.now() - this.answeredAt) / 1000);
   }
 
-  // Nobody says any more that it goes on.
-  stand() { if (this.head) this.head.now = null; }
+  // Stop the run's time, when the server does not answer.
+  stopClock() { if (this.head) this.head.now = null; }
 
-  // Ask the server for what is new; waits there while nothing is, unless the answer is wanted at once.
-  async more(atOnce = false) {
+  // Fetch new rows. Without news, the server delays its answer, unless it is wanted `atOnce`.
+  async fetchMore(atOnce = false) {
     const token = this.head ? { token: this.head.token } : {};
     const asked = { since: JSON.stringify(this.lengths), ...token, ...ofRun(this.head), ...(atOnce ? { wait: 0 } : {}) };
     const answer = await fetch(`api/frame?${new URLSearchParams(asked)}`);
-    if (answer.status === 410) location.reload(); // the server reads the run anew
+    if (answer.status === 410) location.reload(); // the server reads the journal again
     if (answer.status === 404) throw new Error((await answer.json()).error);
-    if (!answer.ok) throw new Error(`the server says ${answer.status}`);
+    if (!answer.ok) throw new Error(`status ${answer.status}`);
     const frame = await answer.json();
-    this.heard = performance.now();
+    this.answeredAt = performance.now();
     this.add(frame);
   }
 
@@ -112,7 +113,7 @@ export class Store {
     this.lengths = head.lengths;
     this.version += 1;
     this.end = this.last;
-    this.goOn();
+    this.advance();
   }
 
   #addPictures({ message, name, time }) {
@@ -128,10 +129,10 @@ export class Store {
     ids.forEach((id, i) => {
       const parent = this.byId.get(parents[i]) ?? null, task = {
         id, parent, name: name[i], sender: sender[i], role: role[i], form: form[i], time: time[i], depth: parent ? parent.depth + 1 : 0,
-        children: [], times: [], states: [], holds: [], previews: [], modules: null, said: [], queued: [], // said: how it failed or why it was killed; queued: its spans
-        failedBelow: Infinity, // since when something under it has failed
+        children: [], times: [], states: [], holds: [], previews: [], modules: null, reasons: [], queued: [], // modules: those that handled it; reasons: texts of its failures and kills; queued: its spans
+        failedBelow: Infinity, // the time of the first failure below it
       };
-      this.first = Math.min(this.first, task.time);
+      this.firstMessage = Math.min(this.firstMessage, task.time);
       this.byId.set(id, task);
       this.tasks.push(task);
       (parent ? parent.children : this.top).push(task);
@@ -140,7 +141,7 @@ export class Store {
 
   #addMessages({ id: ids, name, time }) {
     ids.forEach((id, i) => {
-      const message = { id, name: name[i], time: time[i], modules: null, said: [], queued: [] };
+      const message = { id, name: name[i], time: time[i], modules: null, reasons: [], queued: [] };
       this.messages.push(message);
       this.messageById.set(id, message);
     });
@@ -151,15 +152,15 @@ export class Store {
       const task = this.byId.get(id);
       task.times.push(time[i]);
       task.states.push(state[i]);
-      this.lastly = Math.max(this.lastly, time[i]);
+      this.lastChange = Math.max(this.lastChange, time[i]);
       if (state[i] !== "failed") return;
       this.failed.add(task);
-      noteFailure(task, time[i]);
+      noteFailureBelow(task, time[i]);
     });
   }
 
   #addSaid({ message, time, text, kill }) {
-    message.forEach((id, i) => this.find(id)?.said.push({ time: time[i], text: text[i].toLowerCase(), isKill: Boolean(kill[i]) }));
+    message.forEach((id, i) => this.find(id)?.reasons.push({ time: time[i], text: text[i].toLowerCase(), isKill: Boolean(kill[i]) }));
   }
 
   #addHolds({ task: ids, before: others, kind, time }) {
@@ -169,32 +170,33 @@ export class Store {
     });
   }
 
-  // What tasks are to the coordinator that sent them.
+  // The roles of tasks for the coordinator that sent them.
   #addPreviews({ task: ids, time, role }) {
     ids.forEach((id, i) => this.byId.get(id)?.previews.push({ time: time[i], role: role[i] }));
   }
 
-  // In words, at a time; "" of what was sent for the current state.
+  // The role of a coordinator's task at a time, in words; "" for a task of the current state.
   previewOf(task, time) {
     const role = task?.previews.findLast((one) => one.time <= time)?.role;
     return this.head.previewed[role] ?? "";
   }
 
-  // Until when the task of a bar ran ahead of its state, and whether for nothing; null if it was not sent ahead.
+  // For the bar of a task that was sent ahead of its state: when the task was kept (Infinity: not yet), and whether it was wasted;
+  // else null.
   aheadOf({ kind, message }) {
     const previews = kind === "handling" && this.byId.get(message)?.previews || [];
     if (previews[0]?.role !== "ahead") return null;
     return { until: previews.find(({ role }) => role === "kept")?.time ?? Infinity, isWasted: previews.at(-1).role === "wasted" };
   }
 
-  // A client of a task asked for something, or was answered.
+  // A request of a task's client, or the answer to it.
   #addChange(span, time, text) { this.rows[span.row].changes.push({ span, time, text }); }
 
   #addFailures({ message: messages, time, span: spans, beside }) {
     messages.forEach((message, i) => {
       const span = this.spans[spans[i]];
-      const failure = { message, time: time[i], span, handled: false, turns: [] }; // handled: the run went on after it, or still may; turns: when that changed
-      this.verdicts.push(failure);
+      const failure = { message, time: time[i], span, handled: false, turns: [] }; // handled: the newest verdict; turns: the times of its changes
+      this.failureRows.push(failure);
       if (span && beside[i]) this.rows[span.row].raised.push(failure);
       else if (span) span.failure = failure;
       if (!message) return;
@@ -206,8 +208,8 @@ export class Store {
 
   #addVerdicts({ failure: rows, good, time }) {
     rows.forEach((row, i) => {
-      this.verdicts[row].handled = Boolean(good[i]);
-      this.verdicts[row].turns.push(time[i]);
+      this.failureRows[row].handled = Boolean(good[i]);
+      this.failureRows[row].turns.push(time[i]);
     });
   }
 
@@ -222,9 +224,9 @@ export class Store {
         row: row[i], kind: kind[i], name: name[i], message: message[i], within: within[i], lane: lane[i],
         start: start[i], end: Infinity, outcome: "", waits: [], failure: null, lanes: null, by: "",
       };
-      this.#happened(span, span.start, 1);
+      this.#noteTime(span, span.start, 1);
       this.spans.push(span);
-      this.#place(span);
+      this.#addToRow(span);
     });
   }
 
@@ -232,25 +234,25 @@ export class Store {
     spans.forEach((number, i) => {
       const span = this.spans[number];
       Object.assign(span, { end: time[i], outcome: outcome[i] });
-      this.#happened(span, span.end, -1);
+      this.#noteTime(span, span.end, -1);
       span.lanes?.end(span);
       if (span.outcome === "failed") this.rows[span.row].failed.push(span);
     });
   }
 
-  // A span began or ended.
-  #happened({ kind }, time, change) {
+  // Note that a span began (change: 1) or ended (change: -1).
+  #noteTime({ kind }, time, change) {
     if (kind === "connected") return;
-    this.first = Math.min(this.first, time);
-    this.lastly = Math.max(this.lastly, time);
-    if (kind !== "held") this.open += change; // a lock may stay for ever
+    this.firstMessage = Math.min(this.firstMessage, time);
+    this.lastChange = Math.max(this.lastChange, time);
+    if (kind !== "held") this.openSpans += change; // a claim may last for ever
   }
 
-  // Whether something has a bar to the end.
-  get goesOn() { return this.open > 0; }
+  // Whether a bar extends to the end of the run.
+  get hasOpenSpans() { return this.openSpans > 0; }
 
-  // Put a span where the chart finds it.
-  #place(span) {
+  // Add a span to its row in the chart, and to its message.
+  #addToRow(span) {
     const row = this.rows[span.row];
     if (span.kind === "waiting" && span.within >= 0) {
       this.spans[span.within].waits.push(span);
@@ -266,9 +268,9 @@ export class Store {
     if (message && span.kind === "queued") message.queued.push(span);
   }
 
-  // --- what was so at a moment -------------------------------------------------------------------------------------
+  // --- the run at a moment --------------------------------------------------------------------------------------
 
-  // A task, or another message.
+  // The task or message with a number.
   find(number) { return this.byId.get(number) ?? this.messageById.get(number); }
 
   // A task's state; undefined before it was sent.
@@ -276,47 +278,49 @@ export class Store {
     return time >= times.at(-1) ? states.at(-1) : states[lastNotAfter(times, time)];
   }
 
-  // The number of the last entry that is known at a time, -1 before the first; and a text that changes with all that is.
-  place(time) { return lastNotAfter(this.times, time); }
-  known(time) { return `${this.place(time)}#${this.version}`; }
+  // The place of the last entry at a time; -1 before the first.
+  lastEntry(time) { return lastNotAfter(this.times, time); }
 
-  // How a task stands at a time: its state; or, of a failure, that the run went on after it.
-  looksOf(task, time) {
+  // A text that changes with everything known at a time.
+  versionAt(time) { return `${this.lastEntry(time)}#${this.version}`; }
+
+  // A task's standing: its state at a time, or that it failed and the failure was handled.
+  standingOf(task, time) {
     const state = this.stateAt(task, time);
     return state === "failed" && wasHandled(this.lastFailure(task.id, time), time) ? this.head.handled : state;
   }
 
-  // The tasks above those that stand as failed at a time, after which the run did not go on.
-  aboveBad(time) {
-    const known = this.known(time);
-    if (this.bad?.known === known) return this.bad.above;
-    this.bad = { known, above: new Set() };
+  // The ancestors of the tasks whose failures are not handled at a time.
+  ancestorsOfUnhandled(time) {
+    const version = this.versionAt(time);
+    if (this.unhandled?.version === version) return this.unhandled.above;
+    this.unhandled = { version, above: new Set() };
     for (const task of this.failed) {
-      if (this.looksOf(task, time) !== "failed") continue;
-      for (let { parent } = task; parent && !this.bad.above.has(parent); { parent } = parent) this.bad.above.add(parent);
+      if (this.standingOf(task, time) !== "failed") continue;
+      for (let { parent } = task; parent && !this.unhandled.above.has(parent); { parent } = parent) this.unhandled.above.add(parent);
     }
-    return this.bad.above;
+    return this.unhandled.above;
   }
 
-  // When the state that a task is in at a time began; undefined before it was sent.
-  entered(task, time) { return task.times[lastNotAfter(task.times, time)]; }
+  // The start of a task's state at a time; undefined before the task was sent.
+  stateStart(task, time) { return task.times[lastNotAfter(task.times, time)]; }
 
-  // How many of some tasks, oldest first, had been sent.
-  sentBy(tasks, time) { return firstWith(tasks, (task) => task.time > time); }
+  // The number of the given tasks that had been sent; they are in the order of time.
+  countSent(tasks, time) { return firstWith(tasks, (task) => task.time > time); }
 
-  // How many tasks stand how at a time: [looks, count], in the order of the states.
+  // The number of tasks of each standing at a time: [standing, count], in the order of the states.
   counts(time) {
-    const { fills, handled } = this.head, counts = Object.fromEntries(Object.keys(fills).map((looks) => [looks, 0]));
-    const sent = this.sentBy(this.tasks, time);
+    const { fills, handled } = this.head, counts = Object.fromEntries(Object.keys(fills).map((standing) => [standing, 0]));
+    const sent = this.countSent(this.tasks, time);
     for (let i = 0; i < sent; i++) counts[this.stateAt(this.tasks[i], time)]++;
-    counts[handled] = [...this.failed].filter((task) => this.looksOf(task, time) === handled).length;
+    counts[handled] = [...this.failed].filter((task) => this.standingOf(task, time) === handled).length;
     counts.failed -= counts[handled];
     return Object.entries(counts).filter(([, count]) => count);
   }
 
-  // When a task ended, if it has by then.
-  ended(task, time) {
-    return isOver(this.stateAt(task, time)) ? this.entered(task, time) : null;
+  // The end of a task; null if it has not ended by that time.
+  endOf(task, time) {
+    return isOver(this.stateAt(task, time)) ? this.stateStart(task, time) : null;
   }
 
   // The failure that was raised on a message at a time.
@@ -325,20 +329,21 @@ export class Store {
   // The newest failure of a task at a time.
   lastFailure(task, time) { return this.failuresOf.get(task)?.findLast((one) => one.time <= time); }
 
-  // When the run went on after a task's newest failure, if it did only after that time.
+  // The time at which a task's newest failure is handled, if that is later than `time`.
   handledLater(task, time) {
     const failure = this.lastFailure(task, time);
     return failure?.handled ? failure.turns.find((turn) => turn > time) : undefined;
   }
 
-  // Whether a task has ended between two times; and whether it is in another state.
+  // Whether a task ended between two times.
   hasEnded(number, from, until) {
     const task = this.byId.get(number);
-    return task !== undefined && this.ended(task, until) !== null && this.ended(task, from) === null;
+    return task !== undefined && this.endOf(task, until) !== null && this.endOf(task, from) === null;
   }
 
+  // Whether a task's state changed between two times.
   hasChanged(number, from, until) {
     const task = this.byId.get(number);
-    return task !== undefined && this.entered(task, from) !== this.entered(task, until);
+    return task !== undefined && this.stateStart(task, from) !== this.stateStart(task, until);
   }
 }

@@ -1,39 +1,39 @@
-// Who talks to whom at the moment that is shown: how many messages each module has sent which other one, and how many a
-// second lately.
+// The traffic between modules at the moment shown: the number of messages from each module to each other one, and their recent
+// rate.
 
 import { element } from "./dom.js";
 import { lastNotAfter } from "./store.js";
 
-const LATELY = 30; // seconds
+const RECENT = 30; // seconds
 
 export class Traffic {
-  // `find` looks for words.
+  // `find` searches for words.
   constructor(store, { find }) {
     Object.assign(this, { store, find });
     this.panel = document.getElementById("traffic");
-    this.told = ""; // what is pressed just now stays there
+    this.drawn = ""; // unchanged links are not replaced: one may be pressed just now
   }
 
   show(time) {
     this.time = time;
     if (this.panel.hidden) return;
-    const since = time - LATELY, seconds = Math.min(LATELY, Math.max(time - this.store.start, 1)), groups = new Map();
+    const since = time - RECENT, seconds = Math.min(RECENT, Math.max(time - this.store.start, 1)), groups = new Map();
     for (const link of this.store.links) {
-      const number = upTo(link, time), lately = lastNotAfter(link.times, time) - lastNotAfter(link.times, since);
+      const number = countAt(link, time), lately = lastNotAfter(link.times, time) - lastNotAfter(link.times, since);
       if (!number) continue;
       const key = JSON.stringify([link.sender, link.handler]);
       if (!groups.has(key)) groups.set(key, { sender: link.sender, handler: link.handler, rows: [] });
       groups.get(key).rows.push({ message: link.message, kind: link.kind, number, rate: link.handler ? lately / seconds : 0 });
     }
-    const all = [...groups.values()].sort((one, other) => !one.handler - !other.handler), told = JSON.stringify(all);
-    if (told === this.told) return;
-    this.told = told;
+    const all = [...groups.values()].sort((one, other) => !one.handler - !other.handler), content = JSON.stringify(all);
+    if (content === this.drawn) return;
+    this.drawn = content;
     this.panel.replaceChildren(...this.#parts(all));
   }
 
   *#parts(groups) {
     if (!groups.length) return yield element("p", { class: "faint", text: "No messages have been sent yet." });
-    const heads = [["message", ""], ["number", "until the moment shown"], ["per s", `in the last ${LATELY} s of that`]];
+    const heads = [["message", ""], ["number", "until the moment shown"], ["per s", `in the last ${RECENT} s before that moment`]];
     yield element("table", {},
       element("tr", {}, ...heads.map(([text, title]) => element("th", { text, title }))),
       ...groups.flatMap((group) => [this.#head(group), ...group.rows.map((row) => this.#row(row, group))]));
@@ -46,7 +46,7 @@ export class Traffic {
   }
 
   #row({ message, kind, number, rate }, { handler }) {
-    const name = element("button", { class: "link", text: message, title: "find these" });
+    const name = element("button", { class: "link", text: message, title: "find these messages" });
     name.addEventListener("click", () => this.find(kind === "direct" ? message : `${message} ${handler}`));
     return line("", element("td", {}, name, element("span", { class: "faint", text: `  ${kind}` })), number, rate);
   }
@@ -57,8 +57,8 @@ function line(kind, name, number, rate) {
     element("td", { class: "number", text: rate ? perSecond(rate) : "–" }));
 }
 
-// As in tca stats.
+// The rate in words, as in tca stats.
 function perSecond(rate) { return rate < 100 ? String(Number(rate.toPrecision(2))) : rate.toFixed(0); }
 
-// The number of messages of a link; of a link without a handler, the number that still wait.
-function upTo({ times, less }, time) { return lastNotAfter(times, time) - lastNotAfter(less, time); }
+// The number of a link's messages at a time; for a link without a handler, the number that still wait.
+function countAt({ times, less }, time) { return lastNotAfter(times, time) - lastNotAfter(less, time); }

@@ -49,27 +49,27 @@ const VERBS = { handling: "handled by", queued: "queued for", held: "has", suspe
 export function spanWords({ span: one, wait, row, failure, change }, store, time) {
   const shown = wait ?? one, later = ((failure ?? change)?.time ?? shown.start) > time ? "later: " : "";
   if (failure) {
-    const dealt = wasHandled(failure, time) ? ", and handled" : "";
-    return `${later}a failure was raised on ${called(one)}, beside its handler, at ${seconds(failure.time)}${dealt}`;
+    const handled = wasHandled(failure, time) ? ", and handled" : "";
+    return `${later}a failure was raised on ${called(one)}, beside its handler, at ${seconds(failure.time)}${handled}`;
   }
   if (change) return `${later}${change.text}`;
-  if (wait) return `${later}${what(one, store)} in ${row.label} waits for ${called(wait)}${went(wait, "", store, time)}`;
-  const where = one.kind === "suspended" ? one.by : ` ${row.label}`, dealt = wasHandled(one.failure, time) ? ", and handled" : "";
-  const how = one.outcome && one.outcome !== "done" ? `: ${one.outcome}${dealt}` : "";
+  if (wait) return `${later}${subjectOf(one, store)} in ${row.label} waits for ${called(wait)}${spanTimes(wait, "", store, time)}`;
+  const where = one.kind === "suspended" ? one.by : ` ${row.label}`, handled = wasHandled(one.failure, time) ? ", and handled" : "";
+  const how = one.outcome && one.outcome !== "done" ? `: ${one.outcome}${handled}` : "";
   const ahead = one.kind === "handling" && store.previewOf(store.byId.get(one.message), time);
-  return `${later}${what(one, store)}${ahead ? ` (${ahead})` : ""} ${VERBS[one.kind]}${where}${went(one, how, store, time)}`;
+  return `${later}${subjectOf(one, store)}${ahead ? ` (${ahead})` : ""} ${VERBS[one.kind]}${where}${spanTimes(one, how, store, time)}`;
 }
 
 const called = ({ name, message }) => numbered(name, message);
 
-function what(one, store) {
+function subjectOf(one, store) {
   return one.message && one.kind === "held" ? `${one.name}, handling ${numbered(store.byId.get(one.message)?.name ?? "message", one.message)},` : called(one);
 }
 
 // The start, end, duration and outcome of a span. If it is open at `time`, its end is marked as later.
-function went({ start, end: over }, how, store, time) {
-  const isWhole = over <= time || start > time, last = `${seconds(over)} (${duration(Math.min(over, store.end) - start)})`;
-  if (isWhole && over < Infinity) return `${how}: ${seconds(start)} – ${last}`;
+function spanTimes({ start, end }, how, store, time) {
+  const isWhole = end <= time || start > time, last = `${seconds(end)} (${duration(Math.min(end, store.end) - start)})`;
+  if (isWhole && end < Infinity) return `${how}: ${seconds(start)} – ${last}`;
   const soFar = `: since ${seconds(start)} (${duration((isWhole ? store.end : time) - start)} so far)`;
-  return over === Infinity ? soFar : `${soFar}; later${how}: until ${last}`;
+  return end === Infinity ? soFar : `${soFar}; later${how}: until ${last}`;
 }

@@ -56,7 +56,6 @@ const UPDATES = {
     part("picture").hidden = false;
     part("picture").src = `data:image/svg+xml,${encodeURIComponent(svg)}`;
   },
-  lost: () => {},
 };
 
 function update(parts) {
@@ -74,9 +73,9 @@ function showStatus(problem) {
   document.body.classList.toggle("lost", problem !== "");
   part("status").textContent = problem ? "lost" : !isKnown ? "reading" : isRunning ? "running" : "stopped";
   part("status").className = `badge ${problem ? "bad" : isRunning ? "live" : ""}`;
-  const may = hasKey() && !problem && isKnown, can = { start: !isRunning, stop: isRunning, initialise: !isRunning };
-  for (const button of document.querySelectorAll("[data-step]")) button.disabled = !(may && can[button.dataset.step]);
-  for (const control of document.querySelectorAll("#policy, #controls button, .activity input, .head input")) control.disabled = !may;
+  const canSend = hasKey() && !problem && isKnown, isPossible = { start: !isRunning, stop: isRunning, initialise: !isRunning };
+  for (const button of document.querySelectorAll("[data-step]")) button.disabled = !(canSend && isPossible[button.dataset.step]);
+  for (const control of document.querySelectorAll("#policy, #controls button, .activity input, .head input")) control.disabled = !canSend;
   part("policy").querySelector("[value='by hand']")?.toggleAttribute("disabled", true);
 }
 

@@ -3,15 +3,15 @@
 import { dot, element } from "../view/dom.js";
 import { duration } from "../view/words.js";
 
-const NEW = "new processor", NONE = "on no processor"; // the titles of the two baskets
+const NEW = "new processor", NONE = "on no processor"; // the names of the two baskets, which stand beside the processors
 const TITLES = ["", "activity", "period (ms)", "longest", "response", "jitter", "ticks"];
 const WIDE = new Set(["response", "jitter"]);
 
 export class Processors {
   // `move(activity, processor, position)`, `setPeriod(activity, seconds)`, `setPriority(processor, priority)` send commands.
-  constructor(place, commands) {
-    Object.assign(this, { place, commands, allocation: null, dragged: null, postponed: null });
-    place.addEventListener("keydown", (event) => this.#onKey(event));
+  constructor(panel, commands) {
+    Object.assign(this, { panel, commands, allocation: null, dragged: null, postponed: null });
+    panel.addEventListener("keydown", (event) => this.#onKey(event));
   }
 
   // Build all elements for a new allocation, and restore the focus.
@@ -24,16 +24,16 @@ export class Processors {
     this.allocation = allocation;
     this.figures = new Map(); // the elements that show figures, by kind and name
     const { processors, unallocated } = allocation;
-    this.place.replaceChildren(
+    this.panel.replaceChildren(
       element("div", { class: "top" }, element("div", { class: "baskets" },
         this.#basket(NEW, "drop an activity here", []), this.#basket(NONE, "drop an activity here to stop its ticks", unallocated)), this.#titles()),
       ...processors.map((one) => this.#processor(one)));
-    if (this.shown) this.show(this.shown);
+    if (this.lastFigures) this.show(this.lastFigures);
     if (focused) this.row(focused)?.focus();
   }
 
   row(name) {
-    return this.place.querySelector(`.activity[data-activity="${CSS.escape(name)}"]`);
+    return this.panel.querySelector(`.activity[data-activity="${CSS.escape(name)}"]`);
   }
 
   #titles() {
@@ -47,36 +47,37 @@ export class Processors {
     this.figures.set(`processor ${name}`, { figures, verdict });
     const head = element("div", { class: "head" }, element("h2", { text: name }),
       element("span", { class: "value", text: `every ${duration(period)}` }), element("label", { text: "priority " }, input), verdict, figures);
-    return this.#place(name, head, activities);
+    return this.#section(name, head, activities);
   }
 
   #basket(name, hint, activities) {
-    const made = this.#place(name, element("div", { class: "head" }, element("h2", { text: name })), activities);
-    made.classList.add("place");
-    if (!activities.length) made.append(element("div", { class: "empty", text: hint }));
-    return made;
+    const section = this.#section(name, element("div", { class: "head" }, element("h2", { text: name })), activities);
+    section.classList.add("basket");
+    if (!activities.length) section.append(element("div", { class: "empty", text: hint }));
+    return section;
   }
 
-  #place(name, head, activities) {
-    const made = element("section", { class: "processor", "aria-label": name }, head,
+  // The section of a processor or basket, on which activities can be dropped.
+  #section(name, head, activities) {
+    const section = element("section", { class: "processor", "aria-label": name }, head,
       element("ul", { class: "activities" }, ...activities.map((activity) => this.#activity(activity))));
-    made.dataset.processor = name;
-    made.addEventListener("dragover", (event) => this.#over(event, made));
-    made.addEventListener("dragleave", ({ relatedTarget }) => made.contains(relatedTarget) || clearMarks(made));
-    made.addEventListener("drop", (event) => {
+    section.dataset.processor = name;
+    section.addEventListener("dragover", (event) => this.#onDragOver(event, section));
+    section.addEventListener("dragleave", ({ relatedTarget }) => section.contains(relatedTarget) || clearMarks(section));
+    section.addEventListener("drop", (event) => {
       event.preventDefault();
-      clearMarks(made);
-      const before = this.#rowUnder(event)?.dataset.activity;
-      if (this.dragged) this.#move(this.dragged, name, before === undefined ? null : this.#names(name).filter((one) => one !== this.dragged).indexOf(before));
+      clearMarks(section);
+      const next = this.#rowUnder(event)?.dataset.activity;
+      if (this.dragged) this.#move(this.dragged, name, next === undefined ? null : this.#names(name).filter((one) => one !== this.dragged).indexOf(next));
     });
-    return made;
+    return section;
   }
 
-  #over(event, place) {
+  #onDragOver(event, section) {
     if (!this.dragged) return;
     event.preventDefault();
-    clearMarks(place);
-    place.classList.add("over");
+    clearMarks(section);
+    section.classList.add("over");
     this.#rowUnder(event)?.classList.add("before");
   }
 
@@ -114,33 +115,34 @@ export class Processors {
   #onKey(event) {
     const row = event.target.classList.contains("activity") ? event.target : null, { key, altKey } = event;
     if (!row) return;
-    const rows = [...this.place.querySelectorAll(".activity[data-activity]")], name = row.dataset.activity;
-    const place = row.closest(".processor").dataset.processor;
+    const rows = [...this.panel.querySelectorAll(".activity[data-activity]")], name = row.dataset.activity;
+    const processor = row.closest(".processor").dataset.processor;
     const rowStep = { ArrowUp: -1, ArrowDown: 1 }[key], processorStep = { ArrowLeft: -1, ArrowRight: 1 }[key];
     if (key === "n") this.#move(name, NEW, null);
     else if (key === "Delete") this.#move(name, NONE, null);
-    else if (rowStep && altKey) this.#move(name, place, this.#names(place).indexOf(name) + rowStep);
+    else if (rowStep && altKey) this.#move(name, processor, this.#names(processor).indexOf(name) + rowStep);
     else if (rowStep) rows[rows.indexOf(row) + rowStep]?.focus();
-    else if (processorStep && !altKey) this.#move(name, this.#neighbour(place, processorStep), null);
+    else if (processorStep && !altKey) this.#move(name, this.#neighbour(processor, processorStep), null);
     else return;
     event.preventDefault();
   }
 
-  #neighbour(place, step) {
-    const places = this.allocation.processors.map(({ name }) => name);
-    return place === NONE ? places[places.length - 1] : places[places.indexOf(place) + step] ?? place;
+  #neighbour(processor, step) {
+    const names = this.allocation.processors.map(({ name }) => name);
+    return processor === NONE ? names.at(-1) : names[names.indexOf(processor) + step] ?? processor;
   }
 
-  #names(place) {
+  // The names of the activities of a processor or basket.
+  #names(processor) {
     const { processors, unallocated } = this.allocation;
-    return (processors.find(({ name }) => name === place)?.activities ?? (place === NONE ? unallocated : [])).map(({ name }) => name);
+    return (processors.find(({ name }) => name === processor)?.activities ?? (processor === NONE ? unallocated : [])).map(({ name }) => name);
   }
 
-  #move(activity, place, position) {
+  // Send a command that moves an activity to a processor or basket; with position null, behind all others.
+  #move(activity, processor, position) {
     if (position !== null && position < 0) return;
-    if (position === null && this.#names(place).includes(activity)) return;
-    const processor = place === NONE ? "" : place === NEW ? this.#newName() : place;
-    this.commands.move(activity, processor, position);
+    if (position === null && this.#names(processor).includes(activity)) return;
+    this.commands.move(activity, processor === NONE ? "" : processor === NEW ? this.#newName() : processor, position);
   }
 
   #newName() {
@@ -153,10 +155,10 @@ export class Processors {
   // --- figures ----------------------------------------------------------------------------------------------------
 
   show(figures) {
-    this.shown = figures;
+    this.lastFigures = figures;
     for (const one of figures.processors) {
-      const places = this.figures?.get(`processor ${one.name}`);
-      if (places) showFigures(places, one);
+      const elements = this.figures?.get(`processor ${one.name}`);
+      if (elements) showFigures(elements, one);
     }
     for (const one of figures.activities) {
       const cells = this.figures?.get(`activity ${one.name}`);
@@ -172,18 +174,18 @@ export class Processors {
   }
 }
 
-function showFigures({ figures, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits, refuted, last_late: ago }) {
+function showFigures({ figures, verdict }, { load, response, jitter, overruns, bound, margin, is_schedulable: fits, refuted, last_late: lateAgo }) {
   const parts = [["load", `${(100 * load).toFixed(1)} %`], ["response", duration(response)], ["jitter", duration(jitter)],
     ["overruns", overruns.toLocaleString("en")], ...bound === null ? [] : [["bound", duration(bound)], ["margin", duration(margin)]]];
   figures.replaceChildren(...parts.flatMap(([label, value]) => [element("span", { class: "what", text: ` ${label} ` }), element("span", { class: `value${label === "overruns" && overruns ? " bad" : ""}`, text: value })]));
-  verdict.textContent = (refuted || (fits === null ? "schedulability unknown" : fits ? "schedulable" : "not schedulable")) + (ago === null || refuted ? "" : `, last late ${duration(ago)} ago`);
+  verdict.textContent = (refuted || (fits === null ? "schedulability unknown" : fits ? "schedulable" : "not schedulable")) + (lateAgo === null || refuted ? "" : `, last late ${duration(lateAgo)} ago`);
   verdict.title = verdict.textContent;
   verdict.className = `verdict ${fits === null ? "faint" : fits ? "good" : "bad"}`;
 }
 
-function clearMarks(place) {
-  place.classList.remove("over");
-  for (const row of place.querySelectorAll(".before")) row.classList.remove("before");
+function clearMarks(section) {
+  section.classList.remove("over");
+  for (const row of section.querySelectorAll(".before")) row.classList.remove("before");
 }
 
 // Each component has its own colour.

@@ -18,25 +18,25 @@ export class Regions {
   }
 
   #region(component, { name, states }) {
-    const made = states.map(({ label, parent = -1 }) => {
+    const chips = states.map(({ label, parent = -1 }) => {
       const outer = states[parent]?.label;
-      const shown = element("span", { class: outer ? "state inside" : "state", text: label });
-      if (outer) shown.title = `inside '${outer}'`;
-      return { name: label, parent: outer, shown };
+      const chip = element("span", { class: outer ? "state inside" : "state", text: label });
+      if (outer) chip.title = `inside '${outer}'`;
+      return { name: label, parent: outer, chip };
     });
-    this.states.set(`${component}.${name}`, made);
+    this.states.set(`${component}.${name}`, chips);
     return element("div", { class: "region" }, element("span", { class: "name", text: name, title: name }),
-      element("span", { class: "states" }, ...made.map(({ shown }) => shown)));
+      element("span", { class: "states" }, ...chips.map(({ chip }) => chip)));
   }
 
   show({ states }) {
-    for (const [region, made] of this.states) {
+    for (const [region, chips] of this.states) {
       const active = new Set();
-      for (let name = states[region]; name; name = made.find((state) => state.name === name)?.parent) active.add(name);
-      for (const { name, shown } of made) {
-        shown.classList.toggle("active", active.has(name));
-        if (active.has(name)) shown.setAttribute("aria-current", "true");
-        else shown.removeAttribute("aria-current");
+      for (let name = states[region]; name; name = chips.find((state) => state.name === name)?.parent) active.add(name);
+      for (const { name, chip } of chips) {
+        chip.classList.toggle("active", active.has(name));
+        if (active.has(name)) chip.setAttribute("aria-current", "true");
+        else chip.removeAttribute("aria-current");
       }
     }
   }
