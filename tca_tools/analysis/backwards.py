@@ -264,7 +264,10 @@ class Causes:
         time = at.time
         if (back := self._to_wait_cause(message, time)) is not None:
             return back
-        was_killed = time in (message.written("killed", time), message.written("failure", time))
+        was_killed = time in (
+            message.written_at("killed", time),
+            message.written_at("failure", time),
+        )
         if at.wait is not None and at.wait.start < time and not was_killed:
             return self._over_wait(at.wait, time)
         since = last_change(self._run, message, time)

@@ -24,7 +24,7 @@ from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import waits_now
-from tca_tools.explain.wait_words import told
+from tca_tools.explain.wait_words import named_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Handling, Task
 from tca_tools.journal.whole_run import Run
@@ -78,7 +78,7 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     found: dict[tuple[Key, str, str], Overlap] = {}
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
-    for acting, runs in run.runs.items():
+    for acting, runs in run.by_resource.items():
         commands = [handling for handling in runs if _is_acting(run, handling.message_id)]
         for chance in _Acting(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
@@ -179,7 +179,7 @@ def why_held(run: Run, held: PathStep) -> str:
     if held.resumed:
         return wait_in_words(run, held)
     at, number = RunAt(run, nextafter(held.start, 0.0)), held.message_id
-    waits = several_in_words(told(at, waits_now(at, number)))
+    waits = several_in_words(named_waits(at, waits_now(at, number)))
     return f"{run.describe(number)} was held {waits}"
 
 
@@ -230,7 +230,7 @@ def _saving(
 def _full_seconds(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
     """Return how long all slots of a resource were busy in a window, in seconds."""
     if key not in covers:
-        spans = ((one.start, min(one.until, run.time)) for one in run.runs.get(key, []))
+        spans = ((one.start, min(one.until, run.time)) for one in run.by_resource.get(key, []))
         covers[key] = Cover(spans, capacity_of(run, key))
     return covers[key].within(*window)
 

@@ -107,7 +107,7 @@ def failures(run: Run) -> list[FailureKind]:
 
 def _rank(kind: FailureKind) -> tuple[int, int, float]:
     bad = [case.fate for case in kind.cases if case.fate not in GOOD_FATES]
-    return bad.count(Fate.UNTOLD) - len(bad), -len(bad), -kind.cost
+    return bad.count(Fate.NOT_REPORTED) - len(bad), -len(bad), -kind.cost
 
 
 def _case(run: Run, one: Failed) -> Case:
@@ -157,14 +157,14 @@ def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
 def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
     """Return the fate of a refused wait; None if its handler failed with it: a separate case."""
     if not isinstance(wait.by, Handling):
-        return Fate.TOLD
+        return Fate.REPORTED
     handling, failed = wait.by, failing(run, wait.by)
     if handling.outcome is not Outcome.FAILED or handling.end is None:
-        return Fate.COPED
-    failure = failed.was("failure", handling.end) if isinstance(failed, Message) else None
+        return Fate.ASKER_CONTINUED
+    failure = failed.value_at("failure", handling.end) if isinstance(failed, Message) else None
     if failure is not None and failure.name == DEADLOCK:
         return None
-    return Fate.COPED if run_continued(run, failed, handling.end) else Fate.ANSWERED
+    return Fate.ASKER_CONTINUED if run_continued(run, failed, handling.end) else Fate.ASKER_FAILED
 
 
 def _lost_seconds(one: Failed, became: Fate) -> float:

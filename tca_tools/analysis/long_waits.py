@@ -144,7 +144,7 @@ def _why_held(run: Run, task: Task, found: _Found) -> str:
             causes.append((wait_for(RunAt(run, wait.start), wait), seconds))
     if causes:
         return causes_in_words(causes)
-    if task.killed is not None and task.written("killed") <= found.end:
+    if task.killed is not None and task.written_at("killed") <= found.end:
         return "until it was killed"
     return "for something not in the journal"
 

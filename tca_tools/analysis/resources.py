@@ -102,7 +102,7 @@ def locked_out(
         sender: The module whose own reservations do not count.
         but: A claim that does not count.
     """
-    claims = run.asked_for(*key)
+    claims = run.requested_claims(*key)
     first, last = (bisect_right(claims, time, key=attrgetter("start")) for time in (start, end))
     spans, by = list[Span](), None
     for claim in claims[max(first - _BEFORE, 0) : last]:
@@ -224,7 +224,7 @@ def growing(run: Run, start: float, end: float) -> list[Growing]:
 
 
 def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
-    given = [handling.start for handling in run.runs.get(key, [])]
+    given = [handling.start for handling in run.by_resource.get(key, [])]
     end = max([queued[-1].start, *given[-1:]])
     late = (one for one in queued if one.until >= end)
     left = [one for one in late if one.until > end or not _was_delivered(run, one)]

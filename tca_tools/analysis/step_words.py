@@ -6,7 +6,7 @@ from math import nextafter
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import Ends, waits_now
-from tca_tools.explain.wait_words import last_of, told
+from tca_tools.explain.wait_words import last_of, named_waits
 from tca_tools.explain.waits import Wait, waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Message, Queueing, Task
@@ -96,7 +96,7 @@ def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
         if task.id in seen:
             return
         seen.add(task.id)
-        if task.killed is not None and task.written("killed") == time:
+        if task.killed is not None and task.written_at("killed") == time:
             yield f"{task} was killed: {kill_reason(task.killed, task.killed_by)}"
             return
         if waits := _ended_at(run, task, time):
@@ -113,7 +113,7 @@ def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
 
 def _in_words(run: Run, waits: list[Wait], time: float) -> str:
     """Return waits in words, as known just before a time."""
-    return several_in_words(told(RunAt(run, nextafter(time, 0.0)), waits))
+    return several_in_words(named_waits(RunAt(run, nextafter(time, 0.0)), waits))
 
 
 def still_handled(run: Run, message_id: int, until: float) -> str:
@@ -135,7 +135,7 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
         handled = run.messages.get(handling.message_id)
         if handled is None or not handled.was_given_up:
             continue
-        given_up = handled.written("dropped")
+        given_up = handled.written_at("dropped")
         if given_up <= until and handling.until > given_up:
             where, still = place(handling.module, handling.resource), "still handles it"
             if handling.end is not None:
@@ -149,5 +149,5 @@ def _why_standing(run: Run, message: Message, step: PathStep) -> str:
     at = RunAt(run, nextafter(step.end, 0.0))
     if step.doing is Doing.CIRCLE:
         return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"
-    words = several_in_words(told(at, waits_now(at, message.id)))
+    words = several_in_words(named_waits(at, waits_now(at, message.id)))
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""

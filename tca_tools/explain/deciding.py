@@ -54,7 +54,7 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
     spents = run.exhausted.get(task.id, [])
     first, last = (bisect_left(spents, time, key=_TIME) for time in (start, end))
     for spent in spents[first:last]:
-        later = bisect_left(task.caught_by, spent.time, key=run.sent)
+        later = bisect_left(task.caught_by, spent.time, key=run.sent_at)
         text = f"{spent.handler} had been called {times(spent.calls)}, its maximum"
         yield Call(spent.time, 2 * later, text)
 
@@ -90,9 +90,9 @@ def retried(run: Run, task: Task, retry: Retry) -> str:
     """
     handler, why = decider(run, retry.asker), by_whom(retry.by)
     if handler is not None and (failed := called_for(run, handler)) is not task:
-        failure = first_line(failed.was("failure", handler.received))
+        failure = first_line(failed.value_at("failure", handler.received))
         why += f": {handler}, called for {failed}, which had failed: {failure}"
-    with_data = " with other data" if retry.is_other else ""
+    with_data = " with other data" if retry.has_other_data else ""
     return f"retried{with_data}{why}"
 
 
@@ -107,11 +107,11 @@ def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
         for retry in task.retries:
             if decider(run, retry.asker) is handler:
                 retried.add(retry.time)
-                how = ", with other data" if retry.is_other else ""
+                how = ", with other data" if retry.has_other_data else ""
                 yield retry.time, f"retries {task}{how}"
         if decider(run, task.killer) is handler:
             # The highest task comes last and replaces its descendants, killed at the same time
-            killed[task.written("killed")] = task
+            killed[task.written_at("killed")] = task
     for time, task in killed.items():
         if time not in retried:
             yield time, f"kills {task}"

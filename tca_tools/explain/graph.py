@@ -35,7 +35,7 @@ from tca_tools.explain.waits import (
     own_waits,
 )
 from tca_tools.journal.at_time import RunAt, remembered
-from tca_tools.journal.fates import watches
+from tca_tools.journal.fates import is_watching
 from tca_tools.journal.records import (
     OVER,
     Claim,
@@ -112,7 +112,7 @@ def next_node(at: RunAt, number: int) -> Node:
 
 def _next(task: Task, time: float) -> Node:
     state = task.state_at(time)
-    runs = bool(active_at(task.handlings, time)) or watches(task, state, time)
+    runs = bool(active_at(task.handlings, time)) or is_watching(task, state, time)
     if runs and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
         return Node(task.id, END_HANDLING)
     return Node(task.id, next_moment(task, state, time))
@@ -251,7 +251,7 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     if claim.by.until > at.moment:
         return [node_of(at.run, claim.by)], []
     if task is not None and task.state not in OVER:
-        return [Node(task.id, END_HANDLING if task.is_retried else END_ACHIEVING)], []
+        return [Node(task.id, END_HANDLING if task.is_retry_due else END_ACHIEVING)], []
     return [], []
 
 

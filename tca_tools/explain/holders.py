@@ -47,7 +47,7 @@ def holders_for_message(
     It is the lock in force, else a pending lock before the message even if a slot is free, else the
     running handlers.
     """
-    held_by = at.held_by(module, resource)
+    held_by = at.claim_in_force(module, resource)
     if held_by is None:
         line = _line_at(at, module, resource)
         first, since = next(iter(line.wanted), None), _queued_since(at.run, message.id)
@@ -64,7 +64,7 @@ def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
 
     It is the lock in force, else the other running handlers and the pending lock before it.
     """
-    held_by = at.held_by(claim.module, claim.resource)
+    held_by = at.claim_in_force(claim.module, claim.resource)
     if held_by is not None and held_by is not claim:
         return Holders(claim=held_by)
     line = _line_at(at, claim.module, claim.resource)
@@ -74,7 +74,7 @@ def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
     while run is not None:  # a run that called it back waits in the same slot
         own.add(id(run))
         run = line.called_back_by.get(id(run))
-    inside = at.inside(claim.module, claim.resource)
+    inside = at.running_in_copies(claim.module, claim.resource)
     runs = tuple(run for run in inside if id(run) not in own)
     return Holders(runs, line.wanted[before - 1] if before else None)
 
@@ -104,7 +104,7 @@ class _Line(NamedTuple):
 
 @remembered
 def _line_at(at: RunAt, module: str, resource: str) -> _Line:
-    runs, wanted = at.running(module, resource), at.wanted(module, resource)
+    runs, wanted = at.running(module, resource), at.pending_claims(module, resource)
     inside = [one for one in wanted if any(run is one.by for run in runs)]
     others = [one for one in wanted if one not in inside] if inside else wanted
     capacity, taken = at.capacity(module, resource), 0
@@ -155,7 +155,7 @@ def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
 def _changes(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
     """Yield the times at which the holders of a resource may have changed."""
     for key in keys:
-        runs = run.runs.get(key, [])
+        runs = run.by_resource.get(key, [])
         first = bisect_right(runs, start, key=attrgetter("start"))
         last = bisect_right(runs, end, key=attrgetter("start"))
         beside = runs[first - 1].concurrent if first else ()
@@ -163,7 +163,7 @@ def _changes(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[f
             yield from (handling.start, handling.until)
         if known := run.modules.get(key[0]):
             yield from (time for time, _ in known.sizes.get(key[1], ()))
-    for claim in run.asked_for(*keys[0]) if keys else ():
+    for claim in run.requested_claims(*keys[0]) if keys else ():
         yield from (claim.start, claim.until)
         if claim.granted is not None:
             yield claim.granted

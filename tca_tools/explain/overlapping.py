@@ -38,7 +38,7 @@ def _within(
 
     def span(number: TaskId) -> tuple[float, float]:
         known = run.tasks.get(number)
-        return run.sent(number), known.time_of(moment) if known else inf
+        return run.sent_at(number), known.time_of(moment) if known else inf
 
     return cached(run, key, lambda: Overlaps(tasks, span)).within(start, end)
 

@@ -12,14 +12,14 @@ from tca_tools.explain.wait_words import (
     describe_event,
     for_claim,
     in_queue,
+    named_waits,
     of_query,
     suspended,
-    told,
     wait_for,
 )
 from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, waits_for_display
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.coordinators import agent_task
+from tca_tools.journal.coordinators import sent_by_coordinator
 from tca_tools.journal.fates import WATCHING, describe_asker
 from tca_tools.journal.records import (
     OVER,
@@ -110,7 +110,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     if message is None:
         return []
     found = [_birth(run, message), *_failures(run, message, moment)]
-    for time, why in message.became("dropped"):
+    for time, why in message.new_values("dropped"):
         if why:
             found.append(Sentence(time, f"{_dropped(message, time)}: {why}"))
     if isinstance(message, Task):
@@ -153,20 +153,20 @@ def _failures(run: Run, message: Message, moment: float) -> Sentences:
         yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
         if who := describe_asker(run, message, time, max(moment, time)):
             yield Sentence(time, f"its failure is {who}")
-    for time, data in message.became("failure_data"):
+    for time, data in message.new_values("failure_data"):
         if text := data_text(data):
             yield Sentence(time, f"the failure's data: {text}")
 
 
 def _kills(task: Task) -> Sentences:
     """Yield when it was killed, or stopped watching."""
-    for time, why in task.became("watched"):
+    for time, why in task.new_values("watched"):
         if why:
             yield Sentence(time, f"stops watching: {why}")
-    for time, why in task.became("killed"):
+    for time, why in task.new_values("killed"):
         if why is not None:
-            reason = kill_reason(why, task.was("killed_by", time))
-            if task.killed_for == task.id and task.was("failure", time):
+            reason = kill_reason(why, task.value_at("killed_by", time))
+            if task.killed_for == task.id and task.value_at("failure", time):
                 reason = NOT_HANDLED
             yield Sentence(time, f"killed: {reason}", is_bad=True)
 
@@ -246,7 +246,7 @@ def _changes(task: Task, moment: float) -> Sentences:
 
 def _preview(run: Run, task: Task) -> Sentences:
     """Yield how long it was early work, and whether that was kept."""
-    if (sent := agent_task(run, task)) is None:
+    if (sent := sent_by_coordinator(run, task)) is None:
         return
     ending = ", kept: the state is entered"
     if sent.is_wasted:
@@ -261,7 +261,7 @@ def _preview(run: Run, task: Task) -> Sentences:
 
 def _plans(run: Run, task: Task) -> Sentences:
     """Yield its deadlines and planned kills."""
-    for one in run.ahead.get(task.id, ()):
+    for one in run.planned_events.get(task.id, ()):
         at = RunAt(run, one.set_at)
         if text := describe_event(at, at.tasks[task.id], one):
             yield Sentence(one.set_at, text)
@@ -341,7 +341,7 @@ def _failure_of(query: Message, moment: float) -> str:
     """Return the failure of a query in one line; "" for none, and for a multi-query."""
     if not query.message_class.asks_one:
         return ""
-    return first_line(query.was("failure", moment))
+    return first_line(query.value_at("failure", moment))
 
 
 def _queries(at: RunAt, handling: Handling) -> Sentences:
@@ -355,7 +355,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
             continue
         end = query.answered
         if end is None:
-            end = query.written("dropped") if query.dropped else inf
+            end = query.written_at("dropped") if query.dropped else inf
         now = of_query(at, query)
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
@@ -377,7 +377,9 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
             continue
         if state in OVER:
             survived = state is TaskState.FAILED and task.killed is None
-            if before is TaskState.ENDING or (survived and task.written("failure", start) < start):
+            if before is TaskState.ENDING or (
+                survived and task.written_at("failure", start) < start
+            ):
                 yield Sentence(start, "has ended")
             elif state not in _DESCRIBED:
                 yield Sentence(start, str(state))
@@ -409,14 +411,14 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
     ends = [end for one in waits for end in (one.end, *one.others)]
     start, end = waits[0].start, max(ends)
-    however = state is TaskState.ENDING or task.is_retried
-    text = f"{state}, {several_in_words(told(RunAt(at.run, start), waits, however=however))}"
+    however = state is TaskState.ENDING or task.is_retry_due
+    text = f"{state}, {several_in_words(named_waits(RunAt(at.run, start), waits, however=however))}"
     return _lasting(start, end, text, _in_vain(at.run, task, waits, end))
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
     """Return which awaited tasks failed or were killed: such a task reaches all moments at once."""
-    if end == inf or (task.killed is not None and task.written("killed") <= end):
+    if end == inf or (task.killed is not None and task.written_at("killed") <= end):
         return ""
     bad = []
     for wait in waits:

@@ -63,7 +63,7 @@ class Age(NamedTuple):
 # --- a wait, with names ---------------------------------------------------------------------------
 
 
-def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
+def named_waits(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
     """Return waits with names; of many of one kind, the first ones and the number of others.
 
     Args:
@@ -235,7 +235,7 @@ def reasons(at: RunAt, task: TaskAt) -> list[str]:
 
 def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
     """Return the current waits of a task with names."""
-    return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
+    return named_waits(at, waits, however=task.state is TaskState.ENDING or task.is_retry_due)
 
 
 def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
@@ -251,12 +251,12 @@ def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
     """Return the unanswered queries of a handler that does not wait for them."""
     if task.waits or not task.handling:
         return []
-    return [of_query(at, query) for query in task.asking[:NAMED]]
+    return [of_query(at, query) for query in task.unanswered[:NAMED]]
 
 
 def how(task: TaskAt, verb: str = "waits") -> str:
     """Return the word before the reasons of a task: "waits" or "watches"."""
-    return "watches" if task.watches and task.state is not TaskState.ENDING else verb
+    return "watches" if task.is_watching and task.state is not TaskState.ENDING else verb
 
 
 def suspended(one: Suspension) -> str:
@@ -369,7 +369,7 @@ def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
 
 def coming(at: RunAt, task: TaskAt) -> list[str]:
     """Return the planned events of a task in words: ``deadline: end achieving by 9.500 s``."""
-    return list(filter(None, (describe_event(at, task, one) for one in task.ahead)))
+    return list(filter(None, (describe_event(at, task, one) for one in task.planned_events)))
 
 
 def describe_event(at: RunAt, task: TaskAt, event: PlannedEvent) -> str:

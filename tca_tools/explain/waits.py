@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from tca_tools.explain.deciding import decider
 from tca_tools.explain.overlapping import cached, children_within, has_many
-from tca_tools.journal.fates import watching
+from tca_tools.journal.fates import watching_spans
 from tca_tools.journal.records import (
     OVER,
     PLACES,
@@ -151,7 +151,7 @@ _NEXT = {
 
 def killed_at(task: Task) -> float:
     """Return when a task was killed; inf if it was not."""
-    return inf if task.killed is None else task.written("killed")
+    return inf if task.killed is None else task.written_at("killed")
 
 
 def past(task: Task, time: float) -> int:
@@ -178,7 +178,7 @@ def moments_before(task: Task, moment: int, time: float) -> int:
     """
     if task.time_of(moment) <= time:
         # A task that is handled again, or will be, must end its handling once more
-        is_again = active_at(task.handlings, time) or task.was_retried(time)
+        is_again = active_at(task.handlings, time) or task.was_retry_due(time)
         return END_HANDLING if moment == END_HANDLING and is_again else 0
     if killed_at(task) <= time:  # a killed task waits for its handler only
         return END_HANDLING | (moment & ENDS)
@@ -199,7 +199,7 @@ def is_to_be_handled_again(task: Task, time: float) -> bool:
         return True
     last = task.handlings[begun - 1]
     is_cut_off = last.outcome is None and last.end is not None and last.end <= time
-    return is_cut_off or task.was_retried(time)
+    return is_cut_off or task.was_retry_due(time)
 
 
 # --- all waits of one record ----------------------------------------------------------------------
@@ -347,7 +347,9 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
-        found += [Wait(*span, WaitKind.CONDITION, Node(task.id), ENDS) for span in watching(task)]
+        found += [
+            Wait(*span, WaitKind.CONDITION, Node(task.id), ENDS) for span in watching_spans(task)
+        ]
     return (wait for wait in found if wait.start < wait.end)
 
 
@@ -441,7 +443,7 @@ def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wai
 def _start_after(task: Task, retry: Retry) -> float:
     """Return when a retried task was queued or handled, else when it ended."""
     queued = bisect_left(task.queueings, retry.time, key=_START)
-    starts = [one.start for one in task.handlings[retry.runs : retry.runs + 1]]
+    starts = [one.start for one in task.handlings[retry.handlings : retry.handlings + 1]]
     starts += [one.start for one in task.queueings[queued : queued + 1]]
     return min(starts, default=task.time_of(END_ACHIEVING))
 
@@ -461,7 +463,7 @@ def _before_restart(
         for suspension in monitor.suspensions:
             if suspension.start <= restart:
                 restart = max(restart, suspension.until)
-        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.sent:
+        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.children:
             break
         if not child.outlives_retry:
             restart = max(restart, child.time_of(END_ACHIEVING))

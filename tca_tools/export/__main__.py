@@ -115,8 +115,6 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
     jsonl     all facts, one JSON object a line (.jsonl)
     csv       a folder of tables: messages, tasks, states, handlings, queueings, waits, ...
     parquet   the same tables with typed columns
-
-    LOG is a journal directory or one of its segments; the default is the newest run.
     """  # noqa: D301 - click interprets the character itself
     chosen = FORMATS[name or _named_by(output)]
     _check_free(chosen, output, force=force)

@@ -184,7 +184,7 @@ def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[TopicMessage]:
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": str(task.failure)}
         if task.failure:
-            content["handled"] = run_continued(run, record, record.written("failure", time))
+            content["handled"] = run_continued(run, record, record.written_at("failure", time))
         yield TopicMessage(nanoseconds(time), "/tca/tasks", "", content)
 
 

@@ -65,7 +65,7 @@ def _messages(run: Run) -> Iterator[TableRow]:
         runs = message.handlings
         is_handled = None
         if message.failure:
-            is_handled = run_continued(run, message, message.written("failure"))
+            is_handled = run_continued(run, message, message.written_at("failure"))
         yield (
             message.id, message.name, str(message.message_class),
             message.sender, message.origin or None, str(message.role) or None,

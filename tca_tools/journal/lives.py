@@ -53,7 +53,7 @@ class Life(NamedTuple):
     """The newest intermediate result since its handler started; empty if there was none."""
     asked: bytes
     """The newest requested goal, while the server has not decided on it."""
-    is_telling: bool = False
+    is_notable: bool = False
     """Whether the state is neither initial, running, nor final, so it is worth showing."""
 
 
@@ -111,7 +111,7 @@ def _implied_steps(run: Run, task: Task) -> Iterator[tuple[float, int]]:
         ]
         yield from ((time, _RESTARTS) for time in restarts)
         yield from (
-            (time, _STARTS) for time in (begun, *restarts) if task.was("killed", time) is None
+            (time, _STARTS) for time in (begun, *restarts) if task.value_at("killed", time) is None
         )
     if task.has_ended:
         yield task.time_of(Moment.END_ACHIEVING), _ENDS
@@ -124,5 +124,5 @@ def _after(cycle: LifeCycle, task: Task, state: str, step: int, time: float) -> 
     if step == _STARTS:
         return cycle.accepted.target if state == cycle.initial else state
     if step == _RESTARTS:
-        return cycle.initial if task.was("killed", time) is None else state
+        return cycle.initial if task.value_at("killed", time) is None else state
     return cycle.done if task.state_at(time) in DONE else cycle.cancelled

@@ -205,7 +205,7 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
 
 def _holders(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
     """Return the messages that held a resource during a wait: handled there, or with a lock."""
-    grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
+    grants, runs = run.granted(module, resource), run.by_resource.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
     begun = islice(runs, bisect_left(runs, wait.until, key=_START))
     return {one.message_id for one in begun if one.until > wait.start} | {
@@ -222,7 +222,7 @@ def _time_at(run: Run, clock: float | None, default: float) -> float:
     """Return the time of the last entry until *clock*, or *clock* if that is later."""
     if clock is None:
         return default
-    place = run.place(clock)
+    place = run.entries_until(clock)
     return max(run.times[place - 1], clock) if place else clock
 
 

@@ -64,10 +64,7 @@ def show(
     task: str | None,
     kinds: tuple[str, ...],
 ) -> None:
-    """Show a journal, one line a fact.
-
-    LOG is a journal directory or one of its segments; without it, the newest run is shown.
-    """
+    """Show a journal, one line a fact."""
     if classic and (as_json or kinds or task is not None):
         raise click.UsageError(
             "--classic shows messages, not facts: leave out --json, --kind and --task"

@@ -20,6 +20,7 @@ from typing import Any
 import msgspec
 
 from tca_tools.errors import ToolError
+from tca_tools.journal.segments import INPUT_SUFFIX
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, Shortened
@@ -27,7 +28,6 @@ from tca_wire.journal.frames import payloads
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader, record
 from tca_wire.points import END_ACHIEVING
 
-INPUT_SUFFIX = ".tcai"
 _CLOCK = 7
 """The index of central's clock in the first record of a segment of inputs."""
 

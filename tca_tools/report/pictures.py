@@ -77,7 +77,7 @@ def strips(history: History, found: Contents) -> list[Strip]:
     start, length = found.summary.start, found.summary.seconds / _CELLS
     built: list[Strip] = []
     for use in found.uses[:_STRIPS]:
-        runs = history.runs.get(use.key, [])
+        runs = history.by_resource.get(use.key, [])
         if not runs or length <= 0:
             continue
         now = history.time

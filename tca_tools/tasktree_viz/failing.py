@@ -143,7 +143,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
     became = fate(run, task, raised[-1][0], moment)
     time = _newest_state(task, moment)
     if at.why_killed is not None:
-        time = task.written("killed", moment)
+        time = task.written_at("killed", moment)
     without = ""
     if became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE:
         without = f"; {run.describe(task.top)} was achieved without it"
@@ -235,10 +235,12 @@ def _deadline_causes(
     run: Run, message: Message, failed: float, failure: Failure
 ) -> Iterator[tuple[float, bool, str]]:
     """Yield the known causes of a passed deadline: the start, whether another message, the text."""
-    deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
+    deadlines = [
+        one.set_at for one in run.planned_events.get(message.id, ()) if one.moment is not None
+    ]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
-    if not deadlines or failure.name != TIMEOUT or task is None or task.watches:
+    if not deadlines or failure.name != TIMEOUT or task is None or task.is_watching:
         return
     for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:

@@ -162,7 +162,7 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
         cause, age = at.describe(task.suspension.cause), Age(since, since)
         text = f"still runs, though {cause} is suspended{by}"
     elif queries := asked(at, task):
-        since = task.asking[0].received
+        since = task.unanswered[0].received
         age = Age(since, since)
         text = f"continues while it waits {several_in_words(queries)}"
     text = _joined("; ", state, printable(text))
@@ -174,7 +174,7 @@ def _life(task: TaskAt) -> str:
     if not task.record.life:  # the common case
         return ""
     life = task.life
-    parts = [life.state] * life.is_telling
+    parts = [life.state] * life.is_notable
     if state := task.machine_state:
         parts.append(f"in the state '{state}'")
     elif progress := _in_brief(life.progress):

@@ -56,9 +56,9 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             "class": message.message_class,
             "isSent": message.received <= at.moment,
             "relations": _relations(at, message),
-            "data": data_text(message.was("body", at.moment)),
-            "result": data_text(message.was("result", at.moment)),
-            "failureData": data_text(message.was("failure_data", at.moment)),
+            "data": data_text(message.value_at("body", at.moment)),
+            "result": data_text(message.value_at("result", at.moment)),
+            "failureData": data_text(message.value_at("failure_data", at.moment)),
             **_failure_answer(run, message, at.moment),
             "story": [_sentence(one, at.moment) for one in sentences[-_LONGEST_STORY:]],
             "untold": max(len(sentences) - _LONGEST_STORY, 0),
@@ -114,7 +114,7 @@ def _sentence(one: Sentence, moment: float) -> Data:
 
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     """Return a message's failure, whether the run continued after it, and the notified asker."""
-    failure, time = message.was("failure", moment), message.written("failure", moment)
+    failure, time = message.value_at("failure", moment), message.written_at("failure", moment)
     became = fate(run, message, time, moment) if failure else None
     return {
         "failure": printable_lines(failure),

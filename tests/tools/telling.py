@@ -46,7 +46,7 @@ from tca_tools.journal.fates import (
     has_run_survived,
     retried_ancestor,
     run_continued,
-    undecided_by,
+    still_deciding,
 )
 from tca_tools.journal.fold import History
 from tca_tools.journal.lives import life_at
@@ -185,7 +185,7 @@ def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> li
     if task := run.tasks.get(TaskId(number)):
         again = retried_ancestor(run, task, at, known)
         parts.append(f"begun again with {again}" if again else "")
-    parts.append(f"depends on {len(undecided_by(run, failed, at))}")
+    parts.append(f"depends on {len(still_deciding(run, failed, at))}")
     return ["; ".join(filter(None, parts))]
 
 

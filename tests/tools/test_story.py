@@ -160,7 +160,7 @@ def test_deadlock_outside_handlers_is_told_to_its_program() -> None:
     )
     run = deadlocked.at(4.0).fold()
     (kind,) = failures(run)
-    assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")
+    assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.REPORTED, "slow")
     assert contents(run).stories == {}
 
 

@@ -192,7 +192,9 @@ def _failure(run: Run, handling: Handling) -> Details:
     message = run.messages.get(handling.message_id)
     end = handling.until
     failure = (
-        message.was("failure", end) if message and message.written("failure", end) == end else None
+        message.value_at("failure", end)
+        if message and message.written_at("failure", end) == end
+        else None
     )
     return {"failure": failure, "handled": run_continued_after(run, handling)}
 
@@ -328,8 +330,8 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
         for time, text in task.failures
     ]
     moments += [
-        (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
-        for time, why in task.became("killed")
+        (time, "killed", "failure", {"why": why, "by": task.value_at("killed_by", time) or None})
+        for time, why in task.new_values("killed")
         if why is not None
     ]
     for change in task.life:
