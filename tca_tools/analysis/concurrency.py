@@ -78,9 +78,9 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     found: dict[tuple[Key, str, str], Overlap] = {}
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
-    for acting, runs in run.by_resource.items():
-        commands = [handling for handling in runs if _is_acting(run, handling.message_id)]
-        for chance in _Acting(run, causes, covers, acting).chances(commands):
+    for acting, handlings in run.by_resource.items():
+        commands = [handling for handling in handlings if _is_acting(run, handling.message_id)]
+        for chance in _Gaps(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
             if plan not in seen:  # two resources may wait for one plan
                 seen.add(plan)
@@ -101,8 +101,8 @@ def _is_acting(run: Run, message_id: int) -> bool:
 
 
 @dataclass(slots=True)
-class _Acting:
-    """The gaps of one resource whose planning could have been done earlier."""
+class _Gaps:
+    """The gaps between the commands of one resource."""
 
     run: Run
     causes: Causes
@@ -110,7 +110,7 @@ class _Acting:
     key: Key
 
     def chances(self, commands: list[Handling]) -> Iterator[Chance]:
-        """Yield the chances between its commands."""
+        """Yield the gaps whose planning could have been done earlier."""
         if not commands:
             return
         last = commands[0]
@@ -127,7 +127,12 @@ class _Acting:
                 end, last = min(handling.until, self.run.time), handling
 
     def _held_step(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
-        """Return the step that an order held back until a gap, and the planning from there on."""
+        """Return the step that an order held back, and the planning from there on.
+
+        Args:
+            second: The command after the gap.
+            gap: The start of the gap.
+        """
         run = self.run
         queueings = run.messages[second.message_id].queueings
         if any(one.start < gap < one.until for one in queueings):
@@ -148,7 +153,7 @@ class _Acting:
 
 
 def _was_held(run: Run, step: PathStep, gap: float) -> bool:
-    """Whether a step was ready before the gap, and only an order held it back."""
+    """Whether a step was ready before the start of the *gap*, and only an order held it back."""
     if (wait := step.resumed) is not None:  # a lock is no order
         return wait.start < gap and wait.awaited not in run.claims
     task = run.tasks.get(step.message_id)

@@ -87,8 +87,8 @@ def check(
         raise click.UsageError(str(error)) from error
     misnamed = run.misnamed()
     if misnamed and run.is_whole:  # in a gap of the journal the names may occur
-        stated, wrong = next(iter(misnamed.items()))
-        raise click.UsageError(f"property '{stated}': {wrong}")
+        prop, wrong = next(iter(misnamed.items()))
+        raise click.UsageError(f"property '{prop}': {wrong}")
     found = sorted(run.violations, key=lambda violation: violation.place)
     for line in (
         *head_lines(run, journal),

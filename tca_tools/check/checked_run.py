@@ -42,7 +42,7 @@ class CheckedRun:
         self.is_closed = False  #: central has closed the run
         self._is_open = False  #: an event is being checked
         self._epoch, self._segment = "", 0
-        self._may_have_missed_opening = False
+        self._may_have_missed_opening = False  #: of a segment, in a part that can't be read
         self.began = 0.0
         self._shortened = -1.0  #: the time until which ended records were removed
         self.first = self.last = 0  #: the numbers of the first and last entry
@@ -91,7 +91,7 @@ class CheckedRun:
 
     def apply(self, entry: facts.Entry) -> None:
         """Check the next entry. Several entries of one number are one event."""
-        if self._is_shortened(entry):
+        if self._check_shortened(entry):
             self.pass_over(entry, "")
             return
         if not (self._is_open and entry.number == self.world.event):
@@ -102,7 +102,7 @@ class CheckedRun:
         self.facts += len(entry.facts)
         for fact in entry.facts:
             if type(fact) is facts.Opened:
-                self._opened(fact, entry)
+                self._open_segment(fact, entry)
             elif type(fact) is facts.Closed:
                 if self.is_closed:
                     self.world.report(CLOCK, 0, "central closed the run a second time")
@@ -110,8 +110,8 @@ class CheckedRun:
             else:
                 apply_fact(self.world, fact)
 
-    def _is_shortened(self, entry: facts.Entry) -> bool:
-        """Whether facts of an entry may have been removed by ``tca log prune``."""
+    def _check_shortened(self, entry: facts.Entry) -> bool:
+        """Add a gap for facts that ``tca log prune`` removed; return whether the entry is in it."""
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
@@ -208,7 +208,7 @@ class CheckedRun:
         self._ask_properties(world)
         world.events += 1
 
-    def _opened(self, fact: facts.Opened, entry: facts.Entry) -> None:
+    def _open_segment(self, fact: facts.Opened, entry: facts.Entry) -> None:
         """Apply the start of a segment: of this run, of another one, or after missing segments."""
         is_other = fact.epoch != self._epoch
         is_next = fact.segment == self._segment + 1
@@ -250,11 +250,11 @@ class CheckedRun:
             wrong = ask()
         except Exception as error:  # an error in the property, not in the robot
             raise BadProperty(
-                f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}"
+                f"property '{judge.prop}' can't be asked: {type(error).__name__}: {error}"
             ) from error
         if wrong:
             self.unbroken.remove(judge)
-            words, world = str(judge.stated), self.world
+            words, world = str(judge.prop), self.world
             self.violations.append(
                 Violation(words, "", place, world.event, world.now, judge.culprit, wrong)
             )
@@ -274,13 +274,13 @@ class CheckedRun:
         messages = self.messages | world.declared.keys()
         found = {}
         for judge in self.judges:
-            for one in judge.stated.predicates:
+            for one in judge.prop.predicates:
                 if isinstance(one, OfMessages) and one.is_typed:
                     misfit = "" if judge.matches.has_subject(one) else _misfit(one, world)
                     unknown = _unknown("message", one.message, messages)
                     unknown = unknown or _unknown("module", one.module, self.modules)
                     if wrong := unknown or misfit:
-                        found[judge.stated] = wrong
+                        found[judge.prop] = wrong
         return found
 
 

@@ -77,7 +77,7 @@ _METHODS: dict[type, Apply] = {
     facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
     facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
     facts.WaitedFor: _of(taps.monitor, "monitor", "was sent to be waited for", taps.waited_for),
-    facts.OutlivesRetry: _of(_TASK, "monitor", "was spared", taps.spared),
+    facts.OutlivesRetry: _of(_TASK, "monitor", "was spared", taps.outlives_retry),
     facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
     facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
 }

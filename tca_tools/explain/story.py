@@ -7,7 +7,7 @@ from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.explain.deciding import calls, decisions, passed_on, retried
+from tca_tools.explain.deciding import calls, decisions, passed_on, retry_in_words
 from tca_tools.explain.wait_words import (
     describe_event,
     for_claim,
@@ -72,14 +72,14 @@ class Sentence(NamedTuple):
         """The whole sentence."""
         return self.begun + self.ending
 
-    def known(self, moment: float) -> "Sentence":
+    def as_known_at(self, moment: float) -> "Sentence":
         """Return the sentence as known at a moment, without a later end."""
         ends_later = self.seconds is not None and self.time + self.seconds > moment
         if self.is_open or ends_later:
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
-    def by(self, moment: float, time: float) -> str:
+    def text_at(self, moment: float, time: float) -> str:
         """Return the text as known at a moment, with the duration until its end or so far.
 
         Args:
@@ -87,7 +87,7 @@ class Sentence(NamedTuple):
             time: The same on the entries' clock.
         """
         so_far = time - self.time
-        if self.known(moment).is_open:
+        if self.as_known_at(moment).is_open:
             return self.begun + (f", {so_far:.3f} s so far" if so_far >= _SHORTEST else "")
         return self.text + ("" if self.seconds is None else f", {self.seconds:.3f} s")
 
@@ -95,7 +95,7 @@ class Sentence(NamedTuple):
 Sentences = Iterator[Sentence]
 
 
-def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
+def _span_sentence(start: float, end: float, text: str, ending: str = "") -> Sentence:
     seconds = None if end == inf else end - start
     return Sentence(start, text, seconds, seconds is None, ending)
 
@@ -123,7 +123,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
         found += _preview(run, message)
     found += _waits_in_queues(run, message, moment)
     for handling in message.handlings:
-        found += _run(RunAt(run, moment), handling)
+        found += _handling(RunAt(run, moment), handling)
     if isinstance(message, Task):
         found += _states(run, message, moment)
     # The sort is stable: at one time, causes come before their effects
@@ -188,7 +188,7 @@ def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
     failure = f"the failure of {run.describe(task.parent)}"
     yield from (Sentence(*one) for one in passed_on(run, task.id, failure))
     for retry in task.retries:
-        yield Sentence(retry.time, retried(run, task, retry))
+        yield Sentence(retry.time, retry_in_words(run, task, retry))
     yield from (Sentence(*one) for one in decisions(run, task))
 
 
@@ -201,12 +201,12 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
             text += f" with {cause}"
-        yield _lasting(one.start, one.until, text)
+        yield _span_sentence(one.start, one.until, text)
         for handling in one.handlings:
             number = handling.message_id
             if handling.start < one.start and task.id in (number, one.cause):
                 who = "its handler" if number == task.id else run.describe(number)
-                yield _lasting(one.start, handling.until, f"{who} still runs")
+                yield _span_sentence(one.start, handling.until, f"{who} still runs")
         if one.is_resumed:
             yield Sentence(one.until, f"resumed{by_whom(one.resumed_by)}")
 
@@ -221,7 +221,7 @@ def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
         first, *more = [time for time, _ in tests]
         text = f"its condition {'holds' if holds else 'does not hold'}"
         if more:
-            yield _lasting(first, more[-1], text, f", {1 + len(more)} times")
+            yield _span_sentence(first, more[-1], text, f", {1 + len(more)} times")
         else:
             yield Sentence(first, text)
 
@@ -237,7 +237,7 @@ def _changes(task: Task, moment: float) -> Sentences:
         if are_results and more:
             last = more[-1]
             ending = f", {len(row)} times; the last: {data_text(last.body)}"
-            yield _lasting(first.time, last.time, str(first), ending)
+            yield _span_sentence(first.time, last.time, str(first), ending)
             continue
         for one in row:
             data = data_text(one.body)
@@ -254,14 +254,14 @@ def _preview(run: Run, task: Task) -> Sentences:
     ahead = f"ahead of the state '{sent.state}'"
     for (time, role), (until, _) in pairwise([*sent.roles, (inf, None)]):
         if role is TaskRole.AHEAD:
-            yield _lasting(time, until, ahead, ending)
+            yield _span_sentence(time, until, ahead, ending)
         elif role is TaskRole.RESTORING:
             yield Sentence(time, f"undoes wasted work {ahead}")
 
 
 def _plans(run: Run, task: Task) -> Sentences:
     """Yield its deadlines and planned kills."""
-    for one in run.planned_events.get(task.id, ()):
+    for one in run.plans.get(task.id, ()):
         at = RunAt(run, one.set_at)
         if text := describe_event(at, at.tasks[task.id], one):
             yield Sentence(one.set_at, text)
@@ -278,15 +278,15 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
         if queueing.module:
             until = moment if queueing.start <= moment else inf
             text = f"queued {in_queue(run, queueing, message, until)}"
-        yield _lasting(queueing.start, queueing.until, text)
+        yield _span_sentence(queueing.start, queueing.until, text)
 
 
-def _run(at: RunAt, handling: Handling) -> Sentences:
+def _handling(at: RunAt, handling: Handling) -> Sentences:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
     where = place(handling.module, handling.resource)
-    yield _lasting(handling.start, handling.until, f"handled by {where}", how)
+    yield _span_sentence(handling.start, handling.until, f"handled by {where}", how)
     for wait in handling.waits:
         if (claim := at.run.claims.get(wait.awaited)) is not None:
             yield from _claim(at, wait, claim)
@@ -300,9 +300,9 @@ def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     if claim.granted != wait.start:
         until = at.moment if wait.start <= at.moment else inf
         text = for_claim(at.run, wait, claim, until)
-        yield _lasting(wait.start, wait.until, f"its handler waits {text}")
+        yield _span_sentence(wait.start, wait.until, f"its handler waits {text}")
     if claim.granted is not None:
-        yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")
+        yield _span_sentence(claim.granted, claim.until, f"its handler has the {claim}")
 
 
 def awaited(run: Run, wait: HandlerWait) -> str:
@@ -321,7 +321,7 @@ def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     cause = _plain(run, wait)
     if wait.is_active(at.moment):
         cause = wait_for(at, of_handler_wait(run, wait))
-    sentence = _lasting(wait.start, wait.until, f"its handler waits {in_words(cause)}")
+    sentence = _span_sentence(wait.start, wait.until, f"its handler waits {in_words(cause)}")
     if cycle := run.deadlock(wait):
         seconds = sentence.seconds if wait.end != wait.start else None
         return sentence._replace(seconds=seconds, ending=f", and is refused: {cycle}")
@@ -351,7 +351,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
         text, fetched = f"its handler asked {query}, and continues", first.get(query.id)
         if fetched is not None and fetched.start <= max(at.moment, query.received):
             if fetched.start > query.received:
-                yield _lasting(query.received, fetched.start, text)
+                yield _span_sentence(query.received, fetched.start, text)
             continue
         end = query.answered
         if end is None:
@@ -360,7 +360,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
         failure = _failure_of(query, end) if end < inf else ""
-        yield _lasting(query.received, end, text, f"; it fails: {failure}" if failure else "")
+        yield _span_sentence(query.received, end, text, f"; it fails: {failure}" if failure else "")
 
 
 # --- states ---------------------------------------------------------------------------------------
@@ -389,7 +389,7 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
         causes = waits[bisect_left(starts, start) : bisect_left(starts, end)]
         is_at_work = any(isinstance(one.record, Handling) for one in causes)
         if not causes or (state is TaskState.PLANNING and is_at_work):
-            yield _lasting(start, end, str(state))
+            yield _span_sentence(start, end, str(state))
         else:
             yield from _in_state(at, task, state, causes)
 
@@ -397,7 +397,7 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
 def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentences:
     """Yield the waits of a task in a state; waits with the same kind and start share a sentence."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
-    yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
+    yield from (_span_sentence(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
         if not any(one.start <= wait.start < one.end for one in watched):
@@ -411,9 +411,10 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
     ends = [end for one in waits for end in (one.end, *one.others)]
     start, end = waits[0].start, max(ends)
-    however = state is TaskState.ENDING or task.is_retry_due
-    text = f"{state}, {several_in_words(named_waits(RunAt(at.run, start), waits, however=however))}"
-    return _lasting(start, end, text, _in_vain(at.run, task, waits, end))
+    any_outcome = state is TaskState.ENDING or task.is_retry_due
+    named = named_waits(RunAt(at.run, start), waits, any_outcome=any_outcome)
+    text = f"{state}, {several_in_words(named)}"
+    return _span_sentence(start, end, text, _in_vain(at.run, task, waits, end))
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:

@@ -197,11 +197,11 @@ class TaskAt:
         return self.record.was_retry_due(self.moment)
 
     @property
-    def planned_events(self) -> list[PlannedEvent]:
+    def plans(self) -> list[PlannedEvent]:
         """Its pending deadlines and planned kills."""
         if self.state in (*OVER, TaskState.ENDING):
             return []
-        known = self._run.planned_events.get(self.record.id, ())
+        known = self._run.plans.get(self.record.id, ())
         return [one for one in known if one.set_at <= self.moment]
 
 

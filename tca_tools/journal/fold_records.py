@@ -258,7 +258,7 @@ class RecordFold(Run):
     def _waited_for(self, fact: facts.WaitedFor) -> None:
         self._task(fact.monitor).is_waited_for = True
 
-    def _spared(self, fact: facts.OutlivesRetry) -> None:
+    def _outlives_retry(self, fact: facts.OutlivesRetry) -> None:
         self._task(fact.monitor).outlives_retry = True
 
     def _tested(self, fact: facts.MonitorTested) -> None:
@@ -305,15 +305,10 @@ class RecordFold(Run):
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
         """Hold a task until a listener has ended, as a constraint does."""
-        tap, tapped, listener = (
-            self.taps.get(fact.tap),
-            self.tasks.get(fact.tapped),
-            self.tasks.get(fact.listener),
-        )
-        if tap is None or tapped is None or listener is None:
-            return
-        rule = CONDITIONS[tap.condition]
-        if not rule.holds_until:
+        tapped, listener = self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
+        tap = self.taps.get(fact.tap)
+        rule = CONDITIONS[tap.condition] if tap is not None else None
+        if tapped is None or listener is None or rule is None or not rule.holds_until:
             return
         before, after = Moment(rule.holds_until), Moment(rule.before)
         # A handling may start again, so its listener holds the task each time
@@ -325,9 +320,9 @@ class RecordFold(Run):
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
             ahead = PlannedEvent(self.time, fact.seconds, first_moment(fact.moment))
-            self.planned_events.setdefault(task.id, []).append(ahead)
+            self.plans.setdefault(task.id, []).append(ahead)
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:
             ahead = PlannedEvent(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
-            self.planned_events.setdefault(fact.task, []).append(ahead)
+            self.plans.setdefault(fact.task, []).append(ahead)

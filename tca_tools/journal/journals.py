@@ -541,12 +541,7 @@ def _checked(path: Path) -> Path:
                 f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): "
                 f"name the journal of one run{example}"
             )
-    elif not path.exists():
-        raise UnusableLog(
-            f"{path}: no such file or directory: name a journal directory or a segment"
-        )
     elif not path.is_file():
-        raise UnusableLog(
-            f"{path}: neither a file nor a directory: name a journal directory or a segment"
-        )
+        what = "neither a file nor a directory" if path.exists() else "no such file or directory"
+        raise UnusableLog(f"{path}: {what}: name a journal directory or a segment")
     return path

@@ -45,7 +45,7 @@ class Reactions:
         """For each task, the times of its failures that were not handled."""
         self.exhausted: dict[int, list[Exhausted]] = {}
         """For each such task, the exception handlers that had no calls left."""
-        self.planned_events: dict[int, list[PlannedEvent]] = {}
+        self.plans: dict[int, list[PlannedEvent]] = {}
         """For each task, its planned kills and deadlines."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor, the times of its tests and whether the condition held."""

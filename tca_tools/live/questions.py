@@ -57,9 +57,8 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
 def status(client: Client) -> tuple[Any, str]:
     """Show the state of central, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
-    overview |= {
-        what: overview[what] - 1 for what in ("modules", "connections")
-    }  # this command is not counted
+    for what in ("modules", "connections"):
+        overview[what] -= 1  # this command is not counted
     waiting = _waiting(load)
     awaited, needs_resume = overview.get("awaited"), overview.get("to be told")
     shown = [
@@ -74,13 +73,9 @@ def status(client: Client) -> tuple[Any, str]:
         *textwrap.wrap(", ".join(shown), 100),
     ]
     if awaited is not None:
-        waits = (
-            f"waits for {printable(listed(awaited))} to come back"
-            if awaited
-            else "waits for a resume"
-        )
+        what = f"{printable(listed(awaited))} to come back" if awaited else "a resume"
         more = "; 'tca resume' starts them" if needs_resume or awaited else ""
-        parts.append(f"central was restarted, and starts no tasks yet: it {waits}{more}")
+        parts.append(f"central was restarted, and starts no tasks yet: it waits for {what}{more}")
     lost = sorted(
         (one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"])
     )
@@ -90,7 +85,7 @@ def status(client: Client) -> tuple[Any, str]:
     if waiting:
         parts += [
             "",
-            _table(["waiting", "for"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]]),
+            _table("waiting, for", [[one["what"], one["for"]] for one in waiting[:_SHOWN]]),
         ]
         listed_of = Counter(one["state"] for one in waiting)
         totals = (max(load["totals"].get(state, 0), listed_of[state]) for state in _STATES)
@@ -158,12 +153,12 @@ def modules(client: Client) -> tuple[Any, str]:
         for resource in module["resources"] or [None]:
             rows.append([*first[:2], *_about_resource(resource), first[2]])
             first = ["", "", ""]
-    heads = ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+    heads = "module, process, resource, capacity, handling, waiting, handles"
     return known, _table(heads, rows) or "no modules are connected"
 
 
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
-    """Return the cells of a resource: name, capacity, message ids with its holder, queue length."""
+    """Return the cells of a resource: name, capacity, handled ids and its holder, queue length."""
     if resource is None:
         return ["-", "", "", ""]
     parts = [", ".join(map(str, resource["handling"]))]
@@ -193,9 +188,8 @@ def messages(client: Client) -> tuple[Any, str]:
         rows.append(
             [message["message"], message["class"], _names(handlers), str(message["waiting"] or "")]
         )
-    return known, _table(
-        ["message", "class", "handled by", "waiting"], rows
-    ) or "no messages have been declared"
+    table = _table("message, class, handled by, waiting", rows)
+    return known, table or "no messages have been declared"
 
 
 @_question("variables")
@@ -212,9 +206,8 @@ def variables(client: Client) -> tuple[Any, str]:
         rows.append(
             [variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by]
         )
-    return known, _table(
-        ["variable", "value", "set by", "watched by"], rows
-    ) or "no variables have been declared"
+    table = _table("variable, value, set by, watched by", rows)
+    return known, table or "no variables have been declared"
 
 
 @_question("attached")
@@ -256,19 +249,10 @@ def attached(client: Client) -> tuple[Any, str]:
     cut = attached_in_all(known)
     texts = [
         _table(
-            [
-                "number",
-                "failure",
-                "of",
-                "exception handler",
-                "at most",
-                "attached by",
-                "handled by",
-            ],
-            handlers,
+            "number, failure, of, exception handler, at most, attached by, handled by", handlers
         ),
-        _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
-        _table(["number", "monitor", "under", "sent by"], monitors),
+        _table("number, wiretap, of, listener, tapped by, handled by", taps),
+        _table("number, monitor, under, sent by", monitors),
         cut and f"only the first are listed: there are {cut}",
     ]
     return known, "\n\n".join(filter(None, texts)) or "no exception handlers, wiretaps or monitors"
@@ -315,15 +299,11 @@ def _shown_value(variable: dict[str, Any]) -> str:
     if not variable["bytes"]:
         return "(never set)"
     text = json.dumps(variable["value"], ensure_ascii=False)
-    return (
-        f"({variable['bytes']} bytes)"
-        if len(text) > _LONGEST_VALUE or variable["value"] is None
-        else text
-    )
+    is_shown = variable["value"] is not None and len(text) <= _LONGEST_VALUE
+    return text if is_shown else f"({variable['bytes']} bytes)"
 
 
-def _table(heads: list[str], rows: Rows) -> str:
-    """Return the rows as text below their heads; "" without rows."""
-    return (
-        "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""
-    )
+def _table(heads: str, rows: Rows) -> str:
+    """Return the rows as text below their heads, which commas separate; "" without rows."""
+    cells = [[*map(printable, row)] for row in [heads.split(", "), *rows]]
+    return "\n".join(table_lines(cells)) if rows else ""

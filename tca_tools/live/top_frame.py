@@ -181,11 +181,8 @@ def _resource(
     what = listed([_called(one) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
     rate = (now["delivered"] - before.get("delivered", 0)) / span
-    held = (
-        f"{'reserved' if now['is_reserved'] else 'locked'} by {now['held_by']}"
-        if now["held_by"]
-        else ""
-    )
+    held = "reserved" if now["is_reserved"] else "locked"
+    held = f"{held} by {now['held_by']}" if now["held_by"] else ""
     seconds = max((one["seconds"] for one in handling), default=0.0)
     return ResourceLine(
         module,

@@ -45,7 +45,7 @@ class ComparingPlayer(FoldedPlayer):
             assert end is not None
             by_central, by_tools = (
                 waits_of(self.central, place),
-                named_waits(at, waits_now(at, task.id), however=True),
+                named_waits(at, waits_now(at, task.id), any_outcome=True),
             )
             self.assert_causes(
                 task,

@@ -68,7 +68,7 @@ def stories_at(at: RunAt) -> dict[int, list[str]]:
         for number in known
     }
     return {
-        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in stories_at]
+        number: [f"{one.time:.6f} {one.text_at(at.moment, at.moment)}" for one in stories_at]
         for number, stories_at in stories.items()
     }
 

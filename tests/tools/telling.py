@@ -114,7 +114,9 @@ def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
     """The story of a message, as it was shown at a moment."""
     if at is not None:
         return [
-            f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at
+            f"{one.time:g} {one.text_at(at, at)}"
+            for one in story(run, number, at)
+            if one.time <= at
         ]
     return [f"{one.time:g}{_duration(one)} {one.text}" for one in story(run, number)]
 

@@ -61,7 +61,7 @@ def of_task(run: Run, task: Task) -> Details:
 
 
 def of_handling(run: Run, handling: Handling) -> Details:
-    """Return the details of a handler run; the last run has the results of the message, too."""
+    """Return the details of a handling; a message's last one also has the message's results."""
     message = run.messages.get(handling.message_id)
     details: Details = {"directly from": handling.direct_from or None} | (
         of_message(run, message) if message else {}
@@ -114,17 +114,16 @@ def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
     for module in trace.run.modules.values():
         for resource in module.resources:
             places[module.name, resource]  # creates it, even if it stays empty
-    for run in trace.run.handlings:
-        places[run.module, run.resource].handlings.append((trace.span(run.start, run.end), run))
-    for wait in trace.run.queueings:
-        places[wait.module, wait.resource].queueings.append(
-            (trace.span(wait.start, wait.end), wait)
-        )
+    for handling in trace.run.handlings:
+        span = trace.span(handling.start, handling.end)
+        places[handling.module, handling.resource].handlings.append((span, handling))
+    for queueing in trace.run.queueings:
+        span = trace.span(queueing.start, queueing.end)
+        places[queueing.module, queueing.resource].queueings.append((span, queueing))
     for claim in trace.run.claims.values():
         if claim.granted is not None:
-            places[claim.module, claim.resource].claims.append(
-                (trace.span(claim.granted, claim.end), claim)
-            )
+            span = trace.span(claim.granted, claim.end)
+            places[claim.module, claim.resource].claims.append((span, claim))
     return places
 
 
@@ -142,12 +141,12 @@ class _Place:
         further: Waits = []
         for lane in in_lanes(self.handlings):
             track = trace.add(name, group, rank)
-            runs = []
+            slices = []
             for span, handling in lane:
                 first, *others = in_lanes(_waits(trace, span, handling)) or [[]]
                 further += chain.from_iterable(others)
-                runs.append(_run(track, span, handling, first, sent.get(id(handling), [])))
-            track.events = chain.from_iterable(runs)
+                slices.append(_handling(track, span, handling, first, sent.get(id(handling), [])))
+            track.events = chain.from_iterable(slices)
         _add_lanes(group, next(ranks), f"further waits of {name}", further, _waiting)
         _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claimed)
         if self.queueings:
@@ -172,7 +171,7 @@ def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> 
     return track.slices((span, of(track, span, thing)) for span, thing in spans)
 
 
-def _run(
+def _handling(
     track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]
 ) -> Iterator[Event]:
     """Yield a handling with its waits, its sent messages, and its failure."""
@@ -229,7 +228,7 @@ def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
         flows = [
             flow
             for message in sent
-            for flow in dict.fromkeys(_flow(message, run.delivery) for run in message.handlings)
+            for flow in dict.fromkeys(_flow(message, one.delivery) for one in message.handlings)
         ]
         flows += [message.id for message in sent if message.queueings and not message.handlings]
         if len(sent) == 1:
