@@ -256,7 +256,7 @@ def _on_wait(
         saving,
         saving,
         len(group.waits),
-        _longest(run, longest, step),
+        _longest_in_words(run, longest, step),
         (longest.start, longest.end),
         name=longest.name,
         seconds=duration(group.seconds),
@@ -267,7 +267,7 @@ def _on_wait(
     )
 
 
-def _longest(run: Run, wait: PrecedingWait, step: PathStep) -> str:
+def _longest_in_words(run: Run, wait: PrecedingWait, step: PathStep) -> str:
     """Return the longest wait of a group in words, with its reason if that is known."""
     asked = step.resumed.awaited if step.resumed else step.message_id
     comma = "," if step.resumed else ""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 
 from tca_tools.explain.deciding import calls
-from tca_tools.explain.story import awaited
+from tca_tools.explain.story import awaited_in_words
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import (
     ENDED_TASKS,
@@ -150,7 +150,7 @@ def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
             number, name = wait.by.message_id, wait.by.name
             of = run.describe(number)
         fields = cycle.words, wait.end, "by central", list[str](), decided
-        why = f"it would have waited {awaited(run, wait)}"
+        why = f"it would have waited {awaited_in_words(run, wait)}"
         yield (cycle.name, name), Case(number, of, *fields, why, 0.0, 0.0)
 
 

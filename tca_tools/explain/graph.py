@@ -107,10 +107,14 @@ def _waits_of(at: RunAt, number: int) -> list[Wait]:
 def next_node(at: RunAt, number: int) -> Node:
     """Return the next node of a task, message or claim."""
     task = at.run.tasks.get(number)
-    return Node(number) if task is None or task.received > at.moment else _next(task, at.moment)
+    return (
+        Node(number)
+        if task is None or task.received > at.moment
+        else _next_of_task(task, at.moment)
+    )
 
 
-def _next(task: Task, time: float) -> Node:
+def _next_of_task(task: Task, time: float) -> Node:
     state = task.state_at(time)
     is_running = bool(active_at(task.handlings, time)) or is_watching(task, state, time)
     if is_running and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
@@ -121,10 +125,10 @@ def _next(task: Task, time: float) -> Node:
 def blocking_waits(at: RunAt, node: Node) -> list[Wait]:
     """Return the waits that block a moment of a task, or the answer to a message."""
     blocking = _blocking(at, node)
-    return blocking.waits + [_subtask(at.run, one) for one in blocking.subtasks]
+    return blocking.waits + [_wait_for_subtask(at.run, one) for one in blocking.subtasks]
 
 
-def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
+def _wait_for_subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
     child, moment = run.tasks[node.number], node.moment
     end = min(child.time_of(moment), run.tasks[child.parent].time_of(moment))
     return Wait(child.received, end, WaitKind.SUBTASK, node, moment, others=others)
@@ -136,10 +140,12 @@ def _blocking(at: RunAt, node: Node) -> _Blocking:
     message = at.run.messages.get(node.number)
     if message is None or message.received > at.moment:
         return _NOTHING
-    return _Blocking(*_select(at.run, message, node, _waits_of(at, node.number), at.moment))
+    return _Blocking(
+        *_select_blocking(at.run, message, node, _waits_of(at, node.number), at.moment)
+    )
 
 
-def _select(
+def _select_blocking(
     run: Run, message: Message, node: Node, waits: list[Wait], time: float
 ) -> tuple[list[Wait], list[Node]]:
     """Return the waits that block a node of a message, and the subtasks that do."""
@@ -180,7 +186,7 @@ def prerequisites(at: RunAt, wait: Wait) -> list[Node]:
     if wait.is_leaf:
         return []
     if wait.kind is WaitKind.RESOURCE:
-        return _nodes(at, holders_of(at, wait))
+        return _nodes_of_holders(at, holders_of(at, wait))
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(number)
         is_pending = task is not None and task.time_of(wait.on.moment) > at.moment
@@ -207,7 +213,7 @@ def holders_of(at: RunAt, wait: Wait) -> Holders:
     return Holders()
 
 
-def _nodes(at: RunAt, by: Holders) -> list[Node]:
+def _nodes_of_holders(at: RunAt, by: Holders) -> list[Node]:
     """Return the nodes of holders: a lock, else the handlers that do not wait, else all handlers.
 
     The first handler that returns frees a slot.
@@ -276,10 +282,10 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     """
     blocking = _blocking(at, next_node(at, number))
     waits = list(blocking.waits)
-    waits += (_subtask(at.run, one) for one in blocking.subtasks[:-1][:NAMED])
+    waits += (_wait_for_subtask(at.run, one) for one in blocking.subtasks[:-1][:NAMED])
     if blocking.subtasks:
         left = max(len(blocking.subtasks) - NAMED - 1, 0)
-        waits.append(_subtask(at.run, blocking.subtasks[-1], (inf,) * left))
+        waits.append(_wait_for_subtask(at.run, blocking.subtasks[-1], (inf,) * left))
     task = at.run.tasks.get(number)
     if task is None:
         return [_since_cause(at, wait) for wait in waits]

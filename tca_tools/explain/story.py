@@ -14,7 +14,7 @@ from tca_tools.explain.wait_words import (
     in_queue,
     named_waits,
     of_query,
-    suspended,
+    suspension_in_words,
     wait_for,
 )
 from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, waits_for_display
@@ -196,7 +196,7 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
     """Yield when it was suspended and resumed, and the handlers that were still running."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
-        text = suspended(one)
+        text = suspension_in_words(one)
         if one.end is None or one.is_resumed or one.is_active(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
@@ -289,13 +289,13 @@ def _handling(at: RunAt, handling: Handling) -> Sentences:
     yield _span_sentence(handling.start, handling.until, f"handled by {where}", how)
     for wait in handling.waits:
         if (claim := at.run.claims.get(wait.awaited)) is not None:
-            yield from _claim(at, wait, claim)
+            yield from _wait_for_claim(at, wait, claim)
         else:
             yield _wait(at, wait)
     yield from _queries(at, handling)
 
 
-def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
+def _wait_for_claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     """Yield a handler's wait for a lock, and how long it has the lock."""
     if claim.granted != wait.start:
         until = at.moment if wait.start <= at.moment else inf
@@ -305,12 +305,12 @@ def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
         yield _span_sentence(claim.granted, claim.until, f"its handler has the {claim}")
 
 
-def awaited(run: Run, wait: HandlerWait) -> str:
+def awaited_in_words(run: Run, wait: HandlerWait) -> str:
     """Return what a handler waited for at the start: ``for the reply to next stance {7}``."""
     return in_words(wait_for(RunAt(run, wait.start), of_handler_wait(run, wait)))
 
 
-def _plain(run: Run, wait: HandlerWait) -> WaitFor:
+def _without_place(run: Run, wait: HandlerWait) -> WaitFor:
     """Return what a handler waited for, without its place."""
     kind, name = of_handler_wait(run, wait).kind, wait.name or run.name(wait.awaited)
     return WaitFor(kind, wait.awaited, name, int(wait.moment or 0))
@@ -318,7 +318,7 @@ def _plain(run: Run, wait: HandlerWait) -> WaitFor:
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     run = at.run
-    cause = _plain(run, wait)
+    cause = _without_place(run, wait)
     if wait.is_active(at.moment):
         cause = wait_for(at, of_handler_wait(run, wait))
     sentence = _span_sentence(wait.start, wait.until, f"its handler waits {in_words(cause)}")

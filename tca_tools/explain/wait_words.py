@@ -260,7 +260,7 @@ def verb_of(task: TaskAt, verb: str = "waits") -> str:
     return "watches" if task.is_watching and task.state is not TaskState.ENDING else verb
 
 
-def suspended(one: Suspension) -> str:
+def suspension_in_words(one: Suspension) -> str:
     """Return ``suspended by panel``."""
     return suspended_by(one.by, since_birth=one.since_birth)
 
@@ -360,7 +360,7 @@ def _why_last(at: RunAt, end: End, query: Message) -> str:
 
 def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
     if end.kind is WaitKind.RESUME and task.suspension:
-        return f"is {suspended(task.suspension)}"
+        return f"is {suspension_in_words(task.suspension)}"
     found = reasons(at, task)
     return f"{verb_of(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 

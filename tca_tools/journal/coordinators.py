@@ -108,7 +108,7 @@ class CoordinatorTasks:
         if coordinator.has_ended:
             self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
 
-    def late(self) -> Counter[WhyNotEarly]:
+    def late_reasons(self) -> Counter[WhyNotEarly]:
         """Return the reasons why activities did not start early, counted.
 
         Reasons without a remedy are included only if no activity ran early.
@@ -179,7 +179,7 @@ def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorTasks]]:
             yield task, sent
 
 
-def worked(run: Run, task: Task) -> tuple[float, float] | None:
+def work_span(run: Run, task: Task) -> tuple[float, float] | None:
     """Return the span from a task's first handling to its end; None if it was not handled."""
     if not task.handlings:
         return None
@@ -211,7 +211,7 @@ def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
     late: dict[str, Counter[WhyNotEarly]] = {}
     for task, sent in coordinators(run):
         machines.setdefault(sent.chart.name, []).append(gain(run, task, sent))
-        late.setdefault(sent.chart.name, Counter()).update(sent.late())
+        late.setdefault(sent.chart.name, Counter()).update(sent.late_reasons())
     return [
         (machine, len(runs), Gain._make(map(sum, zip(*runs, strict=True))), late[machine])
         for machine, runs in machines.items()
@@ -222,10 +222,10 @@ def gain(run: Run, coordinator: Task, sent: CoordinatorTasks) -> Gain:
     """Return the gain of one run of a machine."""
     seconds = dict.fromkeys(TaskRole, 0.0)
     for one in sent.tasks.values():
-        role, span = one.role(), worked(run, run.tasks[one.id])
+        role, span = one.role(), work_span(run, run.tasks[one.id])
         if span is not None and role is not None:
             seconds[role] += max(min(span[1], one.entered) - span[0], 0.0)
-    right, whole = sum(sent.predictions), worked(run, coordinator)
+    right, whole = sum(sent.predictions), work_span(run, coordinator)
     return Gain(
         right,
         len(sent.predictions) - right,

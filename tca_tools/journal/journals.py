@@ -436,7 +436,7 @@ class Log:
             )
 
     def _check_end(self, segment: Path, reader: JournalReader) -> None:
-        """Remember an incomplete entry at the end, and since when it has been so."""
+        """Store an incomplete entry at the end, and since when it has been incomplete."""
         torn = (segment, reader.offset, reader.torn) if reader.torn else None
         if torn != self._torn:
             self._torn, self._torn_since = torn, time.monotonic()

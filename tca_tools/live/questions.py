@@ -37,7 +37,7 @@ They are: messages, handlers and modules that wait; suspended, killed and held t
 Rows = list[list[str]]
 
 
-def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
+def _status_command(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
     """Make a command of a function that returns an answer as data and as text."""
 
     def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
@@ -53,7 +53,7 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
     return command_of
 
 
-@_question("status")
+@_status_command("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show the state of central, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
@@ -143,7 +143,7 @@ def _why(waiter: Waiter, now: float, *, shows_end: bool) -> str:
     return f"{why}: 'tca resume {suspended}'" if suspended else why
 
 
-@_question("modules")
+@_status_command("modules")
 def modules(client: Client) -> tuple[Any, str]:
     """List the connected modules with their resources and messages."""
     known = [module for module in client.status("modules") if module["module"] != client.name]
@@ -176,7 +176,7 @@ def _about_resource(resource: dict[str, Any] | None) -> list[str]:
     ]
 
 
-@_question("messages")
+@_status_command("messages")
 def messages(client: Client) -> tuple[Any, str]:
     """List the declared messages and their handlers."""
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
@@ -192,7 +192,7 @@ def messages(client: Client) -> tuple[Any, str]:
     return known, table or "no messages have been declared"
 
 
-@_question("variables")
+@_status_command("variables")
 def variables(client: Client) -> tuple[Any, str]:
     """List the shared variables with their values.
 
@@ -210,7 +210,7 @@ def variables(client: Client) -> tuple[Any, str]:
     return known, table or "no variables have been declared"
 
 
-@_question("attached")
+@_status_command("attached")
 def attached(client: Client) -> tuple[Any, str]:
     """List the exception handlers, wiretaps and monitors in force.
 

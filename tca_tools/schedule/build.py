@@ -12,7 +12,7 @@ from tca_tools.journal.coordinators import (
     CoordinatorTasks,
     SentByCoordinator,
     coordinators,
-    worked,
+    work_span,
 )
 from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
@@ -46,7 +46,7 @@ def heading(chart: Chart, longest: float) -> str:
 
 def _schedule(run: Run, known: CoordinatorTasks) -> Chart | None:
     sent = known.tasks.values()
-    spans = {task.id: span for task in sent if (span := worked(run, run.tasks[task.id]))}
+    spans = {task.id: span for task in sent if (span := work_span(run, run.tasks[task.id]))}
     if not spans:
         return None
     start = min(start for start, _ in spans.values())
@@ -59,7 +59,7 @@ def _schedule(run: Run, known: CoordinatorTasks) -> Chart | None:
         own = [boxes[task.id] for task in begun if f"+{agent}+" in f"+{task.agent}+"]
         rows.append(ResourceRow(agent, handled=[*own, *_gaps(own, seconds)]))
         rows[-1].lay_out(0.0, seconds)
-    notes = [printable(str(why)) for why in known.late()]
+    notes = [printable(str(why)) for why in known.late_reasons()]
     return Chart(0.0, seconds, rows, [], notes=notes)
 
 

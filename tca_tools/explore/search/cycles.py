@@ -106,20 +106,21 @@ def _fair_cycle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Wa
     """Return the nearest fair cycle: its first node and its ways."""
     for part in sorted(_strongly_connected(graph), key=min):
         inside = {node: [edge for edge in graph[node] if edge.to in part] for node in part}
-        happening = {_fair(edge.way.action) for edges in inside.values() for edge in edges}
+        happening = {_fair_key(edge.way.action) for edges in inside.values() for edge in edges}
         always = set.intersection(*(_possible(states[node.state]) for node in part))
         if happening and not always - happening:
-            return min(part), _way_round(inside, min(part), states)
+            return min(part), _cycle_from(inside, min(part), states)
     return None
 
 
-def _fair(action: Action) -> Fair:
+def _fair_key(action: Action) -> Fair:
+    """Return the key of equal actions in different states."""
     return action.kind, action.name
 
 
 def _possible(state: SearchState) -> set[Fair]:
     """Return the actions that are possible in a state and must happen some time."""
-    return {_fair(way.action) for way in state.ways if not way.action.is_optional}
+    return {_fair_key(way.action) for way in state.ways if not way.action.is_optional}
 
 
 def _strongly_connected(graph: Graph) -> list[set[_Node]]:
@@ -155,7 +156,7 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
+def _cycle_from(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     """Return a fair cycle of ways from *start*: a short one, though not always the shortest."""
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
@@ -164,12 +165,12 @@ def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[W
             inside,
             here,
             lambda edge, out=left_out: bool(  # type: ignore[misc]
-                out - _possible(states[edge.to.state]) or _fair(edge.way.action) in out
+                out - _possible(states[edge.to.state]) or _fair_key(edge.way.action) in out
             ),
         ):
             ways.append(edge.way)
             here = edge.to
-            left_out = (left_out & _possible(states[here.state])) - {_fair(edge.way.action)}
+            left_out = (left_out & _possible(states[here.state])) - {_fair_key(edge.way.action)}
     if here != start:
         ways += [edge.way for edge in _path(inside, here, lambda edge: edge.to == start)]
     return ways

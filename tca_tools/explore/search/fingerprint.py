@@ -179,9 +179,11 @@ class _Walk:
         self._out += plain
 
     def number_of_name(self, name: int) -> int:
+        """Return the number of an identifier."""
         return self._names.setdefault((type(name), int(name)), len(self._names))
 
     def knows_name(self, name: int) -> bool:
+        """Whether an identifier has a number already."""
         return (type(name), int(name)) in self._names
 
     def number_of(self, thing: object) -> int:
@@ -297,6 +299,7 @@ class _Walk:
         self._out.append(sum(other.id < attached.id for other in place.attached))
 
     def digest(self) -> bytes:
+        """Return a digest of all that was written, with the ranks of arrivals filled in."""
         for ranks in self._ranks.values():
             for rank, (arrival, place) in enumerate(sorted(ranks), start=1):
                 self._out[place] = rank if arrival else 0

@@ -100,7 +100,7 @@ def add_modules(trace: Trace) -> None:
     outside = [name for name in sent if isinstance(name, str)]
     for name in dict.fromkeys([*run.modules, *outside, *(module for module, _ in places)]):
         group = trace.add(name or "(no handler)")
-        group.events = _connected(group)
+        group.events = _connection_slices(group)
         resources = [resource for module, resource in places if module == name]
         ranks = count(1)
         for resource in sorted(resources, key=lambda resource: resource not in ("", name)):
@@ -147,28 +147,28 @@ class _Place:
                 further += chain.from_iterable(others)
                 slices.append(_handling(track, span, handling, first, sent.get(id(handling), [])))
             track.events = chain.from_iterable(slices)
-        _add_lanes(group, next(ranks), f"further waits of {name}", further, _waiting)
-        _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claimed)
+        _add_lanes(group, next(ranks), f"further waits of {name}", further, _wait_slice)
+        _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claim_slice)
         if self.queueings:
             length = trace.add(f"queue length of {name}", group, next(ranks), is_counter=True)
             length.events = length.counter([span for span, _ in self.queueings])
-        _add_lanes(group, next(ranks), f"queue of {name}", self.queueings, _queued)
+        _add_lanes(group, next(ranks), f"queue of {name}", self.queueings, _queue_slice)
 
 
 Begin = Callable[[Track, TraceSpan, Any], Event]
 
 
 def _add_lanes(
-    group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
+    group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], begin: Begin
 ) -> None:
     """Add as many tracks of one name as the spans need."""
     for lane in in_lanes(spans):
         track = group.trace.add(name, group, rank)
-        track.events = _slices(track, lane, of)
+        track.events = _slices(track, lane, begin)
 
 
-def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> Iterator[Event]:
-    return track.slices((span, of(track, span, thing)) for span, thing in spans)
+def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], begin: Begin) -> Iterator[Event]:
+    return track.slices((span, begin(track, span, thing)) for span, thing in spans)
 
 
 def _handling(
@@ -182,7 +182,7 @@ def _handling(
     if handling.outcome is Outcome.FAILED and span.end is not None:
         failed = [track.instant(span.end, "failed", "failure", _failure(run, handling))]
     yield from track.within(
-        span, outer, _sending(track, sent), failed, _slices(track, waits, _waiting)
+        span, outer, _sending(track, sent), failed, _slices(track, waits, _wait_slice)
     )
 
 
@@ -246,31 +246,31 @@ def _add_outside(group: Track, rank: int, sent: list[Message]) -> None:
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     for lane in in_lanes(waits) or ([[]] if sent else []):
         track = trace.add("outside of handlers" if module else "sent", group, rank)
-        track.events = in_order(_sending(track, sent), _slices(track, lane, _waiting))
+        track.events = in_order(_sending(track, sent), _slices(track, lane, _wait_slice))
         sent = []
 
 
-def _connected(group: Track) -> Iterator[Event]:
+def _connection_slices(group: Track) -> Iterator[Event]:
     """Yield the spans in which a module was connected, for the track of its group."""
     module = group.trace.run.modules.get(group.name)
     spans = [group.trace.span(start, end) for start, end in module.joined] if module else []
     return group.slices((span, group.begin(span, "connected", "module")) for span in spans)
 
 
-def _waiting(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
+def _wait_slice(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
     run = track.trace.run
     name = "a lock" if wait.awaited in run.claims else run.name(wait.awaited)
     return track.begin(span, f"waits for {name}", "waiting", of_wait(run, wait))
 
 
-def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
+def _queue_slice(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
     run, number = track.trace.run, queueing.message_id
     return track.begin(
         span, run.name(number), "queued", {"id": number}, _flow(run.messages.get(number))
     )
 
 
-def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
+def _claim_slice(track: Track, span: TraceSpan, claim: Claim) -> Event:
     name = f"{'reserved' if claim.is_reserved else 'locked'} by {claim.sender}"
     return track.begin(span, name, "lock", {"id": claim.id, "ended": claim.ended or None})
 
