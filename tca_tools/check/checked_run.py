@@ -29,10 +29,11 @@ class CheckedRun:
 
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
         self.judges = [Judge(one) for one in wanted]
-        self.unbroken = list(self.judges)
-        self.messages: set[str] = set()
-        self.modules: set[str] = set()
-        self._touched: dict[MessageRecord, None] = {}
+        self.unbroken = list(self.judges)  #: of properties that hold so far
+        self.messages: set[str] = set()  #: the names of all messages so far
+        self.modules: set[str] = set()  #: the names of all modules so far
+        #: The messages that the event before the current one changed.
+        self._changed_before: dict[MessageRecord, None] = {}
         self.violations: list[Violation] = []
         self.world = JournalWorld(self.violations, is_whole=False)
         self.history = history  #: filled along, for properties that read all records
@@ -40,7 +41,7 @@ class CheckedRun:
         self.facts = 0
         self.gaps: list[str] = []  #: the missing parts, in words
         self.is_closed = False  #: central has closed the run
-        self._is_open = False  #: an event is being checked
+        self._is_in_event = False  #: an event is being checked
         self._epoch, self._segment = "", 0
         self._may_have_missed_opening = False  #: of a segment, in a part that can't be read
         self.began = 0.0
@@ -64,17 +65,15 @@ class CheckedRun:
         run, losses = cls(wanted, history), journal.losses
         lost = unknown = 0
         for entry in journal:
-            run.skip(losses.places - lost)
+            run.skip_places(losses.places - lost)
             if losses.facts > unknown:
-                run.pass_over(
-                    entry,
-                    f"at {entry.time:.2f} s there is a fact that this version does not know",
-                )
+                what = "there is a fact that this version does not know"
+                run.skip_entry(entry, f"at {entry.time:.2f} s {what}")
             else:
                 run.apply(entry)
             lost, unknown = losses.places, losses.facts
-        run.skip(losses.places - lost)
-        run.skip(int(journal.is_cut_short))
+        run.skip_places(losses.places - lost)
+        run.skip_places(int(journal.is_cut_short))
         run.close()
         return run
 
@@ -92,9 +91,9 @@ class CheckedRun:
     def apply(self, entry: facts.Entry) -> None:
         """Check the next entry. Several entries of one number are one event."""
         if self._check_shortened(entry):
-            self.pass_over(entry, "")
+            self.skip_entry(entry, "")
             return
-        if not (self._is_open and entry.number == self.world.event):
+        if not (self._is_in_event and entry.number == self.world.event):
             self._finish_event()
             self._begin_event(entry)
         if self.history is not None:
@@ -115,13 +114,11 @@ class CheckedRun:
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
-                until = f"{fact.until:.2f} s"
-                self.gaps.append(
-                    f"what had ended by {until} was removed: only later entries are checked"
-                )
+                ended = f"what had ended by {fact.until:.2f} s was removed"
+                self.gaps.append(f"{ended}: only later entries are checked")
         return entry.time <= self._shortened
 
-    def skip(self, places: int) -> None:
+    def skip_places(self, places: int) -> None:
         """Skip places that can't be read: nothing is claimed about messages sent before.
 
         Args:
@@ -133,14 +130,14 @@ class CheckedRun:
         which = f"{places} entries or more" if places > 1 else "an entry, or more,"
         self._reset(f"after {self.world.now:.2f} s {which} can't be read")
 
-    def pass_over(self, entry: facts.Entry, why: str) -> None:
+    def skip_entry(self, entry: facts.Entry, why: str) -> None:
         """Skip an entry: nothing is claimed about it, nor about messages sent before.
 
         Args:
             entry: The entry.
             why: The reason, as a gap in words.
         """
-        is_same = self._is_open and entry.number == self.world.event
+        is_same = self._is_in_event and entry.number == self.world.event
         self._finish_event()
         if self.history is not None:
             self.history.apply(entry)
@@ -171,16 +168,15 @@ class CheckedRun:
         world = self.world
         self._record_extent(entry)
         is_opening = bool(entry.facts) and isinstance(entry.facts[0], facts.Opened)
-        if not self.events:
-            if not (self._may_have_missed_opening or is_opening):
-                self.gaps.append(
-                    "it starts in the middle of a segment: messages sent before are unknown"
-                )
-        elif not is_opening:
+        if self.events and not is_opening:
             self._check_clock(entry)
+        elif not (self.events or is_opening or self._may_have_missed_opening):
+            self.gaps.append(
+                "it starts in the middle of a segment: messages sent before are unknown"
+            )
         world.forget()
         world.begin(entry)
-        self._is_open = True
+        self._is_in_event = True
         self.events += 1
 
     def _record_extent(self, entry: facts.Entry) -> None:
@@ -199,9 +195,9 @@ class CheckedRun:
             world.report(CLOCK, 0, f"entry {entry.number} comes after central closed the run")
 
     def _finish_event(self) -> None:
-        if not self._is_open:
+        if not self._is_in_event:
             return
-        self._is_open = False
+        self._is_in_event = False
         world = self.world
         finish_event(world)
         world.history = self.history
@@ -237,8 +233,8 @@ class CheckedRun:
         """
         if not self.judges:
             return
-        changed = self._touched | world.touched
-        self._touched = world.touched.copy()
+        changed = self._changed_before | world.touched
+        self._changed_before = world.touched.copy()
         self.messages.update(item.message for item in world.touched if item.is_new)
         self.modules.update(world.joined)
         for judge in list(self.unbroken):

@@ -123,7 +123,9 @@ class MessageRecord(MessageView):
     deciding: int = 0  #: the exception handler that decides about it
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
     searches: list[int] = field(default_factory=list)
-    """The pending searches for exception handlers: each after a handler, or new (OWN, BESIDE)."""
+    """The pending searches for exception handlers: each has the handler that did not decide, or
+    OWN or BESIDE for a new failure.
+    """
     ended_handlers: "list[MessageRecord]" = field(default_factory=list)
     """The exception handlers that ended with this event."""
     has_resolved: bool = False  #: this exception handler resolved its failure or retried the task

@@ -483,8 +483,8 @@ def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[W
     Args:
         run: The run.
         task: The task.
-        together: Whether the last named of the subtasks awaited from one time on stands for the
-            rest.
+        together: Whether to name only the first subtasks awaited since the same time; the last
+            of these waits stands for the rest.
     """
     found: list[Wait] = []
     own = Overlaps(_of_task(run, task), _SPAN)

@@ -1,7 +1,7 @@
 """A run as known at a moment, read from the records of the whole run. Pure.
 
-A moment is the time of an entry; entries have unique times. Reading one task is O(log n) in the
-number of its changes.
+``moment`` is the time of an entry here; entries have unique times. ``Moment`` is the start or end
+of an interval of a task. Reading one task is O(log n) in the number of its changes.
 """
 
 from bisect import bisect_right
@@ -133,7 +133,8 @@ class TaskAt:
     @property
     def reached(self) -> dict[Moment, float]:
         """The moments it had reached, with their times."""
-        return {moment: time for moment, time in self.record.reached.items() if time <= self.moment}
+        known = self.record.reached.items()
+        return {reached: time for reached, time in known if time <= self.moment}
 
     @property
     def preview(self) -> str:

@@ -202,6 +202,10 @@ class EntryPlace(NamedTuple):
     offset: int
 
 
+def _sleep() -> None:
+    time.sleep(_POLL_SECONDS)
+
+
 class Log:
     """One journal: a folder of segments, or one segment.
 
@@ -269,9 +273,7 @@ class Log:
                 f"{self.path}: empty, central has written nothing to it yet: {_WAITING}"
             )
 
-    def follow(
-        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
-    ) -> Iterator[Entry]:
+    def follow(self, wait: Callable[[], object] = _sleep) -> Iterator[Entry]:
         """Yield the entries, then new ones as they arrive; ends only at damage.
 
         Args:
@@ -280,7 +282,7 @@ class Log:
         return (entry for entry, _ in self.follow_places(wait))
 
     def follow_places(
-        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
+        self, wait: Callable[[], object] = _sleep
     ) -> Iterator[tuple[Entry, EntryPlace]]:
         """Yield the entries as ``follow`` does, each with its place."""
         followed: set[Path] = set()

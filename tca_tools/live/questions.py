@@ -73,20 +73,15 @@ def status(client: Client) -> tuple[Any, str]:
         *textwrap.wrap(", ".join(shown), 100),
     ]
     if awaited is not None:
-        what = f"{printable(listed(awaited))} to come back" if awaited else "a resume"
+        event = f"{printable(listed(awaited))} to come back" if awaited else "a resume"
         more = "; 'tca resume' starts them" if needs_resume or awaited else ""
-        parts.append(f"central was restarted, and starts no tasks yet: it waits for {what}{more}")
-    lost = sorted(
-        (one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"])
-    )
-    if lost:
-        dropped = listed([f"{one['dropped']:,} of {one['message']}" for one in lost])
-        parts.append(f"dropped: {printable(dropped)}")
+        parts.append(f"central was restarted, and starts no tasks yet: it waits for {event}{more}")
+    lost = sorted(load["messages"], key=lambda one: -int(one["dropped"]))
+    if dropped := [f"{one['dropped']:,} of {one['message']}" for one in lost if one["dropped"]]:
+        parts.append(f"dropped: {printable(listed(dropped))}")
     if waiting:
-        parts += [
-            "",
-            _table("waiting, for", [[one["what"], one["for"]] for one in waiting[:_SHOWN]]),
-        ]
+        rows = [[one["what"], one["for"]] for one in waiting[:_SHOWN]]
+        parts += ["", _table("waiting, for", rows)]
         listed_of = Counter(one["state"] for one in waiting)
         totals = (max(load["totals"].get(state, 0), listed_of[state]) for state in _STATES)
         left = sum(totals) - _SHOWN
@@ -118,16 +113,15 @@ def _is_cut(load: dict[str, Any]) -> bool:
 def _ends(load: dict[str, Any]) -> list[str]:
     """Count the held tasks by their final wait, and say how many tasks central searched."""
     ends = msgspec.convert(load["ends"], list[CommonEnd])
-    at_least = "at least " * (
-        _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
-    )
+    is_part = _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
     lines = []
     for end in ends:
-        waiters = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
-        lines.append(f"{waiters} in the end {in_words(end.wait, load['time'])}")
-    return lines + [
-        f"only the {load['looked_at']:,} oldest tasks were searched for held ones"
-    ] * _is_cut(load)
+        waiters = f"{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
+        wait = in_words(end.wait, load["time"])
+        lines.append(f"{'at least ' * is_part}{waiters} in the end {wait}")
+    if _is_cut(load):
+        lines.append(f"only the {load['looked_at']:,} oldest tasks were searched for held ones")
+    return lines
 
 
 def _why(waiter: Waiter, now: float, *, shows_end: bool) -> str:
