@@ -129,17 +129,14 @@ def completion(shell: str) -> None:
 
 def _load(entry_point: EntryPoint) -> click.Command:
     """Import the command of an entry point, or return one that reports the failed import."""
+    name = entry_point.name
     try:
         command: click.Command = entry_point.load()
     except (ImportError, AttributeError) as error:
-        return _broken(
-            entry_point.name,
-            f"command '{entry_point.name}' can't be loaded ({error}): install tca again",
-        )
-    return command
+        why = f"command '{name}' can't be loaded ({error}): install tca again"
+    else:
+        return command
 
-
-def _broken(name: str, why: str) -> click.Command:
     @click.command(
         name, short_help="(can't be loaded)", context_settings={"ignore_unknown_options": True}
     )

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -54,17 +55,30 @@ class _Measure(click.ParamType):  # type: ignore[type-arg]
 MOMENT = _Moment()
 AGE = _Measure("age", {"min": 60, "h": 3600, "d": 86400, "w": 7 * 86400})
 SIZE = _Measure("size", {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40})
-log_argument = click.argument(
-    "log_path", metavar="[LOG]", required=False, type=click.Path(path_type=Path)
-)
 force_option = click.option(
     "--force", is_flag=True, help="Also overwrite a file that no tca command has made."
 )
 
 
-def output_option(
-    kinds: str, *, required: bool = False
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+_Command = Callable[..., Any]
+
+
+def log_help(command: _Command) -> _Command:
+    """Describe LOG in the help of a command, after the summary."""
+    summary, *rest = cleandoc(command.__doc__ or "").split("\n\n")
+    what = "LOG is a journal directory or one of its segments; the default is the newest run."
+    command.__doc__ = "\n\n".join([summary, what, *rest])
+    return command
+
+
+def log_argument(command: _Command) -> _Command:
+    """Add the argument LOG to a command."""
+    path = click.Path(path_type=Path)
+    argument = click.argument("log_path", metavar="[LOG]", required=False, type=path)
+    return argument(log_help(command))
+
+
+def output_option(kinds: str, *, required: bool = False) -> Callable[[_Command], _Command]:
     """Return the option for a command's output file; *kinds* is its help."""
     path = click.Path(path_type=Path, dir_okay=False)
     return click.option("-o", "--output", type=path, required=required, help=kinds)
@@ -103,7 +117,7 @@ _SHARED = (
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """The values of these options."""
+    """The values of the shared options."""
 
     log_path: Path | None
     start: float | None
@@ -114,17 +128,20 @@ class Asked:
     force: bool
 
 
-def shared_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add these options to a command. It is called with an `Asked`, then with its own options."""
+def shared_options(command: _Command) -> _Command:
+    """Add the shared options to a command.
+
+    It is called with an `Asked`, and with its own options by name.
+    """
 
     @wraps(command)
-    def asked(**given: Any) -> Any:
-        own = {name: value for name, value in given.items() if name not in Asked.__slots__}
-        return command(Asked(**{name: given[name] for name in Asked.__slots__}), **own)
+    def with_asked(**given: Any) -> Any:
+        return command(Asked(**{name: given.pop(name) for name in Asked.__slots__}), **given)
 
+    wrapped: _Command = with_asked
     for option in reversed(_SHARED):
-        asked = option(asked)
-    return asked
+        wrapped = option(wrapped)
+    return wrapped
 
 
 def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) -> None:
@@ -133,13 +150,14 @@ def check_output(output: Path | None, kinds: tuple[str, ...], *, force: bool) ->
     Raises BadParameter if its suffix is not one of *kinds*. Raises ToolError if the file exists and
     was not made by tca, unless *force* is set.
     """
-    if output and output.suffix not in kinds:
+    if output is None:
+        return
+    if output.suffix not in kinds:
         known = " or ".join(filter(None, [", ".join(kinds[:-1]), kinds[-1]]))
         raise click.BadParameter(
             f"{printable(str(output))}: its name must end in {known}", param_hint="'-o'"
         )
-    if output:
-        check_free(output, force=force)
+    check_free(output, force=force)
 
 
 def check_span(start: float | None, end: float) -> None:

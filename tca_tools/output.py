@@ -40,21 +40,21 @@ def check_free(path: Path, *, begins: bytes = b"", force: bool = False) -> None:
     """
     if path.suffix == SEGMENT_SUFFIX:
         raise ToolError(f"{path} is the name of a journal's segment: give another name")
-    with made_for(path):  # `exists` fails for a name that is too long
+    with writing(path):  # `exists` fails for a name that is too long
         is_free, is_file = path.is_dir() or not path.exists(), path.is_file()
     if is_free:
         return
     if not is_file:
         raise ToolError(f"{path}: neither a file nor a folder: give another name")
-    if not force and not _is_ours(path, begins):
+    if not force and not _is_by_tca(path, begins):
         raise ToolError(
             f"{path}: exists already, and was not made by this command:"
             " give another name, or --force to overwrite it"
         )
 
 
-def _is_ours(path: Path, begins: bytes) -> bool:
-    with made_for(path), path.open("rb") as stream:
+def _is_by_tca(path: Path, begins: bytes) -> bool:
+    with writing(path), path.open("rb") as stream:
         if begins:
             return stream.read(len(begins)) in (begins, b"")
         size = stream.seek(0, 2)
@@ -82,9 +82,9 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
     """
     unfinished = path.with_name(f"{path.name}.part")
     try:
-        with made_for(path), unfinished.open("wb") as stream:
+        with writing(path), unfinished.open("wb") as stream:
             yield stream
-        with made_for(path):
+        with writing(path):
             unfinished.replace(path)
     finally:
         with suppress(OSError):  # it may not exist
@@ -92,7 +92,7 @@ def new_file(path: Path) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def made_for(path: Path) -> Iterator[None]:
+def writing(path: Path) -> Iterator[None]:
     """A context for writing a file: it turns OSError into ToolError with the file's name."""
     try:
         yield

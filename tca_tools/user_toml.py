@@ -52,7 +52,7 @@ def _check_table(kind: type[msgspec.Struct], place: str, given: Any) -> None:
     check_keys(kind, place, given)
     for field in msgspec.structs.fields(kind):
         if field.required and field.encode_name not in given:
-            raise BadUserFile(f"{place}.{field.encode_name} is missing: add {_wanted(field)}")
+            raise BadUserFile(f"{place}.{field.encode_name} is missing: add {_description(field)}")
 
 
 def check_table(place: str, given: Any) -> None:
@@ -74,7 +74,7 @@ def check_keys(kind: type[msgspec.Struct], place: str, given: dict[str, Any]) ->
             msgspec.convert(value, fields[key].type)
         except msgspec.ValidationError:
             raise BadUserFile(
-                f"{place}.{key} must be {_wanted(fields[key])}, not {shown(value)}"
+                f"{place}.{key} must be {_description(fields[key])}, not {shown(value)}"
             ) from None
 
 
@@ -103,7 +103,7 @@ def shown(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, default=str)[:_LONGEST_SHOWN]
 
 
-def _wanted(field: msgspec.structs.FieldInfo) -> str:
+def _description(field: msgspec.structs.FieldInfo) -> str:
     (meta,) = field.type.__metadata__
     return str(meta.description)
 

@@ -235,7 +235,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "explain": {"journal", "spans", "terminal"},
         "analysis": {"journal", "spans", "explain"},
         "log": {"errors", "options", "journal", "terminal"},
-        "check": {"journal", "properties", "terminal", "explain", "user_file"},
+        "check": {"journal", "options", "properties", "terminal", "explain", "user_file"},
         "stats": {"analysis", "options", "journal", "spans", "terminal", "explain"},
         "export": {"errors", "log", "options", "output", "journal", "spans", "explain"},
         "gantt": {"drawing", "options", "output", "journal", "spans", "terminal", "explain"},

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robots.youbot_sim.delivery import GIVEN, WAITING
-from tca_tools.journal.coordinators import coordinators, worked
+from tca_tools.journal.coordinators import coordinators, work_span
 from tca_tools.journal.fold import History
 from tca_wire.coordination import TaskRole, read_report
 from tca_wire.journal.facts import Entry
@@ -62,7 +62,7 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
     )
     tasks = []
     for task in record.tasks.values():
-        start, end = worked(history, history.tasks[task.id]) or (given, given)
+        start, end = work_span(history, history.tasks[task.id]) or (given, given)
         roles = tuple(role for _, role in task.roles)
         # The report of the start arrives a little after the start.
         start, end = max(start - given, 0.0), max(end - given, 0.0)

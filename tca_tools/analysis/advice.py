@@ -16,7 +16,7 @@ from tca_tools.analysis.concurrency import Overlap, why_held
 from tca_tools.analysis.critical_path import CriticalPath
 from tca_tools.analysis.failures import FailureKind
 from tca_tools.analysis.long_waits import is_in_vain
-from tca_tools.analysis.resources import Growing, Use, growing, locked_out
+from tca_tools.analysis.resources import GrowingQueue, Use, growing_queues, locked_out
 from tca_tools.analysis.step_words import queueing_before, still_handled, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.analysis.summary import span_of
@@ -27,7 +27,7 @@ from tca_tools.spans import Cover, Span
 from tca_wire.text.facts_in_words import by_whom, called, place
 from tca_wire.text.measures import duration, listed, percent, run_time
 
-_NOTHING = 1e-9
+_LEAST_SAVING = 1e-9
 """The least saving that is worth advice, in seconds."""
 
 
@@ -85,25 +85,26 @@ def advice(
         at_least: The least saving of a piece of advice, in seconds.
         other: The critical path of another task; it gives advice that only ends that task sooner.
     """
-    handling, least = span_of(run), max(at_least, _NOTHING)
+    window_of_run, least = span_of(run), max(at_least, _LEAST_SAVING)
     found = [_on_overlap(run, path, overlap) for overlap in overlaps]
-    found += _on_standing(run, path, handling)
-    on_path: list[Advice] = []
+    found += _on_standstills(run, path, window_of_run)
+    path_advice: list[Advice] = []
     for one in filter(None, (path, other)):
-        window = max(one.start, handling[0]), min(one.end, handling[1])
-        called = f"critical path of {one.task}" if other else "critical path"
+        window = max(one.start, window_of_run[0]), min(one.end, window_of_run[1])
+        name = f"critical path of {one.task}" if other else "critical path"
         groups = _wait_groups(run, causes, one, window, least)
-        new = [*_on_failures(one, kinds, window, called)]
-        new += _on_waits(run, groups, one, window, uses, called)
+        new = [*_on_failures(one, kinds, window, name)]
+        new += _on_waits(run, groups, one, window, uses, name)
         new = [item for item in new if item.saving >= least]
         if one is not path:
-            known = {item.title for item in on_path}
+            known = {item.title for item in path_advice}
             others = (item for item in new if item.title not in known)
             new = [replace(item, on_path=0.0, sooner=str(one.task)) for item in others]
-        on_path += new
-    queues = [_on_queue(queue, on_path, handling) for queue in growing(run, *handling)]
+        path_advice += new
+    growing = growing_queues(run, *window_of_run)
+    queues = [_on_queue(queue, path_advice, window_of_run) for queue in growing]
     titles = {queue.title for queue in queues}
-    found += queues + [one for one in on_path if one.title not in titles]
+    found += queues + [one for one in path_advice if one.title not in titles]
     found = [one for one in found if one.saving >= least]
     return sorted(found, key=lambda one: (-one.on_path, -one.saving))
 
@@ -129,7 +130,7 @@ def _advice_on_spans(
 
 
 def _on_failures(
-    path: CriticalPath, kinds: list[FailureKind], window: Span, called: str
+    path: CriticalPath, kinds: list[FailureKind], window: Span, path_name: str
 ) -> Iterator[Advice]:
     """Yield advice on failures whose handlers were on the path and after which the run continued.
 
@@ -146,7 +147,7 @@ def _on_failures(
         failure, message = kind.failure, kind.message
         if spans:
             yield _advice_on_spans(
-                words.FAILED, spans, window, texts, failure=failure, message=message, path=called
+                words.FAILED, spans, window, texts, failure=failure, message=message, path=path_name
             )
 
 
@@ -186,15 +187,15 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
 # --- queues that grow -----------------------------------------------------------------------------
 
 
-def _on_queue(queue: Growing, on_path: list[Advice], run: Span) -> Advice:
+def _on_queue(queue: GrowingQueue, path_advice: list[Advice], window: Span) -> Advice:
     """Return advice on a growing queue; it replaces advice on waits on the path in that queue."""
     name = place(*queue.key)
     title = words.QUEUE.title.format(name=name)
-    waits = next((one for one in on_path if one.title == title), None)
+    waits = next((one for one in path_advice if one.title == title), None)
     example = (
         f"the oldest of the queue had waited {duration(queue.longest)} at {run_time(queue.end)}"
     )
-    longest = Cover([(queue.end - queue.longest, queue.end)]).within(*run)
+    longest = Cover([(queue.end - queue.longest, queue.end)]).within(*window)
     return words.GROWING.filled(
         max(longest, waits.saving if waits else 0.0),
         waits.on_path if waits else 0.0,
@@ -223,12 +224,12 @@ def _on_waits(
     path: CriticalPath,
     window: Span,
     uses: list[Use],
-    called: str,
+    path_name: str,
 ) -> Iterator[Advice]:
-    """Yield advice for each group of waits and for the delays on a path named *called*."""
+    """Yield advice for each group of waits on a path, and for its delays."""
     by_name = {use.name: use for use in uses}
     for group in groups:
-        yield _on_wait(run, group, by_name, window, called)
+        yield _on_wait(run, group, by_name, window, path_name)
     delays: dict[str, list[PathStep]] = defaultdict(list)
     for step in path.steps:
         if step.doing is Doing.DELAY:
@@ -236,10 +237,12 @@ def _on_waits(
     for name, steps in delays.items():
         spans = [(step.start, step.end) for step in steps]
         texts = [run.describe(step.message_id) for step in steps]
-        yield _advice_on_spans(words.DELAY, spans, window, texts, name=name, path=called)
+        yield _advice_on_spans(words.DELAY, spans, window, texts, name=name, path=path_name)
 
 
-def _on_wait(run: Run, group: WaitGroup, uses: dict[str, Use], window: Span, called: str) -> Advice:
+def _on_wait(
+    run: Run, group: WaitGroup, uses: dict[str, Use], window: Span, path_name: str
+) -> Advice:
     longest, step = max(group.waits, key=lambda wait: wait[0].seconds)
     saving, busy, but = group.saving, "", ""
     if longest.words is words.QUEUE and (use := uses.get(longest.name)):
@@ -253,18 +256,18 @@ def _on_wait(run: Run, group: WaitGroup, uses: dict[str, Use], window: Span, cal
         saving,
         saving,
         len(group.waits),
-        _longest(run, longest, step),
+        _longest_in_words(run, longest, step),
         (longest.start, longest.end),
         name=longest.name,
         seconds=duration(group.seconds),
         busy=busy,
         but=but,
-        path=called,
+        path=path_name,
         most="that" if duration(saving) == duration(group.seconds) else duration(saving),
     )
 
 
-def _longest(run: Run, wait: PrecedingWait, step: PathStep) -> str:
+def _longest_in_words(run: Run, wait: PrecedingWait, step: PathStep) -> str:
     """Return the longest wait of a group in words, with its reason if that is known."""
     asked = step.resumed.awaited if step.resumed else step.message_id
     comma = "," if step.resumed else ""
@@ -278,7 +281,7 @@ def _longest(run: Run, wait: PrecedingWait, step: PathStep) -> str:
 # --- standstills, on the critical path or beside it -----------------------------------------------
 
 
-def _on_standing(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:
+def _on_standstills(run: Run, path: CriticalPath | None, window: Span) -> Iterator[Advice]:
     """Yield advice on messages without a handler and on suspended tasks, by name."""
     on_path: dict[tuple[Topic, str], float] = defaultdict(float)
     for step in path.steps if path else ():
@@ -329,10 +332,10 @@ def _wait_groups(
     """Yield the waits before the steps of a path, in groups of *at_least* seconds in a window."""
     found: dict[tuple[Words, str], list[tuple[PrecedingWait, PathStep]]] = {}
     for step in path.steps:
-        if before := _preceding_wait(run, step):
-            found.setdefault((before.words, before.name), []).append((before, step))
+        if wait := _preceding_wait(run, step):
+            found.setdefault((wait.words, wait.name), []).append((wait, step))
     for alike in found.values():
-        seconds = Cover((before.start, before.end) for before, _ in alike).within(*window)
+        seconds = Cover((wait.start, wait.end) for wait, _ in alike).within(*window)
         if seconds >= at_least:
             saving = Cover(_avoidable_spans(run, causes, alike[-1][1])).within(*window)
             yield WaitGroup(alike, seconds, saving)
@@ -365,7 +368,7 @@ def _preceding_wait(run: Run, step: PathStep) -> PrecedingWait | None:
 
 
 def _avoidable_spans(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
-    """Yield the spans left out by a walk back from a step: waits like the one before it."""
+    """Yield the waits like the one before a step that a walk back from the step leaves out."""
     like = _preceding_wait(run, last)
 
     def since(step: PathStep) -> float | None:
@@ -382,12 +385,12 @@ def _handled_spans(run: Run, step: PathStep) -> Iterator[Span]:
     """Yield the wait before a step, without the time in which the query had no handler: there is
     separate advice on that.
     """
-    if (before := _preceding_wait(run, step)) is None:
+    if (wait := _preceding_wait(run, step)) is None:
         return
     asked = run.messages.get(step.resumed.awaited) if step.resumed else None
-    since = before.start
+    since = wait.start
     for queueing in asked.queueings if asked else ():
-        if not queueing.module and queueing.until <= before.end:
+        if not queueing.module and queueing.until <= wait.end:
             yield since, max(queueing.start, since)
             since = max(queueing.until, since)
-    yield since, before.end
+    yield since, wait.end

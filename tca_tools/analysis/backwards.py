@@ -18,7 +18,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from tca_tools.analysis.steps import Doing, PathStep, delay_of
-from tca_tools.explain.graph import Ends, blocking_waits, prerequisites, steps, waits_now
+from tca_tools.explain.graph import Ends, awaited_nodes, blocking_waits, prerequisites, waits_now
 from tca_tools.explain.wait_words import wait_for
 from tca_tools.explain.waits import Node, Wait, has_come, node_of
 from tca_tools.journal.at_time import RunAt
@@ -42,18 +42,18 @@ from tca_wire.waits import WaitKind
 
 @dataclass(slots=True)
 class _Position:
-    """The position of a walk: in the run of a handler before *time*, or at a message's event."""
+    """The position of a walk: in a handling before *time*, or at an event of a message."""
 
     time: float
     message_id: int
     handling: Handling | None = None
     """The run of the handler; None at an event."""
     wait: HandlerWait | None = None
-    """The wait through which the walk came here; it ended at this time."""
+    """The wait that ended at this time, if the walk came here from its end."""
 
 
 _EndedWait = tuple[float, float, HandlerWait]
-"""The end of a wait; the time of the newest awaited event by then, and the wait for that event."""
+"""The end of a wait, the time of the newest awaited event by then, and the wait for that event."""
 _END = itemgetter(0)
 _StepBack = tuple[PathStep | None, _Position | None]
 """A step back, if it took time, and the position before it; None at the start of the walk."""
@@ -102,21 +102,22 @@ class Causes:
         return self._back(_position_before(step, step.start if start is None else start), since)
 
     def _back(self, first: _Position, since: _WaitStart) -> Iterator[PathStep]:
-        at: _Position | None = first
+        here: _Position | None = first
         seen = set()
-        while at is not None:
-            place = at.time, at.message_id, id(at.handling)
-            if place in seen:
+        while here is not None:
+            key = here.time, here.message_id, id(here.handling)
+            if key in seen:  # steps that take no time may lead in a circle
                 return
-            seen.add(place)
-            run = at.handling
-            step, at = self._in_handler(at, run) if run else self._at_event(at)
+            seen.add(key)
+            step, here = (
+                self._in_handler(here, here.handling) if here.handling else self._at_event(here)
+            )
             if step is not None and step.end > step.start:
                 yield step
                 if (start := since(step)) is not None:
-                    at = _position_before(step, start)
+                    here = _position_before(step, start)
 
-    def _in_handler(self, at: _Position, handling: Handling) -> _StepBack:
+    def _in_handler(self, here: _Position, handling: Handling) -> _StepBack:
         """Go back to where the handler last resumed, or else started."""
         if (ended := self._in_handlers.get(id(handling))) is None:
             ends = ends_waited_for(self._run, handling)
@@ -124,10 +125,10 @@ class Causes:
             if ends:  # any change wakes a coordinator, so its waits for changes have no cause
                 waits = [wait for wait in waits if wait.kind is not WaitKind.CHANGE]
             ended = self._in_handlers[id(handling)] = self._ended_waits([*waits, *ends])
-        place = bisect_right(ended, at.time, key=_END)
+        place = bisect_right(ended, here.time, key=_END)
         start, wait = ended[place - 1][1:] if place else (handling.start, None)
         number, where = handling.message_id, (handling.module, handling.resource)
-        step = PathStep(start, at.time, Doing.WORK, number, *where, handling, wait)
+        step = PathStep(start, here.time, Doing.WORK, number, *where, handling, wait)
         return step, _Position(start, wait.awaited if wait else number, wait=wait)
 
     def _ended_waits(
@@ -135,10 +136,10 @@ class Causes:
     ) -> list[_EndedWait]:
         """Return the ended waits that let their handler or program resume, sorted by their ends.
 
-        A wait that takes no time has no effect in a handler. A program outside of handlers may read
-        the result of an ended task so, which was impossible before that task's end. A wait in vain
-        for a change has no effect. Neither has the wait for the first of several tasks if the end
-        of another one ended it.
+        These waits have no effect: a wait in a handler that takes no time, a wait in vain for a
+        change, and the wait for the first of several tasks if the end of another one ended it. A
+        wait that takes no time has one outside of handlers: the program reads the result of an
+        ended task, which it could not do before the task's end.
         """
         found: list[_EndedWait] = []
         ended = [(wait.end, wait) for wait in waits if wait.end is not None]
@@ -161,32 +162,32 @@ class Causes:
 
     # --- events and their origins -----------------------------------------------------------------
 
-    def _at_event(self, at: _Position) -> _StepBack:
+    def _at_event(self, here: _Position) -> _StepBack:
         """Go back from an event of a message, a lock or a wait."""
-        message = self._run.messages.get(at.message_id)
-        if isinstance(message, Task) and (step := _resumed(message, at.time)):
+        message = self._run.messages.get(here.message_id)
+        if isinstance(message, Task) and (step := _resumed(message, here.time)):
             return step, _Position(step.start, step.message_id)
-        if (asker := self._asker(at, message)) is not None:
-            return None, _Position(at.time, at.message_id, asker)
-        if message is not None and message.received == at.time and not message.role:
-            return self._to_sender(message.sender, message.by, message.id, at.time)
-        if (found := self._at_claim(at)) is not None:
-            return found
+        if (asker := self._asker(here, message)) is not None:
+            return None, _Position(here.time, here.message_id, asker)
+        if message is not None and message.received == here.time and not message.role:
+            return self._to_sender(message.sender, message.by, message.id, here.time)
+        if (back := self._at_claim(here)) is not None:
+            return back
         if message is not None:
-            return self._without_asker(message, at)
-        return (None, None) if at.wait is None else self._over_wait(at.wait, at.time)
+            return self._without_asker(message, here)
+        return (None, None) if here.wait is None else self._over_wait(here.wait, here.time)
 
-    def _asker(self, at: _Position, message: Message | None) -> Handling | None:
+    def _asker(self, here: _Position, message: Message | None) -> Handling | None:
         """Return the handler that returned at an event, or requested it.
 
         A handler that was cut off while it waited did nothing. If several handlers were lost with
         their module, it is that of the message.
         """
-        own = self._returned.get((message.id, at.time)) if message else None
-        asker = own or self._run.asker_at(at.time)
-        if not isinstance(asker, Handling) or (at.wait is not None and asker is at.wait.by):
+        own = self._returned.get((message.id, here.time)) if message else None
+        asker = own or self._run.asker_at(here.time)
+        if not isinstance(asker, Handling) or (here.wait is not None and asker is here.wait.by):
             return None
-        return asker if asker.start < at.time else None
+        return asker if asker.start < here.time else None
 
     def _to_sender(self, module: str, by: Handling | None, number: int, time: float) -> _StepBack:
         """Go back into the sending handler, or over the sender's work outside of handlers."""
@@ -202,9 +203,9 @@ class Causes:
         step = PathStep(start, time, Doing.OUTSIDE, number, module, resumed=wait)
         return step, _Position(start, wait.awaited, wait=wait)
 
-    def _at_claim(self, at: _Position) -> _StepBack | None:
+    def _at_claim(self, here: _Position) -> _StepBack | None:
         """Go back over a lock that was released at an event, or over the wait for one."""
-        time, number = at.time, at.message_id
+        time, number = here.time, here.message_id
         wanted, held = self._run.claims.get(number), self._released.get(time)
         since = held.granted if held is not None and held is not wanted else None
         if held is None or since is None or since >= time:
@@ -214,7 +215,7 @@ class Causes:
         return PathStep(since, time, Doing.LOCKED, number, held.sender), _Position(since, held.id)
 
     def _to_request(self, claim: Claim, time: float) -> _StepBack:
-        """Go back to the request for a lock that was not granted, or for an unknown reason."""
+        """Go back to the request for a lock: it was not granted, or why is unknown."""
         if claim.start >= time:
             return self._to_sender(claim.sender, claim.by, claim.id, time)
         number = claim.by.message_id if claim.by else claim.id
@@ -224,8 +225,8 @@ class Causes:
 
     # --- events without an origin: a time was due, or a cut-off -----------------------------------
 
-    def _without_asker(self, message: Message, at: _Position) -> _StepBack:
-        time, number = at.time, message.id
+    def _without_asker(self, message: Message, here: _Position) -> _StepBack:
+        time, number = here.time, message.id
         if message.role in (Role.CONDITION, Role.ACTION) and message.received == time:
             return self._to_monitor(message, time)
         for queueing in (*message.queueings, *self._run.copies.get(number, ())):
@@ -241,7 +242,7 @@ class Causes:
         if message.received == time:
             is_known = message.about in self._run.messages
             return None, _Position(time, message.about) if is_known else None
-        return self._from_cut_off(message, at)
+        return self._from_cut_off(message, here)
 
     def _over_delay(self, task: Task, hold: Hold, time: float) -> _StepBack:
         """Go back over a delay to its start, or to its request if that was later."""
@@ -259,14 +260,17 @@ class Causes:
             return None, _Position(time, monitor.id)
         return PathStep(start, time, Doing.WATCHING, monitor.id), _Position(start, monitor.id)
 
-    def _from_cut_off(self, message: Message, at: _Position) -> _StepBack:
+    def _from_cut_off(self, message: Message, here: _Position) -> _StepBack:
         """Go back from a kill, a suspension or a wait in vain to the message's own wait."""
-        time = at.time
+        time = here.time
         if (back := self._to_wait_cause(message, time)) is not None:
             return back
-        was_killed = time in (message.written("killed", time), message.written("failure", time))
-        if at.wait is not None and at.wait.start < time and not was_killed:
-            return self._over_wait(at.wait, time)
+        was_killed = time in (
+            message.written_at("killed", time),
+            message.written_at("failure", time),
+        )
+        if here.wait is not None and here.wait.start < time and not was_killed:
+            return self._over_wait(here.wait, time)
         since = last_change(self._run, message, time)
         doing = Doing.KILLED if was_killed else Doing.UNKNOWN
         return PathStep(since, time, doing, message.id), _Position(since, message.id)
@@ -328,8 +332,8 @@ class WaitCause(NamedTuple):
     def rank(self) -> tuple[bool, bool, float]:
         """Return the sort key: the least is the most important cause."""
         step = self.standstill
-        watches = step is not None and step.doing is Doing.WATCHING
-        return watches, self.is_elsewhere, step.start if step else -inf
+        is_watching = step is not None and step.doing is Doing.WATCHING
+        return is_watching, self.is_elsewhere, step.start if step else -inf
 
 
 def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
@@ -389,6 +393,7 @@ class _Link(NamedTuple):
     before: Node | None
     wait: Wait | None
     is_elsewhere: bool
+    """Whether the walk has left the descendants of the task."""
 
 
 class _WaitWalk:
@@ -440,7 +445,7 @@ class _WaitWalk:
 
     def _at_claim(self, node: Node, claim: Claim) -> None:
         """Follow a lock to its holder's waits, or stop at a program that holds it."""
-        others, _ = steps(self._at, node)
+        others, _ = awaited_nodes(self._at, node)
         for other in others:
             self._visit(other, node, None)
         if others or not self._at.is_granted(claim) or (wait := self._handler_wait(node)) is None:
@@ -457,7 +462,7 @@ class _WaitWalk:
         return next((one for one in records if isinstance(one, HandlerWait)), None)
 
     def _check_leaf(self, node: Node, wait: Wait) -> None:
-        """Add a cause if a wait leads no further: a run or a standstill."""
+        """Add a cause if a wait leads no further: a running handler or a standstill."""
         record, number, until = wait.record, node.number, self._until
         if wait.kind is WaitKind.RUNNING and isinstance(record, Handling):
             self._add(node, record.message_id, record)
@@ -479,9 +484,9 @@ class _WaitWalk:
         if since is not None and since <= now:
             self._add(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
             return
-        for run in suspension.handlings:
-            if run.start <= now < run.until:
-                self._visit(node_of(self._at.run, run), node, wait)
+        for handling in suspension.handlings:
+            if handling.start <= now < handling.until:
+                self._visit(node_of(self._at.run, handling), node, wait)
 
     def _add(
         self,

@@ -24,7 +24,7 @@ from tca_tools.analysis.resources import Key, capacity_of
 from tca_tools.analysis.step_words import named, wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import waits_now
-from tca_tools.explain.wait_words import told
+from tca_tools.explain.wait_words import named_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Handling, Task
 from tca_tools.journal.whole_run import Run
@@ -78,9 +78,9 @@ def overlaps(run: Run, causes: Causes) -> list[Overlap]:
     found: dict[tuple[Key, str, str], Overlap] = {}
     covers: dict[Key, Cover] = {}
     seen: set[tuple[int, float]] = set()
-    for acting, runs in run.runs.items():
-        commands = [handling for handling in runs if _is_acting(run, handling.message_id)]
-        for chance in _Acting(run, causes, covers, acting).chances(commands):
+    for acting, handlings in run.by_resource.items():
+        commands = [handling for handling in handlings if _is_acting(run, handling.message_id)]
+        for chance in _Gaps(run, causes, covers, acting).chances(commands):
             plan = id(chance.steps[0].handling), chance.steps[0].start
             if plan not in seen:  # two resources may wait for one plan
                 seen.add(plan)
@@ -101,8 +101,8 @@ def _is_acting(run: Run, message_id: int) -> bool:
 
 
 @dataclass(slots=True)
-class _Acting:
-    """The gaps of one resource whose planning could have been done earlier."""
+class _Gaps:
+    """The gaps between the commands of one resource."""
 
     run: Run
     causes: Causes
@@ -110,7 +110,7 @@ class _Acting:
     key: Key
 
     def chances(self, commands: list[Handling]) -> Iterator[Chance]:
-        """Yield the chances between its commands."""
+        """Yield the gaps whose planning could have been done earlier."""
         if not commands:
             return
         last = commands[0]
@@ -127,7 +127,12 @@ class _Acting:
                 end, last = min(handling.until, self.run.time), handling
 
     def _held_step(self, second: Handling, gap: float) -> tuple[PathStep, list[PathStep]] | None:
-        """Return the step that an order held back until a gap, and the planning from there on."""
+        """Return the step that an order held back, and the planning from there on.
+
+        Args:
+            second: The command after the gap.
+            gap: The start of the gap.
+        """
         run = self.run
         queueings = run.messages[second.message_id].queueings
         if any(one.start < gap < one.until for one in queueings):
@@ -148,7 +153,7 @@ class _Acting:
 
 
 def _was_held(run: Run, step: PathStep, gap: float) -> bool:
-    """Whether a step was ready before the gap, and only an order held it back."""
+    """Whether a step was ready before the start of the *gap*, and only an order held it back."""
     if (wait := step.resumed) is not None:  # a lock is no order
         return wait.start < gap and wait.awaited not in run.claims
     task = run.tasks.get(step.message_id)
@@ -179,7 +184,7 @@ def why_held(run: Run, held: PathStep) -> str:
     if held.resumed:
         return wait_in_words(run, held)
     at, number = RunAt(run, nextafter(held.start, 0.0)), held.message_id
-    waits = several_in_words(told(at, waits_now(at, number)))
+    waits = several_in_words(named_waits(at, waits_now(at, number)))
     return f"{run.describe(number)} was held {waits}"
 
 
@@ -230,7 +235,7 @@ def _saving(
 def _full_seconds(run: Run, covers: dict[Key, Cover], key: Key, window: Span) -> float:
     """Return how long all slots of a resource were busy in a window, in seconds."""
     if key not in covers:
-        spans = ((one.start, min(one.until, run.time)) for one in run.runs.get(key, []))
+        spans = ((one.start, min(one.until, run.time)) for one in run.by_resource.get(key, []))
         covers[key] = Cover(spans, capacity_of(run, key))
     return covers[key].within(*window)
 

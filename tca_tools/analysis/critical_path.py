@@ -63,8 +63,8 @@ def last_task(run: Run) -> Task | None:
     A standby monitor does not count, but tasks that it sent do.
     """
     top = judged_tasks(run)
-    living = next((task for task in top if not is_over(task)), None)
-    return living or max(top, key=_end_of, default=None)
+    still_open = next((task for task in top if not is_over(task)), None)
+    return still_open or max(top, key=_end_of, default=None)
 
 
 def longest_task(run: Run) -> Task | None:
@@ -81,11 +81,11 @@ def critical_path(run: Run, causes: Causes, task: Task) -> CriticalPath:
     if is_over(task):
         steps = list(causes.back_from(_end_of(task), task.id))
         return CriticalPath(task, False, steps[::-1])
-    found, because = cause_at_end(run, task)
-    last = found.standstill
+    cause, because = cause_at_end(run, task)
+    last = cause.standstill
     steps = [last] if last and last.seconds > 0 else []
     since = last.start if last else run.time
-    steps += causes.back_from(since, found.message_id, found.handling)
+    steps += causes.back_from(since, cause.message_id, cause.handling)
     return CriticalPath(task, True, steps[::-1], because)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 
 from tca_tools.explain.deciding import calls
-from tca_tools.explain.story import awaited
+from tca_tools.explain.story import awaited_in_words
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import (
     ENDED_TASKS,
@@ -107,19 +107,19 @@ def failures(run: Run) -> list[FailureKind]:
 
 def _rank(kind: FailureKind) -> tuple[int, int, float]:
     bad = [case.fate for case in kind.cases if case.fate not in GOOD_FATES]
-    return bad.count(Fate.UNTOLD) - len(bad), -len(bad), -kind.cost
+    return bad.count(Fate.NOT_REPORTED) - len(bad), -len(bad), -kind.cost
 
 
 def _case(run: Run, one: Failed) -> Case:
     message, time = one.message, one.time
-    became, why = fate(run, message, time), describe_asker(run, message, time)
+    decided, why = fate(run, message, time), describe_asker(run, message, time)
     recovery, called = 0.0, list[str]()
     if isinstance(message, Task):
         recovery = _recovery_end(run, message, one) - time
         called = [call.text for call in calls(RunAt(run), message, time, one.until)]
         if (above := retried_ancestor(run, message, time)) is not None:
             why = f"{above} was handled again: {above.state}"
-        if became in ENDED_TASKS:
+        if decided in ENDED_TASKS:
             why = message.why_killed or ""
     return Case(
         message.id,
@@ -128,46 +128,46 @@ def _case(run: Run, one: Failed) -> Case:
         time,
         _raised_by(one),
         called,
-        became,
+        decided,
         why,
-        _lost_seconds(one, became),
+        _lost_seconds(one, decided),
         recovery,
     )
 
 
 def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
-    """Yield the waits refused as deadlocks whose handlers did not fail with that failure."""
+    """Yield a case, with its kind, for each refused wait whose handler did not fail with it."""
     if not run.deadlocks:
         return
     waits = [wait for handling in run.handlings for wait in handling.waits]
     waits += [wait for module in run.modules.values() for wait in module.waits]
     for wait in waits:
         cycle = run.deadlock(wait)
-        if not cycle or wait.end is None or (became := _fate_of_refused(run, wait)) is None:
+        if not cycle or wait.end is None or (decided := _fate_of_refused(run, wait)) is None:
             continue
         number, of, name = 0, str(wait.by), run.name(wait.awaited)
         if isinstance(wait.by, Handling):
             number, name = wait.by.message_id, wait.by.name
             of = run.describe(number)
-        fields = cycle.words, wait.end, "by central", list[str](), became
-        why = f"it would have waited {awaited(run, wait)}"
+        fields = cycle.words, wait.end, "by central", list[str](), decided
+        why = f"it would have waited {awaited_in_words(run, wait)}"
         yield (cycle.name, name), Case(number, of, *fields, why, 0.0, 0.0)
 
 
 def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
     """Return the fate of a refused wait; None if its handler failed with it: a separate case."""
     if not isinstance(wait.by, Handling):
-        return Fate.TOLD
+        return Fate.REPORTED
     handling, failed = wait.by, failing(run, wait.by)
     if handling.outcome is not Outcome.FAILED or handling.end is None:
-        return Fate.COPED
-    failure = failed.was("failure", handling.end) if isinstance(failed, Message) else None
+        return Fate.ASKER_CONTINUED
+    failure = failed.value_at("failure", handling.end) if isinstance(failed, Message) else None
     if failure is not None and failure.name == DEADLOCK:
         return None
-    return Fate.COPED if run_continued(run, failed, handling.end) else Fate.ANSWERED
+    return Fate.ASKER_CONTINUED if run_continued(run, failed, handling.end) else Fate.ASKER_FAILED
 
 
-def _lost_seconds(one: Failed, became: Fate) -> float:
+def _lost_seconds(one: Failed, decided: Fate) -> float:
     """Return the seconds of lost work.
 
     They count from the start of the handler that failed. If a failure was raised beside the handler
@@ -175,11 +175,11 @@ def _lost_seconds(one: Failed, became: Fate) -> float:
     """
     if one.handling:
         return one.time - one.handling.start
-    if became not in (*ENDED_TASKS, Fate.RETRIED):
+    if decided not in (*ENDED_TASKS, Fate.RETRIED):
         return 0.0
     handlings = reversed(one.message.handlings)
-    begun = (run.start for run in handlings if run.start <= one.time)
-    return one.time - next(begun, one.time)
+    starts = (handling.start for handling in handlings if handling.start <= one.time)
+    return one.time - next(starts, one.time)
 
 
 def _raised_by(one: Failed) -> str:
@@ -188,8 +188,8 @@ def _raised_by(one: Failed) -> str:
     whom = by_whom(one.by).strip()
     if not whom:
         return "by central"
-    for run in one.message.handlings[-1:]:
-        whom += f", beside its handler in {place(run.module, run.resource)}"
+    for handling in one.message.handlings[-1:]:
+        whom += f", beside its handler in {place(handling.module, handling.resource)}"
     return whom
 
 
@@ -200,7 +200,7 @@ def _recovery_end(run: Run, task: Task, one: Failed) -> float:
         return task.handlings[again].start if again < len(task.handlings) else one.until
     ends = [one.time]
     for number in task.caught_by:
-        called = run.tasks.get(number)
-        if called is not None and one.time <= called.received < one.until:
-            ends.append(called.reached.get(Moment.END_ACHIEVING, run.time))
+        handler = run.tasks.get(number)
+        if handler is not None and one.time <= handler.received < one.until:
+            ends.append(handler.reached.get(Moment.END_ACHIEVING, run.time))
     return max(ends)

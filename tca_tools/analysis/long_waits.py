@@ -53,6 +53,8 @@ class WaitsOfKind(NamedTuple):
 
 
 class _Found(NamedTuple):
+    """A wait, with the record that it was read from."""
+
     kind: WaitKind
     message_id: int
     start: float
@@ -68,7 +70,7 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
         at_most: The number of waits listed for each kind.
     """
     found: dict[WaitKind, list[tuple[float, _Found]]] = {kind: [] for kind in KINDS}
-    for one in _all(run):
+    for one in _all_waits(run):
         seconds = min(one.end, run.time) - one.start
         if seconds >= NO_TIME:
             found[one.kind].append((seconds, one))
@@ -86,7 +88,7 @@ def long_waits(run: Run, at_most: int = 10) -> list[WaitsOfKind]:
     return kinds
 
 
-def _all(run: Run) -> Iterator[_Found]:
+def _all_waits(run: Run) -> Iterator[_Found]:
     """Yield the times of messages held, suspended or queued, and the waits of handlers."""
     for task in run.tasks.values():
         for since, end, state in task.spans():
@@ -144,7 +146,7 @@ def _why_held(run: Run, task: Task, found: _Found) -> str:
             causes.append((wait_for(RunAt(run, wait.start), wait), seconds))
     if causes:
         return causes_in_words(causes)
-    if task.killed is not None and task.written("killed") <= found.end:
+    if task.killed is not None and task.written_at("killed") <= found.end:
         return "until it was killed"
     return "for something not in the journal"
 

@@ -16,7 +16,7 @@ from tca_wire.text.facts_in_words import place
 Key = tuple[str, str]
 """A module and one of its resources."""
 _T = TypeVar("_T", Handling, Queueing)
-_BEFORE = 100
+_MOST_EARLIER = 100
 """The number of earlier claims that are checked for each wait."""
 
 
@@ -102,10 +102,10 @@ def locked_out(
         sender: The module whose own reservations do not count.
         but: A claim that does not count.
     """
-    claims = run.asked_for(*key)
+    claims = run.requested_claims(*key)
     first, last = (bisect_right(claims, time, key=attrgetter("start")) for time in (start, end))
     spans, by = list[Span](), None
-    for claim in claims[max(first - _BEFORE, 0) : last]:
+    for claim in claims[max(first - _MOST_EARLIER, 0) : last]:
         since = claim.start if claim.start <= start else claim.granted
         until = min(claim.until, run.time)
         is_own = claim is but or (claim.is_reserved and claim.sender == sender)
@@ -127,7 +127,7 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
     busy = _total_seconds(clipped((one.start, one.until) for one in handled))
     waiting = sum(Cover(clipped(_waits_in(one))).total for one in handled if one.waits)
     share = min(busy / (capacity * (end - start)), 1.0) if end > start else 0.0
-    lines = clipped((one.start, one.until) for one in queued)
+    queue_spans = clipped((one.start, one.until) for one in queued)
     return Use(
         key=key,
         name=place(*key),
@@ -137,9 +137,9 @@ def _use(run: Run, key: Key, handled: list[Handling], queued: list[Queueing], wi
         waiting=waiting,
         share=share,
         queued=len(queued),
-        queue_seconds=_total_seconds(lines),
-        longest_queue=most_at_once(lines),
-        longest_wait=max((until - since for since, until in lines), default=0.0),
+        queue_seconds=_total_seconds(queue_spans),
+        longest_queue=most_at_once(queue_spans),
+        longest_wait=max((until - since for since, until in queue_spans), default=0.0),
         locked=Cover(clipped(_locked_while_there(run, key))).total,
         window=window,
     )
@@ -175,19 +175,19 @@ def _total_seconds(spans: list[Span]) -> float:
 # counts as growing if the window is long, if the queue grew in both halves of it, and if the
 # resource handled messages in it. This excludes bursts, steady queues, and hanging handlers.
 
-_LENGTH = 5
+_LEAST_LENGTH = 5
 """The least length of a growing queue."""
-_HANDLED = 3
+_LEAST_HANDLED = 3
 """The least number of messages handled while it grows."""
-_GROWTH = 0.1
+_LEAST_GROWTH = 0.1
 """The least surplus of arrivals, as a share of the messages handled."""
-_CHANCE = 3
+_LEAST_DEVIATIONS = 3
 """The least surplus in standard deviations: n random arrivals vary by the square root of n."""
-_SHARE = 0.2
+_LEAST_SHARE = 0.2
 """The least duration of growth, as a share of the run."""
 
 
-class Growing(NamedTuple):
+class GrowingQueue(NamedTuple):
     """A queue that grew until the end."""
 
     key: Key
@@ -213,33 +213,38 @@ class Growing(NamedTuple):
         return ceil(self.capacity * self.rate_in / self.rate_out)
 
 
-def growing(run: Run, start: float, end: float) -> list[Growing]:
+def growing_queues(run: Run, start: float, end: float) -> list[GrowingQueue]:
     """Return the growing queues of a run that lasted from *start* to *end*."""
-    least, found = _SHARE * (end - start), list[Growing]()
+    least, found = _LEAST_SHARE * (end - start), list[GrowingQueue]()
     for key, queued in _by_resource(run.queueings).items():
-        one = _growing(run, key, queued) if len(queued) >= _LENGTH else None
+        one = _growing(run, key, queued) if len(queued) >= _LEAST_LENGTH else None
         if one is not None and one.end - one.start >= least:
             found.append(one)
     return found
 
 
-def _growing(run: Run, key: Key, queued: list[Queueing]) -> Growing | None:
-    given = [handling.start for handling in run.runs.get(key, [])]
-    end = max([queued[-1].start, *given[-1:]])
+def _growing(run: Run, key: Key, queued: list[Queueing]) -> GrowingQueue | None:
+    deliveries = [handling.start for handling in run.by_resource.get(key, [])]
+    end = max([queued[-1].start, *deliveries[-1:]])
     late = (one for one in queued if one.until >= end)
     left = [one for one in late if one.until > end or not _was_delivered(run, one)]
-    if len(left) < _LENGTH:
+    if len(left) < _LEAST_LENGTH:
         return None
     start, middle = _growth(queued, left, end)
-    handled = sum(time > start for time in given)
-    is_steady = len(left) / 4 <= middle <= len(left) * 3 / 4
-    is_more = len(left) >= max(_GROWTH * handled, _CHANCE * sqrt(handled))
-    if not is_steady or not is_more or handled < _HANDLED or run.granted(*key):
+    handled = sum(time > start for time in deliveries)
+    grew_in_both_halves = len(left) / 4 <= middle <= len(left) * 3 / 4
+    exceeds_chance = len(left) >= max(_LEAST_GROWTH * handled, _LEAST_DEVIATIONS * sqrt(handled))
+    if (
+        not grew_in_both_halves
+        or not exceeds_chance
+        or handled < _LEAST_HANDLED
+        or run.granted(*key)
+    ):
         return None
     names, length = Counter(run.name(one.message_id) for one in left), len(left)
     rates = ((handled + length) / (end - start), handled / (end - start))
     longest, (message, _) = end - min(one.start for one in left), names.most_common(1)[0]
-    return Growing(key, capacity_of(run, key), start, end, length, *rates, longest, message)
+    return GrowingQueue(key, capacity_of(run, key), start, end, length, *rates, longest, message)
 
 
 def _was_delivered(run: Run, queueing: Queueing) -> bool:
@@ -250,9 +255,9 @@ def _was_delivered(run: Run, queueing: Queueing) -> bool:
 
 
 def _growth(queued: list[Queueing], left: list[Queueing], end: float) -> tuple[float, int]:
-    """Return when a queue was last empty, and its length in the middle of the time since then."""
-    stays, later = {id(one) for one in left}, end + 1.0
-    spans = [(one.start, later if id(one) in stays else min(one.until, later)) for one in queued]
+    """Return when a queue was last empty, and its length halfway from then to the end."""
+    left_ids, later = {id(one) for one in left}, end + 1.0
+    spans = [(one.start, later if id(one) in left_ids else min(one.until, later)) for one in queued]
     lengths = [(time, length) for time, length in levels(spans) if time <= end]
     start = max((time for time, length in lengths if not length), default=None)
     start = next(time for time, _ in lengths if start is None or time > start)

@@ -6,7 +6,7 @@ from math import nextafter
 from tca_tools.analysis.long_waits import handler_wait_in_words
 from tca_tools.analysis.steps import Doing, PathStep
 from tca_tools.explain.graph import Ends, waits_now
-from tca_tools.explain.wait_words import last_of, told
+from tca_tools.explain.wait_words import last_of, named_waits
 from tca_tools.explain.waits import Wait, waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import Message, Queueing, Task
@@ -16,9 +16,9 @@ from tca_wire.text.measures import duration, run_time
 from tca_wire.text.waits_in_words import several_in_words
 from tca_wire.waits import WaitKind
 
-_LINKS = 6
+_MOST_TASKS = 6
 """The most tasks in a chain of waits that a text names."""
-_STANDING = {Doing.CIRCLE, Doing.DELAY, Doing.SUSPENDED, Doing.QUEUED, Doing.HELD, Doing.LOCKED}
+_STANDSTILLS = {Doing.CIRCLE, Doing.DELAY, Doing.SUSPENDED, Doing.QUEUED, Doing.HELD, Doing.LOCKED}
 """Kinds of steps in which nothing ran."""
 
 
@@ -40,7 +40,7 @@ def queueing_before(run: Run, step: PathStep) -> Queueing | None:
 
 
 def wait_in_words(run: Run, step: PathStep) -> str:
-    """The wait before a step: ``the handler of walk {1} waited until move {3} is achieved``."""
+    """Return the wait before a step: ``the handler of walk {1} waited until ... is achieved``."""
     who = run.describe(step.message_id)
     if step.resumed is None:
         return f"{who} waited"
@@ -51,7 +51,7 @@ def wait_in_words(run: Run, step: PathStep) -> str:
 def why_not_sooner(run: Run, step: PathStep) -> str:
     """Return why a step did not start sooner, or why it is a standstill; "" if that is unknown."""
     message = run.messages.get(step.message_id)
-    if message and step.doing in _STANDING and (why := _why_standing(run, message, step)):
+    if message and step.doing in _STANDSTILLS and (why := _standstill_in_words(run, message, step)):
         return why
     if step.resumed:
         who = "sender" if step.doing is Doing.OUTSIDE else "handler"
@@ -70,33 +70,28 @@ def why_not_sooner(run: Run, step: PathStep) -> str:
     about = run.messages.get(message.about) if is_made else message
     held = ""
     if isinstance(about, Task) and (not is_made or about.received < step.start):
-        held = _reason_held(run, about, step.start)
+        held = "; ".join(_cause_chain(run, about, step.start))
     if is_made:
         which = f", which {held}" if held else ""
         return f"{message.role} for {run.describe(message.about)}{which}"
     return f"it {held}" if held else ""
 
 
-def _reason_held(run: Run, task: Task, time: float) -> str:
-    """Return a task's waits until a time and the chain of causes that ended them.
-
-    For example ``waited until walk {2} is achieved; walk {2} was killed: ...``; "" if unknown.
-    """
-    return "; ".join(_cause_chain(run, task, time))
-
-
 def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
-    """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on."""
+    """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on.
+
+    For example ``waited until walk {2} is achieved``, ``walk {2} was killed: ...``.
+    """
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
         yield f"waited {_in_words(run, waits, time)}"
-    while waits and len(seen) <= _LINKS:
+    while waits and len(seen) <= _MOST_TASKS:
         awaited = (run.tasks.get(one.on.number) for one in waits)
         task = next((one for one in awaited if one is not None), task)
         if task.id in seen:
             return
         seen.add(task.id)
-        if task.killed is not None and task.written("killed") == time:
+        if task.killed is not None and task.written_at("killed") == time:
             yield f"{task} was killed: {kill_reason(task.killed, task.killed_by)}"
             return
         if waits := _ended_at(run, task, time):
@@ -113,7 +108,7 @@ def _ended_at(run: Run, task: Task, time: float) -> list[Wait]:
 
 def _in_words(run: Run, waits: list[Wait], time: float) -> str:
     """Return waits in words, as known just before a time."""
-    return several_in_words(told(RunAt(run, nextafter(time, 0.0)), waits))
+    return several_in_words(named_waits(RunAt(run, nextafter(time, 0.0)), waits))
 
 
 def still_handled(run: Run, message_id: int, until: float) -> str:
@@ -127,15 +122,15 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
         return ""
     at = RunAt(run, nextafter(until, 0.0))
     copies, queueings = at.copies_of(message)
-    runs = [*copies, at.handling_of(message)]
+    handlings = [*copies, at.handling_of(message)]
     for queueing in (at.queueing_of(message), *queueings):
         if queueing is not None and queueing.module:
-            runs += at.running(queueing.module, queueing.resource)
-    for handling in filter(None, runs):
+            handlings += at.running(queueing.module, queueing.resource)
+    for handling in filter(None, handlings):
         handled = run.messages.get(handling.message_id)
         if handled is None or not handled.was_given_up:
             continue
-        given_up = handled.written("dropped")
+        given_up = handled.written_at("dropped")
         if given_up <= until and handling.until > given_up:
             where, still = place(handling.module, handling.resource), "still handles it"
             if handling.end is not None:
@@ -144,10 +139,10 @@ def still_handled(run: Run, message_id: int, until: float) -> str:
     return ""
 
 
-def _why_standing(run: Run, message: Message, step: PathStep) -> str:
+def _standstill_in_words(run: Run, message: Message, step: PathStep) -> str:
     """Return the wait at the end of a step, in words."""
     at = RunAt(run, nextafter(step.end, 0.0))
     if step.doing is Doing.CIRCLE:
         return f"it waits {last_of(at, Ends.at(at).of(message.id)[0])}"
-    words = several_in_words(told(at, waits_now(at, message.id)))
+    words = several_in_words(named_waits(at, waits_now(at, message.id)))
     return f"it waits {words}{still_handled(run, message.id, step.end)}" if words else ""

@@ -9,6 +9,7 @@ from tca_tools.check.checked_run import CheckedRun
 from tca_tools.check.report import head_lines, verdict_lines, violation_lines
 from tca_tools.journal.fold import History
 from tca_tools.journal.journals import Log, open_log
+from tca_tools.options import log_help
 from tca_tools.properties import BadProperty, Property, property_from
 from tca_tools.user_file import names_of
 
@@ -36,6 +37,7 @@ from tca_tools.user_file import names_of
     help="Process the inputs of the run again, and compare the result with the journal.",
 )
 @click.pass_context
+@log_help
 def check(
     context: click.Context,
     paths: tuple[Path, ...],
@@ -46,10 +48,10 @@ def check(
 ) -> None:
     """Check that a run kept the rules of task-level control.
 
-    LOG is a journal directory or one of its segments; without it, the newest run is checked. Your
-    own properties are texts (--property), or come from Python files, which may also count cases of
-    the whole run. Exit code 0: all is well; 1: a rule or property is broken, or the journal is
-    damaged. A journal that is not closed is not damaged: its central still runs, or was killed.
+    Your own properties are texts (--property), or come from Python files, which may also count
+    cases of the whole run. Exit code 0: all is well; 1: a rule or property is broken, or the
+    journal is damaged. A journal that is not closed is not damaged: its central still runs, or was
+    killed.
 
     With --rerun, this version's core processes the inputs that central has stored. Exit code 1: the
     result differs from the journal.
@@ -85,8 +87,8 @@ def check(
         raise click.UsageError(str(error)) from error
     misnamed = run.misnamed()
     if misnamed and run.is_whole:  # in a gap of the journal the names may occur
-        stated, wrong = next(iter(misnamed.items()))
-        raise click.UsageError(f"property '{stated}': {wrong}")
+        prop, wrong = next(iter(misnamed.items()))
+        raise click.UsageError(f"property '{prop}': {wrong}")
     found = sorted(run.violations, key=lambda violation: violation.place)
     for line in (
         *head_lines(run, journal),

@@ -61,9 +61,9 @@ def _made_by_central(world: JournalWorld, item: MessageRecord) -> None:
     sent_for = monitor if item.role.is_of_monitor else item
     item.is_tapped = sent_for is not None and sent_for.role is not Role.LISTENER
     if item.role in _WATCHING and monitor is not None:
-        monitor.again = False  # a retried monitor is watching again
-        monitor.asked = item.id if item.role is Role.CONDITION else monitor.asked
-        monitor.has_fired = monitor.has_fired or item.role is Role.ACTION
+        monitor.is_retry_due = False  # a retried monitor is watching again
+        monitor.open_query = item.id if item.role is Role.CONDITION else monitor.open_query
+        monitor.has_fired |= item.role is Role.ACTION
         world.touched[monitor] = None
         world.flagged.append(monitor)
 
@@ -80,9 +80,8 @@ def _plant(world: JournalWorld, item: MessageRecord, fact: facts.Received) -> No
         item.parent, item.is_orphan = parent, parent.is_orphan
         parent.children[item.id] = item
         parent.unplanned += item.is_goal
-        item.is_background = (
-            item.message_class.is_monitor and item.message_class.is_outside_sequence
-        )
+        kind = item.message_class
+        item.is_background = kind.is_monitor and kind.is_outside_sequence
         parent.background_monitors += item.is_background
         item.is_suspended = parent.is_suspended and not item.role.leaves_safe
         if parent.is_killed:
@@ -111,13 +110,11 @@ def _constrain(world: JournalWorld, constraints: list[Constraint]) -> None:
                 CONSTRAINT, after, f"got constraint {constraint} on a moment that it had reached"
             )
         # The first task may be over, or from before the journal
-        leader, before = constraint.before.task, None
-        if leader != ROOT and leader not in world.over:
-            before = world.item(leader, "is waited for")
-        after.is_incomplete = after.is_incomplete or (
-            before is None and world.is_from_before(leader)
-        )
-        hold = Hold(constraint, before, constraint.delay if leader == ROOT else None)
+        first, before = constraint.before.task, None
+        if first != ROOT and first not in world.over:
+            before = world.item(first, "is waited for")
+        after.is_incomplete |= before is None and world.is_from_before(first)
+        hold = Hold(constraint, before, constraint.delay if first == ROOT else None)
         after.holds.append(hold)
         if before is not None:
             before.followers.append((hold, after))

@@ -29,10 +29,11 @@ class CheckedRun:
 
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
         self.judges = [Judge(one) for one in wanted]
-        self.unbroken = list(self.judges)
-        self.messages: set[str] = set()
-        self.modules: set[str] = set()
-        self._touched: dict[MessageRecord, None] = {}
+        self.unbroken = list(self.judges)  #: of properties that hold so far
+        self.messages: set[str] = set()  #: the names of all messages so far
+        self.modules: set[str] = set()  #: the names of all modules so far
+        #: The messages that the event before the current one changed.
+        self._changed_before: dict[MessageRecord, None] = {}
         self.violations: list[Violation] = []
         self.world = JournalWorld(self.violations, is_whole=False)
         self.history = history  #: filled along, for properties that read all records
@@ -40,9 +41,9 @@ class CheckedRun:
         self.facts = 0
         self.gaps: list[str] = []  #: the missing parts, in words
         self.is_closed = False  #: central has closed the run
-        self._is_open = False  #: an event is being checked
+        self._is_in_event = False  #: an event is being checked
         self._epoch, self._segment = "", 0
-        self._may_have_missed_opening = False
+        self._may_have_missed_opening = False  #: of a segment, in a part that can't be read
         self.began = 0.0
         self._shortened = -1.0  #: the time until which ended records were removed
         self.first = self.last = 0  #: the numbers of the first and last entry
@@ -64,17 +65,15 @@ class CheckedRun:
         run, losses = cls(wanted, history), journal.losses
         lost = unknown = 0
         for entry in journal:
-            run.skip(losses.places - lost)
+            run.skip_places(losses.places - lost)
             if losses.facts > unknown:
-                run.pass_over(
-                    entry,
-                    f"at {entry.time:.2f} s there is a fact that this version does not know",
-                )
+                what = "there is a fact that this version does not know"
+                run.skip_entry(entry, f"at {entry.time:.2f} s {what}")
             else:
                 run.apply(entry)
             lost, unknown = losses.places, losses.facts
-        run.skip(losses.places - lost)
-        run.skip(int(journal.is_cut_short))
+        run.skip_places(losses.places - lost)
+        run.skip_places(int(journal.is_cut_short))
         run.close()
         return run
 
@@ -91,10 +90,10 @@ class CheckedRun:
 
     def apply(self, entry: facts.Entry) -> None:
         """Check the next entry. Several entries of one number are one event."""
-        if self._is_shortened(entry):
-            self.pass_over(entry, "")
+        if self._check_shortened(entry):
+            self.skip_entry(entry, "")
             return
-        if not (self._is_open and entry.number == self.world.event):
+        if not (self._is_in_event and entry.number == self.world.event):
             self._finish_event()
             self._begin_event(entry)
         if self.history is not None:
@@ -102,7 +101,7 @@ class CheckedRun:
         self.facts += len(entry.facts)
         for fact in entry.facts:
             if type(fact) is facts.Opened:
-                self._opened(fact, entry)
+                self._open_segment(fact, entry)
             elif type(fact) is facts.Closed:
                 if self.is_closed:
                     self.world.report(CLOCK, 0, "central closed the run a second time")
@@ -110,18 +109,16 @@ class CheckedRun:
             else:
                 apply_fact(self.world, fact)
 
-    def _is_shortened(self, entry: facts.Entry) -> bool:
-        """Whether facts of an entry may have been removed by ``tca log prune``."""
+    def _check_shortened(self, entry: facts.Entry) -> bool:
+        """Add a gap for facts that ``tca log prune`` removed; return whether the entry is in it."""
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
-                until = f"{fact.until:.2f} s"
-                self.gaps.append(
-                    f"what had ended by {until} was removed: only later entries are checked"
-                )
+                ended = f"what had ended by {fact.until:.2f} s was removed"
+                self.gaps.append(f"{ended}: only later entries are checked")
         return entry.time <= self._shortened
 
-    def skip(self, places: int) -> None:
+    def skip_places(self, places: int) -> None:
         """Skip places that can't be read: nothing is claimed about messages sent before.
 
         Args:
@@ -133,14 +130,14 @@ class CheckedRun:
         which = f"{places} entries or more" if places > 1 else "an entry, or more,"
         self._reset(f"after {self.world.now:.2f} s {which} can't be read")
 
-    def pass_over(self, entry: facts.Entry, why: str) -> None:
+    def skip_entry(self, entry: facts.Entry, why: str) -> None:
         """Skip an entry: nothing is claimed about it, nor about messages sent before.
 
         Args:
             entry: The entry.
             why: The reason, as a gap in words.
         """
-        is_same = self._is_open and entry.number == self.world.event
+        is_same = self._is_in_event and entry.number == self.world.event
         self._finish_event()
         if self.history is not None:
             self.history.apply(entry)
@@ -171,16 +168,15 @@ class CheckedRun:
         world = self.world
         self._record_extent(entry)
         is_opening = bool(entry.facts) and isinstance(entry.facts[0], facts.Opened)
-        if not self.events:
-            if not (self._may_have_missed_opening or is_opening):
-                self.gaps.append(
-                    "it starts in the middle of a segment: messages sent before are unknown"
-                )
-        elif not is_opening:
+        if self.events and not is_opening:
             self._check_clock(entry)
+        elif not (self.events or is_opening or self._may_have_missed_opening):
+            self.gaps.append(
+                "it starts in the middle of a segment: messages sent before are unknown"
+            )
         world.forget()
         world.begin(entry)
-        self._is_open = True
+        self._is_in_event = True
         self.events += 1
 
     def _record_extent(self, entry: facts.Entry) -> None:
@@ -199,16 +195,16 @@ class CheckedRun:
             world.report(CLOCK, 0, f"entry {entry.number} comes after central closed the run")
 
     def _finish_event(self) -> None:
-        if not self._is_open:
+        if not self._is_in_event:
             return
-        self._is_open = False
+        self._is_in_event = False
         world = self.world
         finish_event(world)
         world.history = self.history
         self._ask_properties(world)
         world.events += 1
 
-    def _opened(self, fact: facts.Opened, entry: facts.Entry) -> None:
+    def _open_segment(self, fact: facts.Opened, entry: facts.Entry) -> None:
         """Apply the start of a segment: of this run, of another one, or after missing segments."""
         is_other = fact.epoch != self._epoch
         is_next = fact.segment == self._segment + 1
@@ -237,8 +233,8 @@ class CheckedRun:
         """
         if not self.judges:
             return
-        changed = self._touched | world.touched
-        self._touched = world.touched.copy()
+        changed = self._changed_before | world.touched
+        self._changed_before = world.touched.copy()
         self.messages.update(item.message for item in world.touched if item.is_new)
         self.modules.update(world.joined)
         for judge in list(self.unbroken):
@@ -250,11 +246,11 @@ class CheckedRun:
             wrong = ask()
         except Exception as error:  # an error in the property, not in the robot
             raise BadProperty(
-                f"property '{judge.stated}' can't be asked: {type(error).__name__}: {error}"
+                f"property '{judge.prop}' can't be asked: {type(error).__name__}: {error}"
             ) from error
         if wrong:
             self.unbroken.remove(judge)
-            words, world = str(judge.stated), self.world
+            words, world = str(judge.prop), self.world
             self.violations.append(
                 Violation(words, "", place, world.event, world.now, judge.culprit, wrong)
             )
@@ -274,13 +270,13 @@ class CheckedRun:
         messages = self.messages | world.declared.keys()
         found = {}
         for judge in self.judges:
-            for one in judge.stated.predicates:
+            for one in judge.prop.predicates:
                 if isinstance(one, OfMessages) and one.is_typed:
                     misfit = "" if judge.matches.has_subject(one) else _misfit(one, world)
                     unknown = _unknown("message", one.message, messages)
                     unknown = unknown or _unknown("module", one.module, self.modules)
                     if wrong := unknown or misfit:
-                        found[judge.stated] = wrong
+                        found[judge.prop] = wrong
         return found
 
 

@@ -35,7 +35,7 @@ def finish_event(world: JournalWorld) -> None:
 Apply = Callable[[JournalWorld, Any], None]
 
 
-def _of(
+def _with_message(
     find: Callable[[JournalWorld, int, str], MessageRecord | None],
     number: str,
     what: str,
@@ -62,23 +62,29 @@ _ITEM, _TASK = JournalWorld.item, JournalWorld.task
 
 _METHODS: dict[type, Apply] = {
     **takers(presence, births, handling, moments, failing, taps),
-    facts.TimedOut: _of(_TASK, "constraint.after.task", "got past a delay", births.timed_out),
-    facts.Unqueued: _of(_ITEM, "id", "left a queue", handling.unqueued),
-    facts.Returned: _of(_ITEM, "id", "was returned", handling.returned),
-    facts.Answered: _of(_ITEM, "id", "was answered", handling.answered),
-    facts.Awaited: _of(_ITEM, "id", "was waited for", handling.awaited),
-    facts.Killed: _of(_TASK, "task", "was killed", failing.killed),
-    facts.SuspendedOrResumed: _of(_TASK, "task", "was suspended or resumed", failing.suspended),
-    facts.StateChanged: _of(_TASK, "task", "changed its state", lives.changed),
-    facts.Caught: _of(_TASK, "task", "was caught", failing.caught),
-    facts.Reissued: _of(_TASK, "handler", "reissued its failure", failing.reissued),
-    facts.Resolved: _of(_TASK, "handler", "resolved its failure", failing.resolved),
-    facts.NotResolved: _of(_ITEM, "task", "failed on", failing.not_resolved),
-    facts.Unhandled: _of(_TASK, "task", "failed, unhandled,", failing.unhandled),
-    facts.Recovered: _of(_ITEM, "task", "recovered", failing.recovered),
-    facts.WaitedFor: _of(taps.monitor, "monitor", "was sent to be waited for", taps.waited_for),
-    facts.OutlivesRetry: _of(_TASK, "monitor", "was spared", taps.spared),
-    facts.MonitorTested: _of(taps.monitor, "monitor", "was tested", taps.tested),
-    facts.MonitorEnded: _of(taps.monitor, "monitor", "ended", taps.monitor_ended),
+    facts.TimedOut: _with_message(
+        _TASK, "constraint.after.task", "got past a delay", births.timed_out
+    ),
+    facts.Unqueued: _with_message(_ITEM, "id", "left a queue", handling.unqueued),
+    facts.Returned: _with_message(_ITEM, "id", "was returned", handling.returned),
+    facts.Answered: _with_message(_ITEM, "id", "was answered", handling.answered),
+    facts.Awaited: _with_message(_ITEM, "id", "was waited for", handling.awaited),
+    facts.Killed: _with_message(_TASK, "task", "was killed", failing.killed),
+    facts.SuspendedOrResumed: _with_message(
+        _TASK, "task", "was suspended or resumed", failing.suspended
+    ),
+    facts.StateChanged: _with_message(_TASK, "task", "changed its state", lives.changed),
+    facts.Caught: _with_message(_TASK, "task", "was caught", failing.caught),
+    facts.Reissued: _with_message(_TASK, "handler", "reissued its failure", failing.reissued),
+    facts.Resolved: _with_message(_TASK, "handler", "resolved its failure", failing.resolved),
+    facts.NotResolved: _with_message(_ITEM, "task", "failed on", failing.not_resolved),
+    facts.Unhandled: _with_message(_TASK, "task", "failed, unhandled,", failing.unhandled),
+    facts.Recovered: _with_message(_ITEM, "task", "recovered", failing.recovered),
+    facts.WaitedFor: _with_message(
+        taps.monitor, "monitor", "was sent to be waited for", taps.waited_for
+    ),
+    facts.OutlivesRetry: _with_message(_TASK, "monitor", "was spared", taps.outlives_retry),
+    facts.MonitorTested: _with_message(taps.monitor, "monitor", "was tested", taps.tested),
+    facts.MonitorEnded: _with_message(taps.monitor, "monitor", "ended", taps.monitor_ended),
 }
 """The function for each kind of fact that the rules concern."""

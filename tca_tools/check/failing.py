@@ -17,15 +17,21 @@ OWN, BESIDE = 0, -1
 
 def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None:
     """Apply a failure of a task that has not ended: the search for an exception handler starts."""
-    if not fact.is_beside and (task.is_killed or task.again):
-        task.returned = task.is_killed
+    if not fact.is_beside and (task.is_killed or task.is_retry_due):
+        task.has_returned = task.is_killed
         return
-    task.failure, task.returned = fact.failure, task.returned and fact.is_beside
-    search(world, task, BESIDE if fact.is_beside else OWN)
+    task.failure, task.has_returned = fact.failure, task.has_returned and fact.is_beside
+    start_search(world, task, BESIDE if fact.is_beside else OWN)
 
 
-def search(world: JournalWorld, task: MessageRecord, after: int) -> None:
-    """Expect that a search ends with the same event."""
+def start_search(world: JournalWorld, task: MessageRecord, after: int) -> None:
+    """Start the search for an exception handler, which must end with the same event.
+
+    Args:
+        world: The world at the event.
+        task: The failed task.
+        after: The exception handler that did not decide; OWN or BESIDE for a new failure.
+    """
     task.searches.append(after)
     world.later.append(lambda: _check_search_ended(world, task))
 
@@ -105,7 +111,7 @@ def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -
     """
     after = _pop_search(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
-        task.deciding, task.returned = 0, True
+        task.deciding, task.has_returned = 0, True
     if _check_undecided(world, task, fact, is_new=after <= 0):
         return
     *_, top = _lineage(task)
@@ -144,11 +150,11 @@ def _check_undecided(
 def reissued(world: JournalWorld, handler: MessageRecord, _: facts.Reissued) -> None:
     """Apply that an exception handler passed its failure on."""
     _check_is_handler(world, handler, "reissued")
-    had_decided, handler.is_void, handler.returned = handler.is_void, True, True
+    had_decided, handler.is_void, handler.has_returned = handler.is_void, True, True
     if handler.parent is not None:
         _stop_recovering(world, handler.parent, handler.id)
         if not (handler.parent.is_killed or had_decided):
-            search(world, handler.parent, handler.id)
+            start_search(world, handler.parent, handler.id)
 
 
 def resolved(world: JournalWorld, handler: MessageRecord, _: facts.Resolved) -> None:
@@ -198,7 +204,7 @@ def recovered(world: JournalWorld, task: MessageRecord, _: facts.Recovered) -> N
             what = f"recovered, but {handler} neither resolved its failure nor retried it"
             world.report(RESOLVED, task, what)
         if task.deciding == handler.id:
-            task.deciding, task.returned = 0, True
+            task.deciding, task.has_returned = 0, True
     task.failure, task.is_resolved = "", True
 
 
@@ -207,7 +213,7 @@ def not_resolved(world: JournalWorld, task: MessageRecord, fact: facts.NotResolv
     if handler := _pop_ended(task):
         if handler.has_resolved:
             world.report(RESOLVED, task, f"passed its failure on, though {handler} has resolved it")
-        search(world, task, int(fact.handler))
+        start_search(world, task, int(fact.handler))
 
 
 def _pop_ended(task: MessageRecord) -> MessageRecord | None:
@@ -246,7 +252,7 @@ def killed(world: JournalWorld, item: MessageRecord, _: facts.Killed) -> None:
     if any(after <= 0 for after in item.searches):
         what = f"failed ({item.failure}) and was killed, but neither caught nor declared unhandled"
         world.report(CAUGHT, item, what)
-    item.is_killed, item.is_suspended, item.returned = True, False, item.place is None
+    item.is_killed, item.is_suspended, item.has_returned = True, False, item.place is None
     item.never_began = STARTS & ~item.reached
     world.later.append(lambda: check_below(world, item))
     failing = item.parent if item.role is Role.EXCEPTION and not item.is_void else None
@@ -297,17 +303,17 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
     for child in item.children.values():  # their failures are void
         child.is_void = child.is_void or child.role is Role.EXCEPTION
     item.is_retried = True
-    item.passed.clear()
+    item.taps_passed.clear()
     world.flagged.append(item)
     if item.reached & START_HANDLING:
-        item.again, item.returned, item.deciding = True, False, 0
+        item.is_retry_due, item.has_returned, item.deciding = True, False, 0
         world.later.append(lambda: _check_retried(world, item))
 
 
 def _check_retried(world: JournalWorld, item: MessageRecord) -> None:
     """Check that all children of a retried task are killed, except foreign monitors."""
     for child in item.children.values():
-        if item.again and not (child.is_killed or child.role or child.is_foreign_monitor):
+        if item.is_retry_due and not (child.is_killed or child.role or child.is_foreign_monitor):
             world.report(
                 KILLED, child, f"was not killed when {item}, under which it is, was retried"
             )

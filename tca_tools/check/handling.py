@@ -3,7 +3,7 @@
 from tca_tools.check import lives, rules
 from tca_tools.check.failing import failed as failed_task
 from tca_tools.check.missions import check_status
-from tca_tools.check.order import first_moments, not_met, too_early
+from tca_tools.check.order import first_moments, not_met, why_too_early
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord, ResourceRecord
 from tca_tools.check.taps import answered as condition_answered
@@ -17,10 +17,10 @@ from tca_wire.vocabulary import Outcome, Role
 
 def queued(world: JournalWorld, fact: facts.Queued) -> None:
     """Apply that a message waits for a resource or a handler."""
-    item = _moved(world, fact, "was queued")
+    item = _check_moved(world, fact, "was queued")
     if item is None:
         return
-    if item.waits_at is not None and item.message not in world.rehandled:
+    if item.waits_at is not None and item.message not in world.handlers_changed:
         world.report(rules.QUEUED, item, f"was already queued for {place_in_words(item.waits_at)}")
     _leave_queue(world, item)
     lives.handler_changed(world, item)
@@ -32,14 +32,14 @@ def queued(world: JournalWorld, fact: facts.Queued) -> None:
         )
 
 
-def _moved(
+def _check_moved(
     world: JournalWorld, fact: facts.Queued | facts.Delivered, what: str
 ) -> MessageRecord | None:
     """Return the message that is queued or delivered, after checking that this is allowed."""
     item = world.delivery(fact, what)
     if item is not None:
         _check_may_start(world, item, what)
-        _leave_lost(world, item, what)
+        _leave_lost_handler(world, item, what)
     return item
 
 
@@ -48,7 +48,7 @@ def unqueued(world: JournalWorld, item: MessageRecord, _: facts.Unqueued) -> Non
     if item.waits_at is None:
         if item.place is None and not item.is_incomplete:
             world.report(rules.QUEUED, item, "left a queue, but was in none")
-        _leave_lost(world, item, "was returned to central")
+        _leave_lost_handler(world, item, "was returned to central")
         lives.handler_changed(world, item)
     _leave_queue(world, item)
 
@@ -62,14 +62,14 @@ def _leave_queue(world: JournalWorld, item: MessageRecord) -> None:
 
 def delivered(world: JournalWorld, fact: facts.Delivered) -> None:
     """Apply the delivery of a message to a handler."""
-    item = _moved(world, fact, "was given to a handler")
+    item = _check_moved(world, fact, "was given to a handler")
     place = world.place(fact.module, fact.resource)
     if item is None:
         return
     _leave_queue(world, item)
     _check_destination(world, item, place)
     is_nested = item.message_class.has_reply and item.sender == place.module
-    (place.nested if is_nested else place.runs)[item.handling_id] = item
+    (place.nested if is_nested else place.running)[item.handling_id] = item
     lives.handler_changed(world, item, place.module)
     item.place, item.is_begun = place, True
     if item.is_task and not item.message_class.is_monitor:
@@ -85,7 +85,7 @@ def _check_may_start(world: JournalWorld, item: MessageRecord, what: str) -> Non
     """Check that a message may be queued or given to a handler."""
     if item.is_dropped and not item.is_begun and not item.message_class.keeps_value:
         world.report(rules.ANSWERED, item, f"{what}, though its sender gave up")
-    elif item.returned and not item.is_task:
+    elif item.has_returned and not item.is_task:
         world.report(rules.RETURNED, item, f"{what}, but had been handled before")
     if item.is_task and not item.is_incomplete:
         _check_task_may_start(world, item, what)
@@ -96,25 +96,25 @@ def _check_task_may_start(world: JournalWorld, item: MessageRecord, what: str) -
         how = "it had ended" if item.is_over else "it was killed"
         world.report(rules.KILLED, item, f"{what} after {how}")
     if not item.reached & START_HANDLING:
-        for rule, why in too_early(world, item, first_moments(item), item.reached):
+        for rule, why in why_too_early(world, item, first_moments(item), item.reached):
             world.report(rule, item, f"{what} {why}")
         return
     if item.is_suspended and not item.is_orphan:
         world.report(rules.SUSPENDED, item, f"{what} while it was suspended")
-    if item.returned or item.deciding:
+    if item.has_returned or item.deciding:
         world.report(rules.RETURNED, item, f"{what}, but had been handled before")
     if missing := not_met(item, START_HANDLING):
         world.report(rules.TAPPED, item, f"{what} again before {missing}")
 
 
-def _leave_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
+def _leave_lost_handler(world: JournalWorld, item: MessageRecord, what: str) -> None:
     """Check that a message leaves its handler only if that handler is lost."""
     place = item.place
     if place is None:
         return
     if place not in world.slots_lost and world.is_whole:
         world.report(rules.ONE_HANDLER, item, f"{what} while {place_in_words(place)} had it")
-    _close_run(world, item)
+    _leave_handler(world, item)
 
 
 def _check_destination(world: JournalWorld, item: MessageRecord, place: ResourceRecord) -> None:
@@ -139,29 +139,29 @@ def check_locks(world: JournalWorld, item: MessageRecord, place: ResourceRecord)
             world.report(rules.LOCKED, item, what)
 
 
-def _close_run(world: JournalWorld, item: MessageRecord) -> None:
+def _leave_handler(world: JournalWorld, item: MessageRecord) -> None:
     place, item.place = item.place, None
     if place is not None:
-        place.runs.pop(item.handling_id, None)
+        place.running.pop(item.handling_id, None)
         place.nested.pop(item.handling_id, None)
         world.places_touched[place] = None
 
 
 def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> None:
-    """A handler returns."""
+    """Apply the return of a handler."""
     if item.place is None or item.handling_id != fact.id:
         if not item.is_incomplete and (item.handling_id == fact.id or world.is_whole):
             what = f"{world.name(fact.id)} was returned, but no handler had it"
             world.report(rules.RETURNED, item.id, what)
         return
-    _close_run(world, item)
+    _leave_handler(world, item)
     if fact.outcome is Outcome.FAILED:
-        item.returned = item.is_task and item.is_killed
+        item.has_returned = item.is_task and item.is_killed
         item.must_fail = True
         what = "was failed by its handler, but no failure was raised"
         world.expect(lambda: not item.must_fail, rules.CAUGHT, item, what)
     elif item.is_task:
-        item.returned = item.is_killed or not item.again
+        item.has_returned = item.is_killed or not item.is_retry_due
         check_status(world, item, fact)
     else:
         if item.role is Role.CONDITION:
@@ -184,13 +184,13 @@ def failed(world: JournalWorld, fact: facts.Failed) -> None:
         return
     if not fact.is_beside:
         if item.place is not None:  # its module was lost, so its handler does not return
-            _leave_lost(world, item, f"failed ({fact.failure})")
+            _leave_lost_handler(world, item, f"failed ({fact.failure})")
         elif item.is_task and not _may_fail(world, item, fact.failure):
             world.report(rules.CAUGHT, item, f"failed ({fact.failure}), but no handler had it")
         item.must_fail = False
         _leave_queue(world, item)
     if not item.is_task:
-        if item.returned:
+        if item.has_returned:
             world.report(rules.RETURNED, item, "failed, but was already over")
         item.failure = fact.failure
         _check_answered(world, item)
@@ -222,7 +222,7 @@ def dropped(world: JournalWorld, fact: facts.Dropped) -> None:
     item.is_dropped = True
     _leave_queue(world, item)
     if not item.message_class.has_reply or item.original is not None:
-        _close_run(world, item)
+        _leave_handler(world, item)
     if item.place is None:
         world.finish(item)
 
@@ -236,7 +236,7 @@ def answered(world: JournalWorld, item: MessageRecord, _: facts.Answered) -> Non
         world.report(rules.ANSWERED, item, "was answered a second time")
     if item.is_dropped:
         world.report(rules.ANSWERED, item, "was answered, though its sender had given up")
-    if item.message_class.asks_one and not item.returned and not item.is_incomplete:
+    if item.message_class.asks_one and not item.has_returned and not item.is_incomplete:
         world.report(rules.ANSWERED, item, "was answered before it was handled")
     item.is_answered = True
     world.finish(item)
@@ -255,7 +255,7 @@ def _check_open(world: JournalWorld, item: MessageRecord, what: str) -> None:
 
 def _check_answered(world: JournalWorld, item: MessageRecord) -> None:
     """End a handled or failed message; a query's sender must get its answer with this event."""
-    item.returned = True
+    item.has_returned = True
     asked = item if item.message_class.asks_one and item.role is not Role.CONDITION else None
     if item.message_class.asks_many and item.original is not None and not item.is_over:
         item.original.copies -= 1
@@ -274,22 +274,24 @@ def check_places(world: JournalWorld) -> None:
     for place in world.places_touched:
         if place.capacity is not None:
             _check_capacity(world, place, place.capacity)
-        for item in list(place.waiting.values()) if world.rehandled and not place.module else ():
+        for item in (
+            list(place.waiting.values()) if world.handlers_changed and not place.module else ()
+        ):
             if world.handlers.get(item.message):
                 world.report(rules.FREE, item, "waits for a handler, though there is one")
 
 
 def _check_capacity(world: JournalWorld, place: ResourceRecord, capacity: int) -> None:
-    claims, taken = place.claims, len(place.runs)
+    claims, taken = place.claims, len(place.running)
     if taken > max(capacity, 0):
         where = place_in_words(place)
         what = f"is one too many: {where} handles {capacity} at a time, but has {taken}"
-        world.report(rules.CAPACITY, next(reversed(place.runs.values())), what)
+        world.report(rules.CAPACITY, next(reversed(place.running.values())), what)
     if not world.is_whole or not capacity or claims.held_by is not None:
         return
     if claims.waiting:
         is_busy = any(
-            one.waiting or one.runs or one.nested or one.is_recalling for one in claims.places
+            one.waiting or one.running or one.nested or one.is_recalling for one in claims.places
         )
         if not is_busy:
             claim = next(iter(claims.waiting.values()))

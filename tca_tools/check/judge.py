@@ -8,7 +8,7 @@ from tca_tools.check.world import JournalWorld
 from tca_tools.properties.algebra import Breach, NeverStuck, Property, words_of
 from tca_tools.properties.cases import CasesProperty, Counted
 from tca_tools.properties.predicates import OfMessages
-from tca_tools.properties.world import Found, Predicate
+from tca_tools.properties.world import Predicate, PredicateValue
 
 _MOST_NAMED = 6
 """The most messages that the description of a breach names."""
@@ -17,36 +17,38 @@ _MOST_NAMED = 6
 class Judge:
     """A property with its memory of the run. Methods return the breach in words, "" for none."""
 
-    def __init__(self, stated: Property) -> None:
-        self.stated = stated
-        self.matches = Matches(stated.predicates)
+    def __init__(self, prop: Property) -> None:
+        self.prop = prop
+        self.matches = Matches(prop.predicates)
         self.culprit = 0
         """The message by which it was broken (0: none is known)."""
         self.counted: Counted | None = None
         """The counts of a property of cases, at the end of the run."""
         self._memory = 0
+        """The number that the property remembers."""
         self._had_case = False
+        """Whether the case of the property has arisen."""
 
     def after(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> str:
         """Check after an event; if parts of the run are missing, report only certain breaches."""
         self.matches.update(world, changed)
-        case = self.stated.case
+        case = self.prop.case
         self._had_case = self._had_case or case is None or self.matches.true_of(case).is_true
-        self._memory, breach = self.stated.seen(self.matches, self._memory)
-        if breach is None or not (world.is_whole or (self.stated.is_certain and breach.messages)):
+        self._memory, breach = self.prop.seen(self.matches, self._memory)
+        if breach is None or not (world.is_whole or (self.prop.is_certain and breach.messages)):
             return ""
         return self._in_words(breach)
 
     def at_end(self, world: JournalWorld) -> str:
         """Check at the end of the journal; a time limit that has not passed is no breach."""
-        if isinstance(self.stated, CasesProperty):
-            return self._of_cases(self.stated, world)
+        if isinstance(self.prop, CasesProperty):
+            return self._of_cases(self.prop, world)
         left = [task for task in world.tasks if not task.is_over]
-        if isinstance(self.stated, NeverStuck) and left:
+        if isinstance(self.prop, NeverStuck) and left:
             return f"not ended when the journal ends: {self._blame(left)}"
-        if self._memory or not (world.is_whole and self.stated.is_owed(self._memory)):
+        if self._memory or not (world.is_whole and self.prop.is_owed(self._memory)):
             return ""
-        name = next((one.message for one in self.stated.named), "")
+        name = next((one.message for one in self.prop.named), "")
         left = [
             item for item in world.messages if name and item.message == name and not item.is_over
         ]
@@ -58,27 +60,27 @@ class Judge:
             return f"it never did; {world.name(self.culprit)} was the last to end"
         return "it never did"
 
-    def _of_cases(self, stated: CasesProperty, world: JournalWorld) -> str:
+    def _of_cases(self, prop: CasesProperty, world: JournalWorld) -> str:
         """Check the cases of a whole run; nothing can be said about a part of one."""
         if not world.is_whole or world.history is None:
             return ""
-        self.counted = stated.count(world.history)
-        if stated.allows(self.counted):
+        self.counted = prop.count(world.history)
+        if prop.allows(self.counted):
             return ""
         return f"true in {self.counted} cases, not for {self._blame(self.counted.bad)}"
 
     @property
-    def vacuous(self) -> str:
+    def why_vacuous(self) -> str:
         """Why the property holds trivially; "" if it does not."""
-        if isinstance(self.stated, CasesProperty):
-            return self.stated.why_not_judged(self.counted) if self.counted is not None else ""
-        for one in self.stated.predicates:
+        if isinstance(self.prop, CasesProperty):
+            return self.prop.why_not_judged(self.counted) if self.counted is not None else ""
+        for one in self.prop.predicates:
             if isinstance(one, OfMessages) and not self.matches.has_subject(one):
                 named = one.message or one.data
                 return f"in this run there never was '{one.subject}'" if named else ""
         if self._had_case:
             return ""
-        return f"in this run there never was '{words_of(self.stated.case)}'"
+        return f"in this run there never was '{words_of(self.prop.case)}'"
 
     def _in_words(self, breach: Breach) -> str:
         newest = max((one.id for one in breach.newest), default=0)
@@ -86,9 +88,7 @@ class Judge:
         return ": ".join(filter(None, parts))
 
     def _blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """Return messages in words and set the culprit: the given one, which comes first, or the
-        oldest.
-        """
+        """Return messages in words, the culprit first: the given one, else the oldest. Store it."""
         found = sorted(items, key=lambda item: (item.id != culprit, item.id))
         self.culprit = found[0].id if found else 0
         more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
@@ -122,11 +122,11 @@ class Matches:
                 match.now = {}
             match.update(world, changed)
 
-    def true_of(self, predicate: Predicate) -> Found:
+    def true_of(self, predicate: Predicate) -> PredicateValue:
         """Return the value of a predicate."""
         return self._matches[id(predicate)].found
 
-    def newly(self, predicate: Predicate) -> Found:
+    def newly(self, predicate: Predicate) -> PredicateValue:
         """Return the messages for which a predicate became true with the last event."""
         return self._matches[id(predicate)].newly
 
@@ -142,14 +142,14 @@ class _Match:
 
     def __init__(self, predicate: Any) -> None:
         self.now: dict[Any, None] = {}
-        self.found = self.newly = Found(is_true=False)
+        self.found = self.newly = PredicateValue(is_true=False)
         self._predicate = predicate
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
         """Update the matches after an event."""
         del changed
         value = self._predicate(world)
-        self.found = self.newly = Found.of(value)
+        self.found = self.newly = PredicateValue.of(value)
         messages = self.found.messages
         if messages is None and (value is None or isinstance(value, bool)):
             return
@@ -160,10 +160,12 @@ class _Match:
             )
         before, self.now = {one.id for one in self.now}, dict.fromkeys(messages)
         new = [one for one in messages if one.id not in before]
-        self.newly = Found(bool(new), new)
+        self.newly = PredicateValue(bool(new), new)
 
 
 class _OfMessages(_Match):
+    """The matches of a predicate of messages; only changed messages are tested."""
+
     has_subject = False
 
     def update(self, world: JournalWorld, changed: Iterable[MessageRecord]) -> None:
@@ -175,7 +177,8 @@ class _OfMessages(_Match):
                 self.now[item] = None
             else:
                 self.now.pop(item, None)
-        self.found, self.newly = Found(bool(self.now), self.now), Found(bool(new), new)
+        self.found = PredicateValue(bool(self.now), self.now)
+        self.newly = PredicateValue(bool(new), new)
 
     def _holds(self, item: MessageRecord) -> bool:
         is_in_state = self._predicate.is_in_state(item)

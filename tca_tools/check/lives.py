@@ -99,12 +99,13 @@ def _step(cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged) -> Tr
 
 
 def _follow(task: MessageRecord, fact: facts.StateChanged, step: Transition | None) -> None:
+    """Set the state that a transition leads to, and the goal that it requests or accepts."""
     before, task.state, task.serial = task.state, fact.state, fact.serial
     effect = step.effect if step is not None else Effect.NONE
     if effect is Effect.NEW_GOAL:
-        task.wanted = fact.body
+        task.requested_goal = fact.body
     elif effect is Effect.TAKE_GOAL:
-        task.body = task.wanted
+        task.body = task.requested_goal
     if fact.by is Party.CLIENT:
         task.overtaken += (before,)
     elif effect is not Effect.RESULT:

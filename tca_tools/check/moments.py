@@ -2,7 +2,7 @@
 
 from tca_tools.check import lives, rules
 from tca_tools.check.failing import handler_ended
-from tca_tools.check.order import in_words, next_moments, too_early
+from tca_tools.check.order import in_words, next_moments, why_too_early
 from tca_tools.check.presence import claim_in_words
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.taps import check_fired, check_watchers, forget_task
@@ -34,7 +34,7 @@ def reached(world: JournalWorld, fact: facts.Reached) -> None:
         world.report(rules.ONCE, item, f"{_REACHED[twice]} a second time")
         moments &= ~twice
     before, item.reached = item.reached, item.reached | moments
-    for rule, why in too_early(world, item, moments, before):
+    for rule, why in why_too_early(world, item, moments, before):
         world.report(rule, item, f"{_REACHED[moments]} {why}")
     if not (item.is_incomplete or item.is_killed):
         check_fired(world, item, moments)
@@ -140,7 +140,7 @@ def check_settled(world: JournalWorld) -> None:
                 world.report(rules.GRANTED, item, what)
         elif item.is_task and not item.is_incomplete:
             for moments in next_moments(item):
-                if not too_early(world, item, moments, item.reached):
+                if not why_too_early(world, item, moments, item.reached):
                     what = (
                         f"nothing keeps {item} from {in_words(moments)}, but it did not reach that"
                     )

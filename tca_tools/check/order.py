@@ -28,17 +28,18 @@ from tca_wire.text.measures import duration, run_time
 _ENDS = (END_HANDLING, END_PLANNING, END_ACHIEVING)
 
 
-def _needed(of: TaskRules, moments: int) -> int:
+def _needed(task_rules: TaskRules, moments: int) -> int:
     needed = 0
-    for moment, before in of.up_to.items():
+    for moment, before in task_rules.up_to.items():
         if moments & moment:
-            needed |= before | of.at_birth
+            needed |= before | task_rules.at_birth
     return needed
 
 
-_NEEDED = [[_needed(of, moments) for moments in range(ALL_MOMENTS + 1)] for of in RULES]
+_NEEDED = [[_needed(one, moments) for moments in range(ALL_MOMENTS + 1)] for one in RULES]
 """By whether a task is a goal, and by moments: all moments that must come first or with them."""
-_PARENT_FIRST = [PARENT_FIRST & ~of.at_birth for of in RULES]
+_PARENT_FIRST = [PARENT_FIRST & ~one.at_birth for one in RULES]
+"""By whether a task is a goal: the moments that its parent must reach first."""
 
 
 def in_words(moments: int) -> str:
@@ -59,7 +60,7 @@ def next_moments(item: MessageRecord) -> Iterator[int]:
         has_unknown_parent = item.is_orphan and item.parent is None
         if item.is_goal and not reached & START_ACHIEVING and not has_unknown_parent:
             yield START_ACHIEVING
-        if item.returned and item.place is None:
+        if item.has_returned and item.place is None:
             yield from [end for end in _ENDS if not reached & end][:1]
 
 
@@ -72,7 +73,7 @@ def first_moments(item: MessageRecord) -> int:
     return first
 
 
-def too_early(
+def why_too_early(
     world: JournalWorld, item: MessageRecord, moments: int, before: int
 ) -> list[tuple[Rule, str]]:
     """Return the reasons why moments that come together are too early, with their rules.
@@ -88,12 +89,12 @@ def too_early(
         if _NEEDED[item.is_goal][moments] & ~(before | moments):
             found += _out_of_order(item.is_goal, moments, before | moments)
         if not item.is_killed:
-            _add_held_back(found, item, moments)
+            found += _held_back(item, moments)
             if moments & END_HANDLING and before & START_HANDLING:
                 found += _not_handled(world, item)
     if item.place is not None and moments & (END_HANDLING | END_PLANNING | END_ACHIEVING):
         found.append((rules.ONE_HANDLER, "while a handler had it"))
-    if item.children and (child := _first_below(item, moments)) is not None:
+    if item.children and (child := _child_to_come_first(item, moments)) is not None:
         found.append((rules.FAMILY, f"before {child}, which is under it"))
     return found
 
@@ -104,28 +105,31 @@ def _out_of_order(is_goal: bool, moments: int, reached: int) -> Iterator[tuple[R
             yield rules.COMMAND if moment & STARTS else rules.ORDER, f"before {in_words(missing)}"
 
 
-def _add_held_back(found: list[tuple[Rule, str]], item: MessageRecord, moments: int) -> None:
+def _held_back(item: MessageRecord, moments: int) -> Iterator[tuple[Rule, str]]:
+    """Yield the constraints, the parent and the suspension that hold moments back."""
     if item.holds and (missing := not_met(item, moments)):
-        found.append((rules.CONSTRAINT, f"before {missing}"))
+        yield rules.CONSTRAINT, f"before {missing}"
     parent = item.parent
     needed = moments & _PARENT_FIRST[item.is_goal]
     if parent is not None and needed & ~parent.reached and not item.role:
-        found.append((rules.FAMILY, f"before the start of {parent}, under which it is"))
+        yield rules.FAMILY, f"before the start of {parent}, under which it is"
     if moments & START_HANDLING and item.is_suspended and not item.is_orphan:
-        found.append((rules.SUSPENDED, "while it was suspended"))
+        yield rules.SUSPENDED, "while it was suspended"
 
 
 def _not_handled(world: JournalWorld, item: MessageRecord) -> Iterator[tuple[Rule, str]]:
     """Yield the reasons why a task's handling has not ended."""
     if item.deciding:
         yield rules.RECOVERED, f"while {world.name(item.deciding)} had not dealt with its failure"
-    elif item.again:
+    elif item.is_retry_due:
         yield rules.SETTLED, "though a retry is due"
-    elif not item.returned and not (item.message_class.is_monitor and item.begun_in == world.event):
+    elif not item.has_returned and not (
+        item.message_class.is_monitor and item.begun_in == world.event
+    ):
         yield rules.RETURNED, "before its handler returned"
 
 
-def _first_below(item: MessageRecord, moments: int) -> MessageRecord | None:
+def _child_to_come_first(item: MessageRecord, moments: int) -> MessageRecord | None:
     """Return a child that must reach the moment first; None if no child must."""
     if moments & END_ACHIEVING:
         return next(iter(item.children.values()))

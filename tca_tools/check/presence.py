@@ -95,7 +95,7 @@ def handler_removed(world: JournalWorld, fact: facts.HandlerRemoved) -> None:
 
 
 def _handlers_changed(world: JournalWorld, message: str) -> None:
-    world.rehandled.add(message)
+    world.handlers_changed.add(message)
     if ("", "") in world.places:
         world.place("", "")
 
@@ -129,7 +129,7 @@ def granted(world: JournalWorld, fact: facts.Granted) -> None:
         what = "twice" if other is claim else f"while {other.sender} had it ({{{other.id}}})"
         world.report(GRANTED, claim.origin, f"{claim_in_words(claim)} was granted {what}")
     for one in place.claims.places:
-        for item in one.runs.values():
+        for item in one.running.values():
             if not _is_own(claim, one, item):  # its handler must be lost with this event
                 what = f"was in the resource when {claim_in_words(claim)} was granted"
                 _expect_lost(world, item, what)
@@ -144,7 +144,7 @@ def _expect_lost(world: JournalWorld, item: MessageRecord, what: str) -> None:
 def _is_own(claim: facts.Claimed, place: ResourceRecord, item: MessageRecord) -> bool:
     """Whether a run is the requesting handler, or the only run of the requesting module."""
     return item.handling_id == claim.origin or (
-        claim.sender == place.module and len(place.runs) == 1
+        claim.sender == place.module and len(place.running) == 1
     )
 
 

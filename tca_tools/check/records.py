@@ -21,8 +21,8 @@ class Hold:
     """The awaited task (None: the root, or it ended before the journal began)."""
     due: float | None  #: when its delay ends, once that is known
     is_over: bool = False  #: its delay is over
-    needs: int = field(init=False)
-    moment: int = field(init=False)
+    needs: int = field(init=False)  #: the moment that *before* must reach
+    moment: int = field(init=False)  #: the moment that is held
 
     def __post_init__(self) -> None:
         self.needs = int(self.constraint.before.moment)
@@ -53,7 +53,7 @@ class ResourceRecord:
     name: str
     claims: ResourceClaims
     capacity: int | None = None  #: None: not known
-    runs: "dict[int, MessageRecord]" = field(default_factory=dict)
+    running: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
     """Queries that the module sent itself, which run while a handler waits for them."""
     is_recalling: bool = False  #: no message enters before its slot has answered
@@ -105,26 +105,27 @@ class MessageRecord(MessageView):
     is_over: bool = False
     state: str = ""  #: its state in its life cycle
     serial: int = 0  #: the number of changes of its state
-    wanted: bytes = b""  #: the newest goal that a client requested
+    requested_goal: bytes = b""  #: the newest goal that a client requested
     overtaken: tuple[str, ...] = ()
     """The states in which clients made requests since its handler's last transition."""
     is_retried: bool = False
     is_resolved: bool = False
     is_answered: bool = False
     is_dropped: bool = False
-    returned: bool = False  #: its handler has returned for the last time
-    again: bool = False  #: a retry is due
+    has_returned: bool = False  #: its handler has returned for the last time
+    is_retry_due: bool = False
     attempts: int = 1
-    claims: dict[int, facts.Claimed] = field(
-        default_factory=dict
-    )  #: the claims that its handler made
+    #: The claims that its handler made.
+    claims: dict[int, facts.Claimed] = field(default_factory=dict)
 
     failure: str = ""
     must_fail: bool = False  #: its handler failed, but the failure was not raised yet
     deciding: int = 0  #: the exception handler that decides about it
     recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
     searches: list[int] = field(default_factory=list)
-    """The pending searches for exception handlers: each after a handler, or new (OWN, BESIDE)."""
+    """The pending searches for exception handlers: each has the handler that did not decide, or
+    OWN or BESIDE for a new failure.
+    """
     ended_handlers: "list[MessageRecord]" = field(default_factory=list)
     """The exception handlers that ended with this event."""
     has_resolved: bool = False  #: this exception handler resolved its failure or retried the task
@@ -134,10 +135,10 @@ class MessageRecord(MessageView):
 
     is_tapped: bool = True  #: wiretaps are fired for it
     tap: int = 0  #: the wiretap that sent this listener
-    passed: dict[int, int] = field(default_factory=dict)
-    """The wiretaps passed since the last retry, with the listener (0: it has no handler)."""
+    taps_passed: dict[int, int] = field(default_factory=dict)
+    """By wiretap passed since the last retry: its listener (0: that has no handler)."""
     has_fired: bool = False
-    asked: int = 0  #: this monitor's query under way
+    open_query: int = 0  #: this monitor's query under way
     untested: int = 0  #: answers that this monitor has not tested
 
     def __post_init__(self) -> None:

@@ -48,12 +48,13 @@ def verdict_lines(run: CheckedRun, misnamed: dict[Property, str]) -> Iterator[st
     else:
         yield _good(f"{len(RULES)} rules", is_whole=run.is_whole)
     for judge in run.unbroken:
-        vacuous = misnamed.get(judge.stated, judge.vacuous)
-        note = ""
-        if vacuous:
-            note = click.style(f" (which says nothing: {printable(vacuous)})", fg="yellow")
-        share = f" ({judge.counted})" if judge.counted and not vacuous else ""
-        yield _good(printable(str(judge.stated)) + share, is_whole=run.is_whole) + note
+        why_vacuous = misnamed.get(judge.prop, judge.why_vacuous)
+        note = share = ""
+        if why_vacuous:
+            note = click.style(f" (which says nothing: {printable(why_vacuous)})", fg="yellow")
+        elif judge.counted:
+            share = f" ({judge.counted})"
+        yield _good(printable(str(judge.prop)) + share, is_whole=run.is_whole) + note
 
 
 def _good(what: str, *, is_whole: bool) -> str:
@@ -103,4 +104,4 @@ def _violation(violation: Violation, run: Run, width: int | None) -> Iterator[st
     if len(sentences) > _LONGEST_STORY:
         yield f"     ... {len(sentences) - _LONGEST_STORY} sentences ..."
     for sentence in sentences[-_LONGEST_STORY:]:
-        yield cut(f"  {sentence.time:10.3f}  {printable(sentence.by(until, until))}", width)
+        yield cut(f"  {sentence.time:10.3f}  {printable(sentence.text_at(until, until))}", width)

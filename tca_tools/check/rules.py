@@ -31,6 +31,14 @@ class Violation(NamedTuple):
     what: str
 
 
+def _from_paper(text: str, part: str) -> Rule:
+    return Rule(text, f"{PAPER}, {part}")
+
+
+def _from_manual(text: str, part: str) -> Rule:
+    return Rule(text, f"{MANUAL}, {part}")
+
+
 # --- the journal ----------------------------------------------------------------------------------
 
 CLOCK = Rule(
@@ -40,48 +48,43 @@ NUMBERS = Rule(
     "a message is received once, and has a number above all before it",
     "facts.py: ids from one counter",
 )
-KNOWN = Rule(
-    "nothing happens to a message that was never sent", f"{PAPER}, schema TaskTree: received"
-)
-ENDED = Rule("nothing happens to a task that has ended", f"{PAPER}, schema TaskTree: finished")
-PRESENT = Rule(
-    "a module joins once, before it does anything, and leaves nothing behind", f"{MANUAL}, modules"
+KNOWN = _from_paper("nothing happens to a message that was never sent", "schema TaskTree: received")
+ENDED = _from_paper("nothing happens to a task that has ended", "schema TaskTree: finished")
+PRESENT = _from_manual(
+    "a module joins once, before it does anything, and leaves nothing behind", "modules"
 )
 
 # --- the task tree --------------------------------------------------------------------------------
 
-PARENT = Rule(
-    "a task has one parent: the root, or a task that has not ended",
-    f"{PAPER}, schema TaskTree: parent",
+PARENT = _from_paper(
+    "a task has one parent: the root, or a task that has not ended", "schema TaskTree: parent"
 )
-PLAIN = Rule(
-    "queries and informs hang under the root, without constraints",
-    f"{PAPER}, schemas TaskTree and Node",
+PLAIN = _from_paper(
+    "queries and informs hang under the root, without constraints", "schemas TaskTree and Node"
 )
-ONCE = Rule("a moment is reached once", f"{MANUAL}, temporal constraints")
-ORDER = Rule(
-    "the moments of a task come in their order", f"{MANUAL}, temporal constraints; TCM 2.10, nodes"
+ONCE = _from_manual("a moment is reached once", "temporal constraints")
+ORDER = _from_manual(
+    "the moments of a task come in their order", "temporal constraints; TCM 2.10, nodes"
 )
-COMMAND = Rule(
+COMMAND = _from_paper(
     "a command is handled when it may be achieved, and a goal when it may be planned",
-    f"{PAPER}, schema Node: achievConst = onHoldUntil",
+    "schema Node: achievConst = onHoldUntil",
 )
-FAMILY = Rule(
+FAMILY = _from_paper(
     "a task starts after its parent and ends after its children",
-    f"{PAPER}, schema TaskTree: achievConst of the parent",
+    "schema TaskTree: achievConst of the parent",
 )
-CONSTRAINT = Rule(
+CONSTRAINT = _from_manual(
     "no moment is reached before the points that its constraints put before it",
-    f"{MANUAL}, temporal constraints",
+    "temporal constraints",
 )
 DELAY = Rule("a delay ends on time, not earlier", "TCM 2.10: DelayFor, DelayForAfter")
 SETTLED = Rule(
     "everything that may happen happens at once",
     "TCM 2.10: the agenda is drained before anything else is done",
 )
-KILLED = Rule(
-    "a killed task does not start, and its descendants are killed with it",
-    f"{MANUAL}, killing task trees",
+KILLED = _from_manual(
+    "a killed task does not start, and its descendants are killed with it", "killing task trees"
 )
 SUSPENDED = Rule("no task starts while it is suspended", "TCM 2.10: Suspend")
 
@@ -96,43 +99,37 @@ RESTARTED = Rule(
 
 # --- handlers and resources -----------------------------------------------------------------------
 
-ONE_HANDLER = Rule(
-    "a message is with one handler at a time", f"{PAPER}, schema TaskTree: node.handler"
+ONE_HANDLER = _from_paper(
+    "a message is with one handler at a time", "schema TaskTree: node.handler"
 )
-RETURNED = Rule(
-    "a handler that was given a message returns once", f"{MANUAL}, replies and responses"
+RETURNED = _from_manual("a handler that was given a message returns once", "replies and responses")
+HANDLES = _from_manual(
+    "a message goes to a module that handles it, in the resource of its handler", "handlers"
 )
-HANDLES = Rule(
-    "a message goes to a module that handles it, in the resource of its handler",
-    f"{MANUAL}, handlers",
-)
-CAPACITY = Rule("a resource is never over its capacity", f"{MANUAL}, resources: capacity")
-FREE = Rule("no message waits for a free resource", f"{MANUAL}, resources: pending messages")
-LOCKED = Rule(
+CAPACITY = _from_manual("a resource is never over its capacity", "resources: capacity")
+FREE = _from_manual("no message waits for a free resource", "resources: pending messages")
+LOCKED = _from_manual(
     "no message enters a resource that another module has locked or reserved",
-    f"{MANUAL}, resources: locks and reservations",
+    "resources: locks and reservations",
 )
-GRANTED = Rule(
-    "a lock or reservation is granted once, when the resource is empty",
-    f"{MANUAL}, resources: locks",
+GRANTED = _from_manual(
+    "a lock or reservation is granted once, when the resource is empty", "resources: locks"
 )
-QUEUED = Rule(
-    "a message waits in one queue until it leaves it", f"{MANUAL}, resources: pending messages"
+QUEUED = _from_manual(
+    "a message waits in one queue until it leaves it", "resources: pending messages"
 )
-ANSWERED = Rule("a query is answered once, as soon as there is an answer", f"{MANUAL}, queries")
-WAITS = Rule(
-    "a wait for a moment ends when the moment is reached", f"{MANUAL}, waiting for commands"
-)
+ANSWERED = _from_manual("a query is answered once, as soon as there is an answer", "queries")
+WAITS = _from_manual("a wait for a moment ends when the moment is reached", "waiting for commands")
 
 # --- failures, wiretaps, monitors -----------------------------------------------------------------
 
-CAUGHT = Rule(
+CAUGHT = _from_paper(
     "a failure goes to the nearest exception handler, or ends the top-level task",
-    f"{PAPER}, exception handling",
+    "exception handling",
 )
-HANDLER = Rule(
+HANDLER = _from_manual(
     "an exception handler is called where it is attached, as often as it may be",
-    f"{MANUAL}, exception handlers",
+    "exception handlers",
 )
 RECOVERED = Rule(
     "a failed task continues when its exception handler has dealt with the failure",
@@ -142,10 +139,8 @@ MISSION = Rule(
     "a task of a mission that did not complete has failed or was killed", "docs/missions.md"
 )
 RESOLVED = Rule("no failure that was only observed counts as dealt with", "decision 101")
-TAPPED = Rule(
-    "a wiretap sends its listener before the tapped task continues", f"{MANUAL}, wiretaps"
-)
-MONITOR = Rule("a monitor watches from its start to its end", f"{MANUAL}, monitors")
+TAPPED = _from_manual("a wiretap sends its listener before the tapped task continues", "wiretaps")
+MONITOR = _from_manual("a monitor watches from its start to its end", "monitors")
 KEPT = Rule(
     "a monitor that is not waited for ends when its parent waits for nothing else", "decision 42"
 )

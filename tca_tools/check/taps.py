@@ -46,7 +46,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
             tapped.is_incomplete = True  # the tap may hold it
         return
     if tapped is not None:
-        _pass(world, tap, tapped, fact.listener)
+        _mark_passed(world, tap, tapped, fact.listener)
     listener = world.item(fact.listener, "was sent by a wiretap") if fact.listener else None
     if listener is None:
         return
@@ -70,8 +70,10 @@ def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
     world.is_listener_refused = fact.sender == CENTRAL
 
 
-def _pass(world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int) -> None:
-    tapped.passed[tap.id] = listener or world.is_listener_refused
+def _mark_passed(
+    world: JournalWorld, tap: facts.TapAdded, tapped: MessageRecord, listener: int
+) -> None:
+    tapped.taps_passed[tap.id] = listener or world.is_listener_refused
     if tapped.message != tap.message or tap.task not in (ROOT, tapped.id):
         whose = world.name(tap.task) if tap.task else tap.message
         world.report(TAPPED, tapped.id, f"wiretap {{{tap.id}}} of {whose} was fired for {tapped}")
@@ -100,9 +102,9 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
         if not CONDITIONS[tap.condition].before & moments or tap.task not in (ROOT, item.id):
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
-        if tap.id not in item.passed:
+        if tap.id not in item.taps_passed:
             world.report(TAPPED, item, f"continued, but {which} was not fired")
-        elif not item.passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
+        elif not item.taps_passed[tap.id] and world.is_whole and world.handlers.get(tap.listener):
             what = f"continued, but {which} was passed over, though its listener has a handler"
             world.report(TAPPED, item, what)
 
@@ -124,7 +126,7 @@ def monitor(world: JournalWorld, number: int, what: str) -> MessageRecord | None
     return item
 
 
-def spared(_: JournalWorld, item: MessageRecord, __: facts.OutlivesRetry) -> None:
+def outlives_retry(_: JournalWorld, item: MessageRecord, __: facts.OutlivesRetry) -> None:
     """Apply that a monitor was set up by another module than its parent's handler."""
     item.is_foreign_monitor = True
 
@@ -138,10 +140,10 @@ def waited_for(_: JournalWorld, item: MessageRecord, __: facts.WaitedFor) -> Non
 
 def check_watchers(world: JournalWorld, item: MessageRecord) -> None:
     """Check that a task does not wait for monitors that it should not wait for."""
-    if not item.returned or not 0 < item.background_monitors == len(item.children):
+    if not item.has_returned or not 0 < item.background_monitors == len(item.children):
         return
     for child in item.children.values():
-        if not (child.returned or child.again or child.is_killed or child.is_incomplete):
+        if not (child.has_returned or child.is_retry_due or child.is_killed or child.is_incomplete):
             world.report(KEPT, child, f"still watches, though {item} waits for nothing else")
 
 
@@ -149,7 +151,7 @@ def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> 
     """Apply the test of a monitor's condition."""
     if not item.reached & START_HANDLING:
         world.report(MONITOR, item, "was tested before it started to watch")
-    if item.returned and not item.again:
+    if item.has_returned and not item.is_retry_due:
         world.report(MONITOR, item, "was tested after it had stopped watching")
     if not item.untested:
         world.report(MONITOR, item, "was tested, but its condition was not answered")
@@ -159,22 +161,22 @@ def tested(world: JournalWorld, item: MessageRecord, _: facts.MonitorTested) -> 
 def answered(world: JournalWorld, condition: MessageRecord) -> None:
     """Apply the answer to a monitor's query: a watching monitor is tested with the same event."""
     item = world.items.get(condition.about)
-    if item is None or item.is_incomplete or item.asked != condition.id:
+    if item is None or item.is_incomplete or item.open_query != condition.id:
         return
-    if item.returned or item.is_killed:
+    if item.has_returned or item.is_killed:
         return
-    item.asked, item.untested = 0, 1
+    item.open_query, item.untested = 0, 1
     world.later.append(lambda: _check_tested(world, item))
 
 
 def _check_tested(world: JournalWorld, item: MessageRecord) -> None:
-    if item.untested and not (item.again or item.is_killed):
+    if item.untested and not (item.is_retry_due or item.is_killed):
         world.report(MONITOR, item, "was not tested, though its condition was answered")
     item.untested = 0
 
 
 def monitor_ended(world: JournalWorld, item: MessageRecord, _: facts.MonitorEnded) -> None:
     """Apply the end of a monitor, also of one that has not started."""
-    if item.returned and not (item.again or item.is_killed):
+    if item.has_returned and not (item.is_retry_due or item.is_killed):
         world.report(MONITOR, item, "ended a second time")
-    item.again, item.returned, item.asked = False, True, 0
+    item.is_retry_due, item.has_returned, item.open_query = False, True, 0

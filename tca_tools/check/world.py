@@ -42,10 +42,11 @@ class JournalWorld:
     def __init__(self, violations: list[Violation], *, is_whole: bool, events: int = 0) -> None:
         self.violations = violations  #: new violations are added here
         self.is_whole = is_whole  #: the journal has the whole run so far
-        #: The number from which on all messages must be known (0: unknown), and the newest number.
+        #: The number from which on all messages are known (0: not yet set), and the newest number.
         self.first, self.newest = int(is_whole), 0
-        self.events = events  #: the number of events before this one
-        self.event, self.asked_by = 0, 0  #: its number, and its requester's delivery
+        self.events = events  #: the number of events before the current one
+        #: The number of the current event, and the delivery whose handler requested it.
+        self.event, self.asked_by = 0, 0
         self.now = 0.0
         self.are_tasks_paused = False  #: whether no task starts, after a restart of central
         self.passed = 0.0  #: seconds that passed with the last event
@@ -76,7 +77,7 @@ class JournalWorld:
         self.touched: dict[MessageRecord, None] = {}
         self.places_touched: dict[ResourceRecord, None] = {}
         self.slots_lost: set[ResourceRecord] = set()
-        self.rehandled: set[str] = set()  #: messages whose handlers changed
+        self.handlers_changed: set[str] = set()  #: by message
         self.later: list[Callable[[], None]] = []  #: checks to run after all facts of the event
         self.flagged: list[MessageRecord] = []  #: messages with flags that last for one event
 
@@ -164,11 +165,11 @@ class JournalWorld:
         self.is_listener_refused = False
         self.asked_by = entry.cause.origin if isinstance(entry.cause, Request) else 0
         self.event = entry.number
-        self.go_to(entry.time)
-        for of_event in (self.touched, self.places_touched, self.slots_lost, self.rehandled):
+        self.advance_to(entry.time)
+        for of_event in (self.touched, self.places_touched, self.slots_lost, self.handlers_changed):
             of_event.clear()
 
-    def go_to(self, time: float) -> None:
+    def advance_to(self, time: float) -> None:
         """Advance the time."""
         self.passed, self.now = self.passed + max(time - self.now, 0.0), time
 
@@ -248,7 +249,7 @@ class JournalWorld:
             return None
         self.record_number(fact.id)
         if original is not None and original.is_task:
-            original.again = False
+            original.is_retry_due = False
             self.deliveries.pop(original.handling_id, None)
             original.handling_id, self.deliveries[fact.id] = fact.id, original
             self.touched[original] = None

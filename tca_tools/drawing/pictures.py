@@ -6,7 +6,7 @@ from pathlib import Path
 from tca_tools.drawing.graphviz import render
 from tca_tools.drawing.page import zoomed_page
 from tca_tools.errors import NoPicture
-from tca_tools.output import check_free, made_for, write_output
+from tca_tools.output import check_free, write_output, writing
 from tca_wire.text.missing import missing_package
 
 _MACHINES = (".dot", ".svg", ".png", ".pdf")
@@ -65,7 +65,7 @@ def write_graph(path: Path, source: str, title: str = "") -> None:
     if kind == "dot":
         write_output(path, source)
         return
-    with made_for(path):  # pygraphviz needs a temporary file
+    with writing(path):  # pygraphviz needs a temporary file
         picture = render(source, "svg" if kind == "html" else kind)
     write_output(path, zoomed_page(title, picture.decode()) if kind == "html" else picture)
 

@@ -38,25 +38,25 @@ def calls(at: RunAt, task: Task, start: float = -inf, end: float = inf) -> Itera
 def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
     run = at.run
     for number in called_within(run, task, start, end):
-        one = bisect_left(task.caught_by, number)
+        place = bisect_left(task.caught_by, number)
         if (handler := at.tasks.get(number)) is not None:
             record = run.tasks[number]
             text = f"{handler} was called"
-            runs = [handling for handling in record.handlings if handling.start <= at.moment]
-            if runs:
-                text += f" in {runs[-1].module}"
+            begun = [handling for handling in record.handlings if handling.start <= at.moment]
+            if begun:
+                text += f" in {begun[-1].module}"
             if handler.state not in (TaskState.HANDLING, TaskState.ACHIEVED):
                 why = first_line(handler.failure)
                 text += f": {handler.state}" + (f" ({why})" if why else "")
-            yield Call(record.received, 2 * one, text)
+            yield Call(record.received, 2 * place, text)
         for time, how in passed_on(run, number):
-            yield Call(time, 2 * one + 1, f"{run.describe(number)} {how}")
-    spents = run.exhausted.get(task.id, [])
-    first, last = (bisect_left(spents, time, key=_TIME) for time in (start, end))
-    for spent in spents[first:last]:
-        later = bisect_left(task.caught_by, spent.time, key=run.sent)
-        text = f"{spent.handler} had been called {times(spent.calls)}, its maximum"
-        yield Call(spent.time, 2 * later, text)
+            yield Call(time, 2 * place + 1, f"{run.describe(number)} {how}")
+    exhausted = run.exhausted.get(task.id, [])
+    first, last = (bisect_left(exhausted, time, key=_TIME) for time in (start, end))
+    for one in exhausted[first:last]:
+        place = bisect_left(task.caught_by, one.time, key=run.sent_at)
+        text = f"{one.handler} had been called {times(one.calls)}, its maximum"
+        yield Call(one.time, 2 * place, text)
 
 
 def passed_on(run: Run, handler: int, failure: str = "the failure") -> Iterator[tuple[float, str]]:
@@ -83,16 +83,16 @@ def decider(run: Run, asker: Handling | None) -> Task | None:
     return task if task is not None and task.role is Role.EXCEPTION else None
 
 
-def retried(run: Run, task: Task, retry: Retry) -> str:
+def retry_in_words(run: Run, task: Task, retry: Retry) -> str:
     """Return ``retried with other data by safety``.
 
     If an exception handler called for another task requested it, this names both and the failure.
     """
     handler, why = decider(run, retry.asker), by_whom(retry.by)
     if handler is not None and (failed := called_for(run, handler)) is not task:
-        failure = first_line(failed.was("failure", handler.received))
+        failure = first_line(failed.value_at("failure", handler.received))
         why += f": {handler}, called for {failed}, which had failed: {failure}"
-    with_data = " with other data" if retry.is_other else ""
+    with_data = " with other data" if retry.has_other_data else ""
     return f"retried{with_data}{why}"
 
 
@@ -107,11 +107,11 @@ def decisions(run: Run, handler: Task) -> Iterator[tuple[float, str]]:
         for retry in task.retries:
             if decider(run, retry.asker) is handler:
                 retried.add(retry.time)
-                how = ", with other data" if retry.is_other else ""
+                how = ", with other data" if retry.has_other_data else ""
                 yield retry.time, f"retries {task}{how}"
         if decider(run, task.killer) is handler:
             # The highest task comes last and replaces its descendants, killed at the same time
-            killed[task.written("killed")] = task
+            killed[task.written_at("killed")] = task
     for time, task in killed.items():
         if time not in retried:
             yield time, f"kills {task}"

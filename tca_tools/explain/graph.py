@@ -1,8 +1,8 @@
 """The graph of waits at a moment.
 
 - ``blocking_waits(at, node)``: the waits before a moment of a task, or before a message's answer.
-  Different waits may block planning and achieving: each says which moments it ``holds``.
-- ``prerequisites(at, wait)``: the nodes that a wait is for; ``steps(at, node)`` does both.
+  Different waits may block planning and achieving: each says which moments it ``blocks``.
+- ``prerequisites(at, wait)``: the nodes that a wait is for; ``awaited_nodes(at, node)`` does both.
 - ``Ends``: the ends of all chains of waits; ``causes(at)``: the ends that most tasks wait for.
 - ``waits_now(at, number)``: the current waits of a message, to be shown.
 
@@ -26,16 +26,16 @@ from tca_tools.explain.waits import (
     blocking_tasks,
     is_of_state,
     is_to_be_handled_again,
-    lasting,
     moments_before,
     next_moment,
     node_of,
     of_handler_wait,
     of_message,
     own_waits,
+    span_as_wait,
 )
 from tca_tools.journal.at_time import RunAt, remembered
-from tca_tools.journal.fates import watches
+from tca_tools.journal.fates import is_watching
 from tca_tools.journal.records import (
     OVER,
     Claim,
@@ -107,13 +107,17 @@ def _waits_of(at: RunAt, number: int) -> list[Wait]:
 def next_node(at: RunAt, number: int) -> Node:
     """Return the next node of a task, message or claim."""
     task = at.run.tasks.get(number)
-    return Node(number) if task is None or task.received > at.moment else _next(task, at.moment)
+    return (
+        Node(number)
+        if task is None or task.received > at.moment
+        else _next_of_task(task, at.moment)
+    )
 
 
-def _next(task: Task, time: float) -> Node:
+def _next_of_task(task: Task, time: float) -> Node:
     state = task.state_at(time)
-    runs = bool(active_at(task.handlings, time)) or watches(task, state, time)
-    if runs and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
+    is_running = bool(active_at(task.handlings, time)) or is_watching(task, state, time)
+    if is_running and state is not TaskState.ENDING and task.time_of(END_HANDLING) > time:
         return Node(task.id, END_HANDLING)
     return Node(task.id, next_moment(task, state, time))
 
@@ -121,10 +125,10 @@ def _next(task: Task, time: float) -> Node:
 def blocking_waits(at: RunAt, node: Node) -> list[Wait]:
     """Return the waits that block a moment of a task, or the answer to a message."""
     blocking = _blocking(at, node)
-    return blocking.waits + [_subtask(at.run, one) for one in blocking.subtasks]
+    return blocking.waits + [_wait_for_subtask(at.run, one) for one in blocking.subtasks]
 
 
-def _subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
+def _wait_for_subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wait:
     child, moment = run.tasks[node.number], node.moment
     end = min(child.time_of(moment), run.tasks[child.parent].time_of(moment))
     return Wait(child.received, end, WaitKind.SUBTASK, node, moment, others=others)
@@ -136,10 +140,12 @@ def _blocking(at: RunAt, node: Node) -> _Blocking:
     message = at.run.messages.get(node.number)
     if message is None or message.received > at.moment:
         return _NOTHING
-    return _Blocking(*_select(at.run, message, node, _waits_of(at, node.number), at.moment))
+    return _Blocking(
+        *_select_blocking(at.run, message, node, _waits_of(at, node.number), at.moment)
+    )
 
 
-def _select(
+def _select_blocking(
     run: Run, message: Message, node: Node, waits: list[Wait], time: float
 ) -> tuple[list[Wait], list[Node]]:
     """Return the waits that block a node of a message, and the subtasks that do."""
@@ -149,7 +155,7 @@ def _select(
         return [one for one in waits if one.kind is WaitKind.RESUME], []
     wanted = moments_before(message, node.moment, time)
     found = [
-        one for one in waits if one.holds & wanted or (wanted and _resumes(message, one, time))
+        one for one in waits if one.blocks & wanted or (wanted and _resumes(message, one, time))
     ]
     # A task must be planned before it is achieved
     last = wanted & END_ACHIEVING or wanted & END_PLANNING
@@ -169,9 +175,9 @@ def _resumes(task: Task, wait: Wait, time: float) -> bool:
 
 
 def _delivery(wait: Wait) -> int:
-    """Return the delivery of a handler's run, or of a wait in it."""
-    run = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
-    return run.delivery if isinstance(run, Handling) else 0
+    """Return the delivery of the handling that a wait is for, or that waits; 0 for none."""
+    record = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
+    return record.delivery if isinstance(record, Handling) else 0
 
 
 def prerequisites(at: RunAt, wait: Wait) -> list[Node]:
@@ -180,7 +186,7 @@ def prerequisites(at: RunAt, wait: Wait) -> list[Node]:
     if wait.is_leaf:
         return []
     if wait.kind is WaitKind.RESOURCE:
-        return _nodes(at, holders_of(at, wait))
+        return _nodes_of_holders(at, holders_of(at, wait))
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(number)
         is_pending = task is not None and task.time_of(wait.on.moment) > at.moment
@@ -207,19 +213,19 @@ def holders_of(at: RunAt, wait: Wait) -> Holders:
     return Holders()
 
 
-def _nodes(at: RunAt, by: Holders) -> list[Node]:
-    """Return the nodes of holders: a lock, or the runs that do not wait themselves, else all runs.
+def _nodes_of_holders(at: RunAt, by: Holders) -> list[Node]:
+    """Return the nodes of holders: a lock, else the handlers that do not wait, else all handlers.
 
-    The first run that returns frees a slot.
+    The first handler that returns frees a slot.
     """
     if by.claim is not None:
         return [Node(by.claim.id)]
-    free = [one for one in by.runs if not newest_active(one.waits, at.moment)]
-    return [node_of(at.run, one) for one in free or by.runs]
+    free = [one for one in by.handlings if not newest_active(one.waits, at.moment)]
+    return [node_of(at.run, one) for one in free or by.handlings]
 
 
 @remembered
-def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
+def awaited_nodes(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
     """Return the nodes that must come before a node, and the kinds of its waits that are leaves."""
     blocking = _blocking(at, node)
     if blocking is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
@@ -231,7 +237,7 @@ def steps(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
 
 
 def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
-    """Return what a lock waits for.
+    """Return the nodes that a lock waits for, and the kinds of its waits that are leaves.
 
     A pending lock waits for its holders. A lock in force waits for the handler that requested it,
     else for the end of that handler's task, or for its retry. A lock requested outside of handlers
@@ -239,7 +245,7 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     """
     if not at.is_granted(claim):
         by = holders_for_claim(at, claim)
-        nodes = [node_of(at.run, one) for one in by.runs]
+        nodes = [node_of(at.run, one) for one in by.handlings]
         return nodes + [Node(one.id) for one in (by.claim,) if one is not None], []
     if claim.by is None:
         sender = at.run.modules.get(claim.sender)
@@ -251,7 +257,7 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     if claim.by.until > at.moment:
         return [node_of(at.run, claim.by)], []
     if task is not None and task.state not in OVER:
-        return [Node(task.id, END_HANDLING if task.is_retried else END_ACHIEVING)], []
+        return [Node(task.id, END_HANDLING if task.is_retry_due else END_ACHIEVING)], []
     return [], []
 
 
@@ -276,10 +282,10 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     """
     blocking = _blocking(at, next_node(at, number))
     waits = list(blocking.waits)
-    waits += (_subtask(at.run, one) for one in blocking.subtasks[:-1][:NAMED])
+    waits += (_wait_for_subtask(at.run, one) for one in blocking.subtasks[:-1][:NAMED])
     if blocking.subtasks:
         left = max(len(blocking.subtasks) - NAMED - 1, 0)
-        waits.append(_subtask(at.run, blocking.subtasks[-1], (inf,) * left))
+        waits.append(_wait_for_subtask(at.run, blocking.subtasks[-1], (inf,) * left))
     task = at.run.tasks.get(number)
     if task is None:
         return [_since_cause(at, wait) for wait in waits]
@@ -310,7 +316,7 @@ def _since_cause(at: RunAt, wait: Wait) -> Wait:
 
 
 def _last_outcome(at: RunAt, monitor: int) -> float:
-    """Return the first of the latest tests of a monitor's condition with the same outcome."""
+    """Return the time since which all tests of a monitor's condition had the same outcome."""
     tests = at.run.tests.get(monitor, [])
     place = bisect_right(tests, at.moment, key=_SINCE)
     while place > 1 and tests[place - 2][1] == tests[place - 1][1]:
@@ -321,9 +327,9 @@ def _last_outcome(at: RunAt, monitor: int) -> float:
 def _still_running(at: RunAt, task: Task) -> Iterator[Wait]:
     """Yield waits for the handlers that still work under a suspended task."""
     now = at.tasks[task.id]
-    for run in at.working_under(now):
-        wait = lasting(run, WaitKind.RUNNING, node_of(at.run, run), 0)
-        yield wait._replace(start=max(now.since, run.start))
+    for handling in at.working_under(now):
+        wait = span_as_wait(handling, WaitKind.RUNNING, node_of(at.run, handling), 0)
+        yield wait._replace(start=max(now.since, handling.start))
 
 
 # --- the ends of all waits ------------------------------------------------------------------------
@@ -366,7 +372,7 @@ class Ends:
         self._at = at
         self._walk: walker.Ends[Node, End] = walker.Ends(self)
         self._left: int | None = None
-        """The number of steps that the walk may still take (None: any)."""
+        """The number of steps that the walk may still take; None for any number."""
         self._awaited: set[Node] = set()
         """The nodes that others wait for."""
 
@@ -401,7 +407,7 @@ class Ends:
             self._left -= 1
             if self._left < 0:
                 raise walker.TooFarError
-        nexts, leaves = steps(self._at, node)
+        nexts, leaves = awaited_nodes(self._at, node)
         self._awaited.update(nexts)
         if nexts and not leaves:
             return nexts, []

@@ -24,15 +24,15 @@ _NO_TIME = 1e-6
 class Holders(NamedTuple):
     """The holders of a resource at a moment."""
 
-    runs: tuple[Handling, ...] = ()
+    handlings: tuple[Handling, ...] = ()
     """The running handlers."""
     claim: Claim | None = None
     """The lock or reservation in force, or the first pending one."""
 
     def is_same_as(self, others: "Holders") -> bool:
         """Whether the holders are the same."""
-        runs = [id(one) for one in self.runs]
-        return self.claim is others.claim and runs == [id(one) for one in others.runs]
+        own, other = ([id(one) for one in each.handlings] for each in (self, others))
+        return self.claim is others.claim and own == other
 
 
 WaitPart = tuple[float, float, Holders]
@@ -47,16 +47,16 @@ def holders_for_message(
     It is the lock in force, else a pending lock before the message even if a slot is free, else the
     running handlers.
     """
-    held_by = at.held_by(module, resource)
-    if held_by is None:
+    granted = at.claim_in_force(module, resource)
+    if granted is None:
         line = _line_at(at, module, resource)
-        first, since = next(iter(line.wanted), None), _queued_since(at.run, message.id)
-        if first and (line.has_room or line.inside or first.start < since):
+        first, since = next(iter(line.pending), None), _queued_since(at.run, message.id)
+        if first and (line.has_room or line.from_running or first.start < since):
             return Holders(claim=first)
-    elif not (held_by.is_reserved and held_by.sender == _sent_by(at.run, message.id)):
-        return Holders(claim=held_by)
-    runs = at.running(module, resource)
-    return Holders(tuple(run for run in runs if run.message_id != message.id))
+    elif not (granted.is_reserved and granted.sender == _sent_by(at.run, message.id)):
+        return Holders(claim=granted)
+    running = at.running(module, resource)
+    return Holders(tuple(one for one in running if one.message_id != message.id))
 
 
 def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
@@ -64,24 +64,24 @@ def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
 
     It is the lock in force, else the other running handlers and the pending lock before it.
     """
-    held_by = at.held_by(claim.module, claim.resource)
-    if held_by is not None and held_by is not claim:
-        return Holders(claim=held_by)
+    granted = at.claim_in_force(claim.module, claim.resource)
+    if granted is not None and granted is not claim:
+        return Holders(claim=granted)
     line = _line_at(at, claim.module, claim.resource)
-    before = next((place for place, one in enumerate(line.wanted) if one is claim), 0)
+    place = next((place for place, one in enumerate(line.pending) if one is claim), 0)
     own: set[int] = set()
-    run = claim.by
-    while run is not None:  # a run that called it back waits in the same slot
-        own.add(id(run))
-        run = line.called_back_by.get(id(run))
-    inside = at.inside(claim.module, claim.resource)
-    runs = tuple(run for run in inside if id(run) not in own)
-    return Holders(runs, line.wanted[before - 1] if before else None)
+    handling = claim.by
+    while handling is not None:  # one that waits for it in the same slot is no holder either
+        own.add(id(handling))
+        handling = line.waiting_in_slot.get(id(handling))
+    running = at.running_in_copies(claim.module, claim.resource)
+    others = tuple(one for one in running if id(one) not in own)
+    return Holders(others, line.pending[place - 1] if place else None)
 
 
 def held_since(at: RunAt, by: Holders, begun: float) -> float:
     """Return since when the holders have caused a wait that started at *begun*."""
-    since = [begun, *(run.start for run in by.runs)]
+    since = [begun, *(one.start for one in by.handlings)]
     if by.claim is not None:
         granted = by.claim.granted
         is_late = granted is None or granted > at.moment
@@ -92,31 +92,31 @@ def held_since(at: RunAt, by: Holders, begun: float) -> float:
 class _Line(NamedTuple):
     """The pending claims on a resource."""
 
-    wanted: list[Claim]
+    pending: list[Claim]
     """Pending claims: those of running handlers first, then in the order of their requests."""
-    inside: int
+    from_running: int
     """The number of pending claims of running handlers: no message is handled before them."""
     has_room: bool
     """Whether a slot is free."""
-    called_back_by: dict[int, Handling]
-    """For each run without a slot of its own, by identity, the waiting run in that slot."""
+    waiting_in_slot: dict[int, Handling]
+    """By the identity of a handling without a slot of its own: the one that waits in that slot."""
 
 
 @remembered
 def _line_at(at: RunAt, module: str, resource: str) -> _Line:
-    runs, wanted = at.running(module, resource), at.wanted(module, resource)
-    inside = [one for one in wanted if any(run is one.by for run in runs)]
-    others = [one for one in wanted if one not in inside] if inside else wanted
+    running, pending = at.running(module, resource), at.pending_claims(module, resource)
+    first = [claim for claim in pending if any(one is claim.by for one in running)]
+    others = [claim for claim in pending if claim not in first] if first else pending
     capacity, taken = at.capacity(module, resource), 0
-    called_back_by: dict[int, Handling] = {}
-    for run in runs:
-        message = at.run.messages.get(run.message_id)
+    waiting_in_slot: dict[int, Handling] = {}
+    for handling in running:
+        message = at.run.messages.get(handling.message_id)
         by = message.by if message else None
-        if taken < capacity or not any(one is by for one in runs):
+        if taken < capacity or not any(one is by for one in running):
             taken += 1
         elif by is not None:
-            called_back_by[id(run)] = by
-    return _Line([*inside, *others], len(inside), capacity > taken, called_back_by)
+            waiting_in_slot[id(handling)] = by
+    return _Line([*first, *others], len(first), capacity > taken, waiting_in_slot)
 
 
 def _queued_since(run: Run, number: int) -> float:
@@ -155,15 +155,15 @@ def parts_of_claim(run: Run, wait: HandlerWait, claim: Claim) -> list[WaitPart]:
 def _changes(run: Run, keys: list[_Key], start: float, end: float) -> Iterator[float]:
     """Yield the times at which the holders of a resource may have changed."""
     for key in keys:
-        runs = run.runs.get(key, [])
-        first = bisect_right(runs, start, key=attrgetter("start"))
-        last = bisect_right(runs, end, key=attrgetter("start"))
-        beside = runs[first - 1].concurrent if first else ()
-        for handling in (*beside, *runs[max(first - 1, 0) : last]):
+        handlings = run.by_resource.get(key, [])
+        first = bisect_right(handlings, start, key=attrgetter("start"))
+        last = bisect_right(handlings, end, key=attrgetter("start"))
+        beside = handlings[first - 1].concurrent if first else ()
+        for handling in (*beside, *handlings[max(first - 1, 0) : last]):
             yield from (handling.start, handling.until)
         if known := run.modules.get(key[0]):
             yield from (time for time, _ in known.sizes.get(key[1], ()))
-    for claim in run.asked_for(*keys[0]) if keys else ():
+    for claim in run.requested_claims(*keys[0]) if keys else ():
         yield from (claim.start, claim.until)
         if claim.granted is not None:
             yield claim.granted

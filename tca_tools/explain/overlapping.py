@@ -1,4 +1,7 @@
-"""Find the records of a task that are active in a span, in O(log n) if the task has many. Pure."""
+"""Find the records of a task that are active in a span, in O(log n) if the task has many. Pure.
+
+Of a task with few records all are returned, since a search would cost more.
+"""
 
 from collections.abc import Callable, Sequence
 from math import inf
@@ -11,22 +14,18 @@ from tca_wire.points import END_ACHIEVING, TaskId
 
 _T = TypeVar("_T")
 _FEW = 16
-"""Up to this number of records, all are returned: a search would cost more."""
+"""Up to this number of records, all are returned."""
 
 
 def children_within(
     run: Run, task: Task, moment: int, start: float, end: float
 ) -> Sequence[TaskId]:
-    """Return the children of a task, without some that were sent after *end* or had reached the
-    moment by *start*.
-    """
+    """Return the children sent by *end* that had not reached the moment by *start*, or all."""
     return _within(run, task.children, (task.id, moment), moment, start, end)
 
 
 def called_within(run: Run, task: Task, start: float, end: float) -> Sequence[TaskId]:
-    """Return the exception handlers of a task, without some that were called after *end* or had
-    ended by *start*.
-    """
+    """Return the exception handlers called by *end* that had not ended by *start*, or all."""
     return _within(run, task.caught_by, (called_within, task.id), END_ACHIEVING, start, end)
 
 
@@ -38,7 +37,7 @@ def _within(
 
     def span(number: TaskId) -> tuple[float, float]:
         known = run.tasks.get(number)
-        return run.sent(number), known.time_of(moment) if known else inf
+        return run.sent_at(number), known.time_of(moment) if known else inf
 
     return cached(run, key, lambda: Overlaps(tasks, span)).within(start, end)
 

@@ -7,19 +7,19 @@ from math import inf, nextafter
 from operator import attrgetter
 from typing import NamedTuple
 
-from tca_tools.explain.deciding import calls, decisions, passed_on, retried
+from tca_tools.explain.deciding import calls, decisions, passed_on, retry_in_words
 from tca_tools.explain.wait_words import (
     describe_event,
     for_claim,
     in_queue,
+    named_waits,
     of_query,
-    suspended,
-    told,
+    suspension_in_words,
     wait_for,
 )
 from tca_tools.explain.waits import NO_TIME, Wait, of_handler_wait, waits_for_display
 from tca_tools.journal.at_time import RunAt
-from tca_tools.journal.coordinators import agent_task
+from tca_tools.journal.coordinators import sent_by_coordinator
 from tca_tools.journal.fates import WATCHING, describe_asker
 from tca_tools.journal.records import (
     OVER,
@@ -72,14 +72,14 @@ class Sentence(NamedTuple):
         """The whole sentence."""
         return self.begun + self.ending
 
-    def known(self, moment: float) -> "Sentence":
+    def as_known_at(self, moment: float) -> "Sentence":
         """Return the sentence as known at a moment, without a later end."""
         ends_later = self.seconds is not None and self.time + self.seconds > moment
         if self.is_open or ends_later:
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
-    def by(self, moment: float, time: float) -> str:
+    def text_at(self, moment: float, time: float) -> str:
         """Return the text as known at a moment, with the duration until its end or so far.
 
         Args:
@@ -87,7 +87,7 @@ class Sentence(NamedTuple):
             time: The same on the entries' clock.
         """
         so_far = time - self.time
-        if self.known(moment).is_open:
+        if self.as_known_at(moment).is_open:
             return self.begun + (f", {so_far:.3f} s so far" if so_far >= _SHORTEST else "")
         return self.text + ("" if self.seconds is None else f", {self.seconds:.3f} s")
 
@@ -95,7 +95,7 @@ class Sentence(NamedTuple):
 Sentences = Iterator[Sentence]
 
 
-def _lasting(start: float, end: float, text: str, ending: str = "") -> Sentence:
+def _span_sentence(start: float, end: float, text: str, ending: str = "") -> Sentence:
     seconds = None if end == inf else end - start
     return Sentence(start, text, seconds, seconds is None, ending)
 
@@ -110,7 +110,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
     if message is None:
         return []
     found = [_birth(run, message), *_failures(run, message, moment)]
-    for time, why in message.became("dropped"):
+    for time, why in message.new_values("dropped"):
         if why:
             found.append(Sentence(time, f"{_dropped(message, time)}: {why}"))
     if isinstance(message, Task):
@@ -123,7 +123,7 @@ def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
         found += _preview(run, message)
     found += _waits_in_queues(run, message, moment)
     for handling in message.handlings:
-        found += _run(RunAt(run, moment), handling)
+        found += _handling(RunAt(run, moment), handling)
     if isinstance(message, Task):
         found += _states(run, message, moment)
     # The sort is stable: at one time, causes come before their effects
@@ -153,20 +153,20 @@ def _failures(run: Run, message: Message, moment: float) -> Sentences:
         yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
         if who := describe_asker(run, message, time, max(moment, time)):
             yield Sentence(time, f"its failure is {who}")
-    for time, data in message.became("failure_data"):
+    for time, data in message.new_values("failure_data"):
         if text := data_text(data):
             yield Sentence(time, f"the failure's data: {text}")
 
 
 def _kills(task: Task) -> Sentences:
     """Yield when it was killed, or stopped watching."""
-    for time, why in task.became("watched"):
+    for time, why in task.new_values("watched"):
         if why:
             yield Sentence(time, f"stops watching: {why}")
-    for time, why in task.became("killed"):
+    for time, why in task.new_values("killed"):
         if why is not None:
-            reason = kill_reason(why, task.was("killed_by", time))
-            if task.killed_for == task.id and task.was("failure", time):
+            reason = kill_reason(why, task.value_at("killed_by", time))
+            if task.killed_for == task.id and task.value_at("failure", time):
                 reason = NOT_HANDLED
             yield Sentence(time, f"killed: {reason}", is_bad=True)
 
@@ -188,7 +188,7 @@ def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
     failure = f"the failure of {run.describe(task.parent)}"
     yield from (Sentence(*one) for one in passed_on(run, task.id, failure))
     for retry in task.retries:
-        yield Sentence(retry.time, retried(run, task, retry))
+        yield Sentence(retry.time, retry_in_words(run, task, retry))
     yield from (Sentence(*one) for one in decisions(run, task))
 
 
@@ -196,17 +196,17 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
     """Yield when it was suspended and resumed, and the handlers that were still running."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
-        text = suspended(one)
+        text = suspension_in_words(one)
         if one.end is None or one.is_resumed or one.is_active(moment):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
             text += f" with {cause}"
-        yield _lasting(one.start, one.until, text)
+        yield _span_sentence(one.start, one.until, text)
         for handling in one.handlings:
             number = handling.message_id
             if handling.start < one.start and task.id in (number, one.cause):
                 who = "its handler" if number == task.id else run.describe(number)
-                yield _lasting(one.start, handling.until, f"{who} still runs")
+                yield _span_sentence(one.start, handling.until, f"{who} still runs")
         if one.is_resumed:
             yield Sentence(one.until, f"resumed{by_whom(one.resumed_by)}")
 
@@ -221,7 +221,7 @@ def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
         first, *more = [time for time, _ in tests]
         text = f"its condition {'holds' if holds else 'does not hold'}"
         if more:
-            yield _lasting(first, more[-1], text, f", {1 + len(more)} times")
+            yield _span_sentence(first, more[-1], text, f", {1 + len(more)} times")
         else:
             yield Sentence(first, text)
 
@@ -237,7 +237,7 @@ def _changes(task: Task, moment: float) -> Sentences:
         if are_results and more:
             last = more[-1]
             ending = f", {len(row)} times; the last: {data_text(last.body)}"
-            yield _lasting(first.time, last.time, str(first), ending)
+            yield _span_sentence(first.time, last.time, str(first), ending)
             continue
         for one in row:
             data = data_text(one.body)
@@ -246,7 +246,7 @@ def _changes(task: Task, moment: float) -> Sentences:
 
 def _preview(run: Run, task: Task) -> Sentences:
     """Yield how long it was early work, and whether that was kept."""
-    if (sent := agent_task(run, task)) is None:
+    if (sent := sent_by_coordinator(run, task)) is None:
         return
     ending = ", kept: the state is entered"
     if sent.is_wasted:
@@ -254,14 +254,14 @@ def _preview(run: Run, task: Task) -> Sentences:
     ahead = f"ahead of the state '{sent.state}'"
     for (time, role), (until, _) in pairwise([*sent.roles, (inf, None)]):
         if role is TaskRole.AHEAD:
-            yield _lasting(time, until, ahead, ending)
+            yield _span_sentence(time, until, ahead, ending)
         elif role is TaskRole.RESTORING:
             yield Sentence(time, f"undoes wasted work {ahead}")
 
 
 def _plans(run: Run, task: Task) -> Sentences:
     """Yield its deadlines and planned kills."""
-    for one in run.ahead.get(task.id, ()):
+    for one in run.plans.get(task.id, ()):
         at = RunAt(run, one.set_at)
         if text := describe_event(at, at.tasks[task.id], one):
             yield Sentence(one.set_at, text)
@@ -278,39 +278,39 @@ def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
         if queueing.module:
             until = moment if queueing.start <= moment else inf
             text = f"queued {in_queue(run, queueing, message, until)}"
-        yield _lasting(queueing.start, queueing.until, text)
+        yield _span_sentence(queueing.start, queueing.until, text)
 
 
-def _run(at: RunAt, handling: Handling) -> Sentences:
+def _handling(at: RunAt, handling: Handling) -> Sentences:
     how = ""
     if handling.end is not None and handling.outcome is not Outcome.DONE:
         how = f": {handling.outcome or 'cut off'}"
     where = place(handling.module, handling.resource)
-    yield _lasting(handling.start, handling.until, f"handled by {where}", how)
+    yield _span_sentence(handling.start, handling.until, f"handled by {where}", how)
     for wait in handling.waits:
         if (claim := at.run.claims.get(wait.awaited)) is not None:
-            yield from _claim(at, wait, claim)
+            yield from _wait_for_claim(at, wait, claim)
         else:
             yield _wait(at, wait)
     yield from _queries(at, handling)
 
 
-def _claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
+def _wait_for_claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     """Yield a handler's wait for a lock, and how long it has the lock."""
     if claim.granted != wait.start:
         until = at.moment if wait.start <= at.moment else inf
         text = for_claim(at.run, wait, claim, until)
-        yield _lasting(wait.start, wait.until, f"its handler waits {text}")
+        yield _span_sentence(wait.start, wait.until, f"its handler waits {text}")
     if claim.granted is not None:
-        yield _lasting(claim.granted, claim.until, f"its handler has the {claim}")
+        yield _span_sentence(claim.granted, claim.until, f"its handler has the {claim}")
 
 
-def awaited(run: Run, wait: HandlerWait) -> str:
+def awaited_in_words(run: Run, wait: HandlerWait) -> str:
     """Return what a handler waited for at the start: ``for the reply to next stance {7}``."""
     return in_words(wait_for(RunAt(run, wait.start), of_handler_wait(run, wait)))
 
 
-def _plain(run: Run, wait: HandlerWait) -> WaitFor:
+def _without_place(run: Run, wait: HandlerWait) -> WaitFor:
     """Return what a handler waited for, without its place."""
     kind, name = of_handler_wait(run, wait).kind, wait.name or run.name(wait.awaited)
     return WaitFor(kind, wait.awaited, name, int(wait.moment or 0))
@@ -318,10 +318,10 @@ def _plain(run: Run, wait: HandlerWait) -> WaitFor:
 
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     run = at.run
-    cause = _plain(run, wait)
+    cause = _without_place(run, wait)
     if wait.is_active(at.moment):
         cause = wait_for(at, of_handler_wait(run, wait))
-    sentence = _lasting(wait.start, wait.until, f"its handler waits {in_words(cause)}")
+    sentence = _span_sentence(wait.start, wait.until, f"its handler waits {in_words(cause)}")
     if cycle := run.deadlock(wait):
         seconds = sentence.seconds if wait.end != wait.start else None
         return sentence._replace(seconds=seconds, ending=f", and is refused: {cycle}")
@@ -341,7 +341,7 @@ def _failure_of(query: Message, moment: float) -> str:
     """Return the failure of a query in one line; "" for none, and for a multi-query."""
     if not query.message_class.asks_one:
         return ""
-    return first_line(query.was("failure", moment))
+    return first_line(query.value_at("failure", moment))
 
 
 def _queries(at: RunAt, handling: Handling) -> Sentences:
@@ -351,16 +351,16 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
         text, fetched = f"its handler asked {query}, and continues", first.get(query.id)
         if fetched is not None and fetched.start <= max(at.moment, query.received):
             if fetched.start > query.received:
-                yield _lasting(query.received, fetched.start, text)
+                yield _span_sentence(query.received, fetched.start, text)
             continue
         end = query.answered
         if end is None:
-            end = query.written("dropped") if query.dropped else inf
+            end = query.written_at("dropped") if query.dropped else inf
         now = of_query(at, query)
         if query.received <= at.moment < end and now.because:
             text += f"; {whereabouts(now)}"
         failure = _failure_of(query, end) if end < inf else ""
-        yield _lasting(query.received, end, text, f"; it fails: {failure}" if failure else "")
+        yield _span_sentence(query.received, end, text, f"; it fails: {failure}" if failure else "")
 
 
 # --- states ---------------------------------------------------------------------------------------
@@ -377,7 +377,9 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
             continue
         if state in OVER:
             survived = state is TaskState.FAILED and task.killed is None
-            if before is TaskState.ENDING or (survived and task.written("failure", start) < start):
+            if before is TaskState.ENDING or (
+                survived and task.written_at("failure", start) < start
+            ):
                 yield Sentence(start, "has ended")
             elif state not in _DESCRIBED:
                 yield Sentence(start, str(state))
@@ -387,7 +389,7 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
         causes = waits[bisect_left(starts, start) : bisect_left(starts, end)]
         is_at_work = any(isinstance(one.record, Handling) for one in causes)
         if not causes or (state is TaskState.PLANNING and is_at_work):
-            yield _lasting(start, end, str(state))
+            yield _span_sentence(start, end, str(state))
         else:
             yield from _in_state(at, task, state, causes)
 
@@ -395,7 +397,7 @@ def _states(run: Run, task: Task, moment: float) -> Sentences:
 def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentences:
     """Yield the waits of a task in a state; waits with the same kind and start share a sentence."""
     watched = [one for one in waits if one.kind is WaitKind.CONDITION]
-    yield from (_lasting(one.start, one.end, WATCHING) for one in watched)
+    yield from (_span_sentence(one.start, one.end, WATCHING) for one in watched)
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
         if not any(one.start <= wait.start < one.end for one in watched):
@@ -409,14 +411,15 @@ def _in_state(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sentence:
     ends = [end for one in waits for end in (one.end, *one.others)]
     start, end = waits[0].start, max(ends)
-    however = state is TaskState.ENDING or task.is_retried
-    text = f"{state}, {several_in_words(told(RunAt(at.run, start), waits, however=however))}"
-    return _lasting(start, end, text, _in_vain(at.run, task, waits, end))
+    any_outcome = state is TaskState.ENDING or task.is_retry_due
+    named = named_waits(RunAt(at.run, start), waits, any_outcome=any_outcome)
+    text = f"{state}, {several_in_words(named)}"
+    return _span_sentence(start, end, text, _in_vain(at.run, task, waits, end))
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
     """Return which awaited tasks failed or were killed: such a task reaches all moments at once."""
-    if end == inf or (task.killed is not None and task.written("killed") <= end):
+    if end == inf or (task.killed is not None and task.written_at("killed") <= end):
         return ""
     bad = []
     for wait in waits:

@@ -2,7 +2,7 @@
 
 This turns a ``Wait`` into a ``WaitFor``, whose words are in tca_wire/text/waits_in_words.py.
 ``reasons`` describes the current waits of a task, ``in_the_end`` the end of all waits, and
-``coming`` the planned events of a task.
+``plans_in_words`` the planned events of a task.
 """
 
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 from msgspec.structs import replace
 
-from tca_tools.explain.graph import End, Ends, holders_of, next_node, steps, waits_now
+from tca_tools.explain.graph import End, Ends, awaited_nodes, holders_of, next_node, waits_now
 from tca_tools.explain.holders import (
     Holders,
     WaitPart,
@@ -63,13 +63,13 @@ class Age(NamedTuple):
 # --- a wait, with names ---------------------------------------------------------------------------
 
 
-def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[WaitFor]:
+def named_waits(at: RunAt, waits: Iterable[Wait], *, any_outcome: bool = False) -> list[WaitFor]:
     """Return waits with names; of many of one kind, the first ones and the number of others.
 
     Args:
         at: The run at a moment.
         waits: The waits.
-        however: Whether the awaited subtasks must just end, with any outcome.
+        any_outcome: Whether the awaited subtasks may end with any outcome.
     """
     groups: dict[object, list[Wait]] = {}
     for wait in waits:
@@ -80,7 +80,7 @@ def told(at: RunAt, waits: Iterable[Wait], *, however: bool = False) -> list[Wai
     found = []
     for group in groups.values():
         number = sum(1 + len(wait.others) for wait in group)
-        first = [wait_for(at, wait, however=however) for wait in group[:NAMED]]
+        first = [wait_for(at, wait, any_outcome=any_outcome) for wait in group[:NAMED]]
         found += first_ones(first, number)
     return found
 
@@ -89,7 +89,7 @@ _ALONE = {WaitKind.RESOURCE, WaitKind.LOCK, WaitKind.REPLY, WaitKind.DELAY, Wait
 """Kinds that are not grouped, since each wait has its own causes."""
 
 
-def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
+def wait_for(at: RunAt, wait: Wait, *, any_outcome: bool = False) -> WaitFor:
     """Return a wait with names, and with the current holders of its resource or query."""
     number, kind, record = wait.on.number, wait.kind, wait.record
     if isinstance(record, Queueing):
@@ -102,9 +102,9 @@ def wait_for(at: RunAt, wait: Wait, *, however: bool = False) -> WaitFor:
         return of_claim(at, holders_of(at, wait), at.run.claims[number])
     if kind is WaitKind.CONDITION:
         return _of_condition(at, number)
-    moment = 0 if however and kind is WaitKind.SUBTASK else wait.on.moment
+    moment = 0 if any_outcome and kind is WaitKind.SUBTASK else wait.on.moment
     name = record.name if isinstance(record, HandlerWait) else ""
-    if kind is WaitKind.RUNNING and wait.holds:  # its own handler
+    if kind is WaitKind.RUNNING and wait.blocks:  # its own handler
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
@@ -127,9 +127,9 @@ def _of_condition(at: RunAt, monitor: int) -> WaitFor:
     run, last = at.run, None
     for time, holds in run.tests.get(monitor, ()):
         last = holds if time <= at.moment else last
-    asked, task = run.conditions.get(monitor), run.tasks[monitor]
-    asking = asked if asked and asked.received <= at.moment else task
-    name = asking.name if task.message_class.has_condition else ""
+    query, task = run.conditions.get(monitor), run.tasks[monitor]
+    condition = query if query and query.received <= at.moment else task
+    name = condition.name if task.message_class.has_condition else ""
     return WaitFor(WaitKind.CONDITION, name=name, holds=last)
 
 
@@ -143,13 +143,14 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
         return reply
     answered = 0
     if query.message_class.asks_many:
-        runs, queueings = at.copies_of(query)
-        answered = sum(run.until <= at.moment for run in query.handlings)
+        handlings, queueings = at.copies_of(query)
+        answered = sum(one.until <= at.moment for one in query.handlings)
     else:
-        run, queueing = at.handling_of(query), at.queueing_of(query)
+        handling, queueing = at.handling_of(query), at.queueing_of(query)
         queueings = [queueing] if queueing else []
-        runs = [run] if run and not queueing else []
-    where = [WaitFor(WaitKind.RUNNING, module=run.module, resource=run.resource) for run in runs]
+        handlings = [handling] if handling and not queueing else []
+    kind = WaitKind.RUNNING
+    where = [WaitFor(kind, module=one.module, resource=one.resource) for one in handlings]
     for one in queueings:
         by = holders_for_message(at, one.module, one.resource, query) if one.module else Holders()
         where.append(of_queueing(at, by, one))
@@ -200,15 +201,15 @@ def _by_cause(
 
 
 def _because(at: RunAt, by: Holders) -> tuple[WaitFor, ...]:
-    running = [_of_message(at, WaitKind.RUNNING, run) for run in by.runs[:NAMED]]
-    found = first_ones(running, len(by.runs))
+    running = [_of_message(at, WaitKind.RUNNING, one) for one in by.handlings[:NAMED]]
+    found = first_ones(running, len(by.handlings))
     if by.claim is not None:
         found.append(_of_holder(at, by.claim))
     return tuple(found)
 
 
-def _of_message(at: RunAt, kind: WaitKind, run: Handling) -> WaitFor:
-    return WaitFor(kind, run.message_id, at.run.name(run.message_id))
+def _of_message(at: RunAt, kind: WaitKind, handling: Handling) -> WaitFor:
+    return WaitFor(kind, handling.message_id, at.run.name(handling.message_id))
 
 
 def _of_holder(at: RunAt, claim: Claim) -> WaitFor:
@@ -230,36 +231,36 @@ def _called(claim: Claim) -> str:
 
 def reasons(at: RunAt, task: TaskAt) -> list[str]:
     """Return why a task waits, to follow ``how``: ``["until take steps {2} is achieved"]``."""
-    return clauses(named_waits_now(at, task, shown(at, task)))
+    return clauses(named_waits_now(at, task, shown_waits(at, task)))
 
 
 def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]:
     """Return the current waits of a task with names."""
-    return told(at, waits, however=task.state is TaskState.ENDING or task.is_retried)
+    return named_waits(at, waits, any_outcome=task.state is TaskState.ENDING or task.is_retry_due)
 
 
-def shown(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
+def shown_waits(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
     """Return the current waits of a task without its own handler, which its state shows."""
     waits = waits_now(at, task.id)
     if task.state is TaskState.ENDING:
         return waits
-    others = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.holds]
+    others = [one for one in waits if one.kind is not WaitKind.RUNNING or not one.blocks]
     return [one for one in others if with_children or one.kind is not WaitKind.SUBTASK]
 
 
-def asked(at: RunAt, task: TaskAt) -> list[WaitFor]:
+def unanswered_queries(at: RunAt, task: TaskAt) -> list[WaitFor]:
     """Return the unanswered queries of a handler that does not wait for them."""
     if task.waits or not task.handling:
         return []
-    return [of_query(at, query) for query in task.asking[:NAMED]]
+    return [of_query(at, query) for query in task.unanswered[:NAMED]]
 
 
-def how(task: TaskAt, verb: str = "waits") -> str:
+def verb_of(task: TaskAt, verb: str = "waits") -> str:
     """Return the word before the reasons of a task: "waits" or "watches"."""
-    return "watches" if task.watches and task.state is not TaskState.ENDING else verb
+    return "watches" if task.is_watching and task.state is not TaskState.ENDING else verb
 
 
-def suspended(one: Suspension) -> str:
+def suspension_in_words(one: Suspension) -> str:
     """Return ``suspended by panel``."""
     return suspended_by(one.by, since_birth=one.since_birth)
 
@@ -312,13 +313,13 @@ def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | Non
 
 def _is_described(at: RunAt, task: TaskAt, ends: tuple[End, ...]) -> bool:
     """Whether the current waits of a task describe all ends of its waits."""
-    nexts, _ = steps(at, next_node(at, task.id))
+    nexts, _ = awaited_nodes(at, next_node(at, task.id))
     described = {one.number for one in nexts}
     for number in described & at.run.claims.keys():
         claim = at.run.claims[number]
         # The description of a claim names its holder
         if at.is_granted(claim) or claim.by is task.handling:
-            described |= {one.number for one in steps(at, next_node(at, number))[0]}
+            described |= {one.number for one in awaited_nodes(at, next_node(at, number))[0]}
     return all(end.number in described and _is_plain(at, task, end) for end in ends)
 
 
@@ -351,25 +352,25 @@ def _why_last(at: RunAt, end: End, query: Message) -> str:
     if query.message_class.asks_many:
         asked_of = of_query(at, query)
         return not_answered(asked_of) if asked_of.because else ""
-    run = at.handling_of(query) if end.kind is WaitKind.RUNNING else None
-    if run:
-        return f"{place(run.module, run.resource)} handles"
+    handling = at.handling_of(query) if end.kind is WaitKind.RUNNING else None
+    if handling:
+        return f"{place(handling.module, handling.resource)} handles"
     return "no module handles" if end.kind is WaitKind.HANDLER else ""
 
 
 def _why_standing(at: RunAt, end: End, task: TaskAt) -> str:
     if end.kind is WaitKind.RESUME and task.suspension:
-        return f"is {suspended(task.suspension)}"
+        return f"is {suspension_in_words(task.suspension)}"
     found = reasons(at, task)
-    return f"{how(task)} {', and '.join(found)}" if found else f"is {task.standing}"
+    return f"{verb_of(task)} {', and '.join(found)}" if found else f"is {task.standing}"
 
 
 # --- future events --------------------------------------------------------------------------------
 
 
-def coming(at: RunAt, task: TaskAt) -> list[str]:
+def plans_in_words(at: RunAt, task: TaskAt) -> list[str]:
     """Return the planned events of a task in words: ``deadline: end achieving by 9.500 s``."""
-    return list(filter(None, (describe_event(at, task, one) for one in task.ahead)))
+    return list(filter(None, (describe_event(at, task, one) for one in task.plans)))
 
 
 def describe_event(at: RunAt, task: TaskAt, event: PlannedEvent) -> str:

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from tca_tools.explain.deciding import decider
 from tca_tools.explain.overlapping import cached, children_within, has_many
-from tca_tools.journal.fates import watching
+from tca_tools.journal.fates import watching_spans
 from tca_tools.journal.records import (
     OVER,
     PLACES,
@@ -86,7 +86,7 @@ class Wait(NamedTuple):
     kind: WaitKind
     on: Node
     """The node that must come first; for a leaf, the cause itself."""
-    holds: int
+    blocks: int
     """The moments of the waiting task that it blocks, as bits."""
     record: Hold | Queueing | Handling | HandlerWait | Suspension | None = None
     """The record of the wait, if it is not just for a point of a task."""
@@ -103,11 +103,11 @@ class Wait(NamedTuple):
         return self.kind in _LEAVES or is_own or is_any_change
 
 
-def lasting(
-    record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, holds: int
+def span_as_wait(
+    record: Queueing | Handling | HandlerWait | Suspension, kind: WaitKind, on: Node, blocks: int
 ) -> Wait:
     """Return a wait with the span of its record."""
-    return Wait(record.start, record.until, kind, on, holds, record, record.start)
+    return Wait(record.start, record.until, kind, on, blocks, record, record.start)
 
 
 def has_come(run: Run, wait: HandlerWait) -> bool:
@@ -151,10 +151,10 @@ _NEXT = {
 
 def killed_at(task: Task) -> float:
     """Return when a task was killed; inf if it was not."""
-    return inf if task.killed is None else task.written("killed")
+    return inf if task.killed is None else task.written_at("killed")
 
 
-def past(task: Task, time: float) -> int:
+def reached_moments(task: Task, time: float) -> int:
     """Return the moments that a task had reached, as bits."""
     bits = 0
     for moment, place in PLACES.items():
@@ -172,18 +172,18 @@ def next_moment(task: Task, state: TaskState, time: float) -> int:
 
 
 def moments_before(task: Task, moment: int, time: float) -> int:
-    """Return the moments that a task must still reach up to a moment, as bits.
+    """Return the moments that a task must still reach, up to a moment and with it, as bits.
 
-    A constraint between two moments of the task adds the moments before the first.
+    A constraint between two moments of the task adds the moments before the first one.
     """
     if task.time_of(moment) <= time:
         # A task that is handled again, or will be, must end its handling once more
-        is_again = active_at(task.handlings, time) or task.was_retried(time)
+        is_again = active_at(task.handlings, time) or task.was_retry_due(time)
         return END_HANDLING if moment == END_HANDLING and is_again else 0
     if killed_at(task) <= time:  # a killed task waits for its handler only
         return END_HANDLING | (moment & ENDS)
     before = _UP_TO[task.message_class.is_goal]
-    left = ~past(task, time)
+    left = ~reached_moments(task, time)
     found = before[moment] & left
     known = (one.constraint for one in task.holds if one.added <= time)
     own = [one for one in known if one.before.task == task.id]
@@ -199,7 +199,7 @@ def is_to_be_handled_again(task: Task, time: float) -> bool:
         return True
     last = task.handlings[begun - 1]
     is_cut_off = last.outcome is None and last.end is not None and last.end <= time
-    return is_cut_off or task.was_retried(time)
+    return is_cut_off or task.was_retry_due(time)
 
 
 # --- all waits of one record ----------------------------------------------------------------------
@@ -227,26 +227,29 @@ def _all_waits(run: Run, message: Message) -> list[Wait]:
 
 def of_message(run: Run, message: Message, time: float | None = None) -> Iterator[Wait]:
     """Yield a message's waits in queues and in handlers; only those active at *time*, if given."""
-    is_one = isinstance(message, Task)  # other messages may have several handlers at once
     begun = message.time_of(START_HANDLING) if isinstance(message, Task) else -inf
-    queueings = _lasting(message.queueings, time)
-    copies = _lasting(run.copies.get(message.id, ()), time, is_one=False)
+    queueings = _active_spans(message.queueings, time, may_overlap=False)
+    copies = _active_spans(run.copies.get(message.id, ()), time, may_overlap=True)
     for queueing in (*queueings, *copies):
         kind = WaitKind.RESOURCE if queueing.module else WaitKind.HANDLER
-        holds = START_HANDLING if begun > queueing.start else ENDS
-        yield lasting(queueing, kind, Node(message.id), holds)
-    for handling in _lasting(message.handlings, time, is_one=is_one):
+        blocks = START_HANDLING if begun > queueing.start else ENDS
+        yield span_as_wait(queueing, kind, Node(message.id), blocks)
+    # Only a task has one handler at a time
+    may_overlap = not isinstance(message, Task)
+    for handling in _active_spans(message.handlings, time, may_overlap=may_overlap):
         waits = handling.waits if time is None else newest_active(handling.waits, time)
         if time is None or not waits:
-            yield lasting(handling, WaitKind.RUNNING, node_of(run, handling), ENDS)
+            yield span_as_wait(handling, WaitKind.RUNNING, node_of(run, handling), ENDS)
         yield from (of_handler_wait(run, wait) for wait in waits)
 
 
-def _lasting(spans: Sequence[_Span], time: float | None, *, is_one: bool = True) -> Sequence[_Span]:
-    """Return the spans active at *time*, or all for None; *is_one* if they do not overlap."""
+def _active_spans(
+    spans: Sequence[_Span], time: float | None, *, may_overlap: bool
+) -> Sequence[_Span]:
+    """Return the spans active at *time*; all if that is None."""
     if time is None:
         return spans
-    if not is_one:
+    if may_overlap:
         return [one for one in spans if one.is_active(time)]
     last = active_at(spans, time)
     return [last] if last is not None else []
@@ -257,7 +260,7 @@ def of_handler_wait(run: Run, wait: HandlerWait) -> Wait:
     kind = wait.kind
     if kind is WaitKind.TASK and not wait.moment:
         kind = WaitKind.LOCK if wait.awaited in run.claims else WaitKind.REPLY
-    return lasting(wait, kind, Node(wait.awaited, int(wait.moment or 0)), ENDS)
+    return span_as_wait(wait, kind, Node(wait.awaited, int(wait.moment or 0)), ENDS)
 
 
 def _subtasks(
@@ -320,7 +323,7 @@ def _is_blocked(run: Run, monitor: Task, time: float | None) -> bool:
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
             is_active = time is None or wait.start <= time < wait.end
-            is_of_end = wait.holds in (END_HANDLING, END_ACHIEVING)
+            is_of_end = wait.blocks in (END_HANDLING, END_ACHIEVING)
             if is_active and is_of_end and wait.kind is not WaitKind.DELAY:
                 return True
     return False
@@ -347,7 +350,9 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
     if task.caught_by or task.is_recovering or task.changes:
         found += _of_recovery(run, task)
     if task.message_class.is_monitor:
-        found += [Wait(*span, WaitKind.CONDITION, Node(task.id), ENDS) for span in watching(task)]
+        found += [
+            Wait(*span, WaitKind.CONDITION, Node(task.id), ENDS) for span in watching_spans(task)
+        ]
     return (wait for wait in found if wait.start < wait.end)
 
 
@@ -375,8 +380,8 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
     if other is not None and other is not task:
         kind = WaitKind.LISTENER if hold.tap else WaitKind.CONSTRAINT
         on = Node(other.id, int(before.moment))
-        holds = ENDS if is_again else moment
-        yield Wait(hold.added, min(met, last), kind, on, holds, hold)
+        blocks = ENDS if is_again else moment
+        yield Wait(hold.added, min(met, last), kind, on, blocks, hold)
     if hold.constraint.delay:
         start, end = max(met, hold.added), min(hold.over, last)
         yield Wait(start, end, WaitKind.DELAY, Node(task.id), moment, hold)
@@ -385,10 +390,10 @@ def _of_constraint(run: Run, task: Task, hold: Hold, killed: float) -> Iterator[
 def _of_suspension(task: Task, suspension: Suspension) -> Wait:
     """Return the wait of a suspended task: it neither starts an interval nor is handled again."""
     start = suspension.start
-    holds = _UP_TO[task.message_class.is_goal][START_ACHIEVING] & ~past(task, start)
-    if not holds and is_to_be_handled_again(task, start):
-        holds = ENDS
-    return lasting(suspension, WaitKind.RESUME, Node(suspension.cause), holds)
+    blocks = _UP_TO[task.message_class.is_goal][START_ACHIEVING] & ~reached_moments(task, start)
+    if not blocks and is_to_be_handled_again(task, start):
+        blocks = ENDS
+    return span_as_wait(suspension, WaitKind.RESUME, Node(suspension.cause), blocks)
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
@@ -441,7 +446,7 @@ def _of_retry(run: Run, task: Task, retry: Retry, killed: float) -> Iterator[Wai
 def _start_after(task: Task, retry: Retry) -> float:
     """Return when a retried task was queued or handled, else when it ended."""
     queued = bisect_left(task.queueings, retry.time, key=_START)
-    starts = [one.start for one in task.handlings[retry.runs : retry.runs + 1]]
+    starts = [one.start for one in task.handlings[retry.handlings : retry.handlings + 1]]
     starts += [one.start for one in task.queueings[queued : queued + 1]]
     return min(starts, default=task.time_of(END_ACHIEVING))
 
@@ -461,7 +466,7 @@ def _before_restart(
         for suspension in monitor.suspensions:
             if suspension.start <= restart:
                 restart = max(restart, suspension.until)
-        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.sent:
+        if child.received >= restart and bisect_left(monitor.children, child.id) >= retry.children:
             break
         if not child.outlives_retry:
             restart = max(restart, child.time_of(END_ACHIEVING))
@@ -478,8 +483,8 @@ def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[W
     Args:
         run: The run.
         task: The task.
-        together: Whether the last named of the subtasks awaited from one time on stands for the
-            rest.
+        together: Whether to name only the first subtasks awaited since the same time; the last
+            of these waits stands for the rest.
     """
     found: list[Wait] = []
     own = Overlaps(_of_task(run, task), _SPAN)
@@ -496,7 +501,7 @@ def waits_for_display(run: Run, task: Task, *, together: bool = False) -> list[W
         waits += ((one.start, one) for one in handled.within(since, over))
         for _, wait in sorted(waits, key=_SINCE):
             start, end = max(wait.start, since), min(wait.end, over)
-            if wait.holds & wanted and end - start >= NO_TIME:
+            if wait.blocks & wanted and end - start >= NO_TIME:
                 of_all = min(begun, start) if is_of_state(wait, state) else start
                 found.append(wait._replace(start=start, end=end, since=of_all))
     return sorted(found, key=_START)

@@ -14,7 +14,7 @@ from tca_tools.journal.journals import Log, open_log
 from tca_tools.journal.whole_run import Run
 from tca_tools.log.fact_rows import fact_row
 from tca_tools.options import force_option, log_argument
-from tca_tools.output import check_free, made_for, new_file
+from tca_tools.output import check_free, new_file, writing
 from tca_wire.journal.records import SEGMENT_SUFFIX
 from tca_wire.text.bodies import json_text
 
@@ -74,7 +74,7 @@ def _parquet(journal: Log, output: Path) -> None:
 def _tables(
     run: Run, output: Path, suffix: str, write: Callable[[Table, Run, BinaryIO], None]
 ) -> None:
-    with made_for(output):
+    with writing(output):
         output.mkdir(exist_ok=True)
     for table in TABLES:
         with new_file(output / f"{table.name}{suffix}") as stream:
@@ -115,8 +115,6 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
     jsonl     all facts, one JSON object a line (.jsonl)
     csv       a folder of tables: messages, tasks, states, handlings, queueings, waits, ...
     parquet   the same tables with typed columns
-
-    LOG is a journal directory or one of its segments; the default is the newest run.
     """  # noqa: D301 - click interprets the character itself
     chosen = FORMATS[name or _named_by(output)]
     _check_free(chosen, output, force=force)
@@ -127,7 +125,7 @@ def export(log_path: Path | None, name: str | None, output: Path, *, force: bool
 
 def _check_free(chosen: ExportFormat, output: Path, *, force: bool) -> None:
     """Raise ToolError if the export would overwrite anything but an earlier export."""
-    with made_for(output):
+    with writing(output):
         is_file = not chosen.tables or (output.exists() and not output.is_dir())
     if is_file:
         check_free(output, begins=chosen.begins, force=force)

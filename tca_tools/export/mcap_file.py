@@ -110,7 +110,7 @@ def _from_entries(
         for fact in entry.facts:
             kind = kind_of(fact)
             level = _LEVELS.get(kind, _INFO)
-            if isinstance(fact, facts.Failed) and _has_coped(run, fact, run.times[place_in_run]):
+            if isinstance(fact, facts.Failed) and _is_handled(run, fact, run.times[place_in_run]):
                 level = _WARNING
             yield _logged(time, began, level, f"{kind}: {wording.words(fact)}", entry.number)
             yield TopicMessage(time, "/tca/facts", "", fact_row(entry, fact))
@@ -158,7 +158,7 @@ def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicM
     return TopicMessage(time, "/tca/log", "", line)
 
 
-def _has_coped(run: Run, fact: facts.Failed, time: float) -> bool:
+def _is_handled(run: Run, fact: facts.Failed, time: float) -> bool:
     failed = run.delivered(fact.id)
     return failed is not None and run_continued(run, failed, time)
 
@@ -184,7 +184,7 @@ def _states(run: Run, nanoseconds: Nanoseconds) -> Iterator[TopicMessage]:
         content = {"id": number, "name": task.name, "parent": task.parent, "sender": task.sender}
         content |= {"state": str(task.state), "failure": str(task.failure)}
         if task.failure:
-            content["handled"] = run_continued(run, record, record.written("failure", time))
+            content["handled"] = run_continued(run, record, record.written_at("failure", time))
         yield TopicMessage(nanoseconds(time), "/tca/tasks", "", content)
 
 

@@ -62,33 +62,33 @@ def _run(run: Run) -> Iterator[TableRow]:
 
 def _messages(run: Run) -> Iterator[TableRow]:
     for message in run.messages.values():
-        runs = message.handlings
+        handlings = message.handlings
         is_handled = None
         if message.failure:
-            is_handled = run_continued(run, message, message.written("failure"))
+            is_handled = run_continued(run, message, message.written_at("failure"))
         yield (
             message.id, message.name, str(message.message_class),
             message.sender, message.origin or None, str(message.role) or None,
             message.about or None, message.received,
-            runs[0].start if runs else None, runs[-1].end if runs else None,
-            message.answered, len(runs), message.failure or None, is_handled,
+            handlings[0].start if handlings else None, handlings[-1].end if handlings else None,
+            message.answered, len(handlings), message.failure or None, is_handled,
             message.dropped or None, _json(message.body), _json(message.result),
             _json(message.failure_data),
         )  # fmt: skip
 
 
 def _failures(run: Run) -> Iterator[TableRow]:
-    for raised in all_failures(run):
+    for one in all_failures(run):
         yield (
-            raised.message.id,
-            raised.message.name,
-            raised.time,
-            raised.failure.name,
-            raised.failure.words or None,
-            raised.by or None,
-            _delivery(raised.asker),
-            str(fate(run, raised.message, raised.time)),
-            run_continued(run, raised.message, raised.time),
+            one.message.id,
+            one.message.name,
+            one.time,
+            one.failure.name,
+            one.failure.words or None,
+            one.by or None,
+            _delivery(one.asker),
+            str(fate(run, one.message, one.time)),
+            run_continued(run, one.message, one.time),
         )
 
 
@@ -164,16 +164,14 @@ def _waits(run: Run) -> Iterator[TableRow]:
     ]
     for number, wait in sorted(found, key=lambda pair: pair[1].start):
         if wait.kind is not WaitKind.RUNNING:
-            is_other = wait.kind not in (
+            has_target = wait.kind not in (
                 WaitKind.RESOURCE,
                 WaitKind.HANDLER,
                 WaitKind.DELAY,
                 WaitKind.CONDITION,
             )
-            on = (wait.on.number, run.name(wait.on.number)) if is_other else (None, None)
-            moment = (
-                ", ".join(describe_moments(wait.on.moment)) if is_other and wait.on.moment else None
-            )
+            on = (wait.on.number, run.name(wait.on.number)) if has_target else (None, None)
+            moment = ", ".join(describe_moments(wait.on.moment * has_target)) or None
             yield (
                 number or None,
                 *_place(wait),

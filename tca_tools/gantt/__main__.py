@@ -42,10 +42,7 @@ _KINDS = (".svg", ".png", ".pdf", ".html", ".txt")
 @output_option(".svg, .png, .pdf, .html or .txt")
 @click.option("--ascii", "as_ascii", is_flag=True, help="Draw bars with ASCII characters.")
 def gantt(asked: Asked, story: str | None, output: Path | None, *, as_ascii: bool) -> None:
-    """Show what each module did when.
-
-    LOG is a journal directory or one of its segments; the default is the newest run.
-    """
+    """Show what each module did when."""
     check_output(output, _KINDS, force=asked.force)
     if asked.task is not None and story:
         raise click.UsageError("--task and --story exclude each other: use one of them")

@@ -10,7 +10,7 @@ from tca_tools.explain.waits import waits_for_display
 from tca_tools.gantt import titles
 from tca_tools.gantt.chart import Bar, BarKind, Chart, Ending, Mark, ResourceRow
 from tca_tools.gantt.window import ALL, Pick, span_of
-from tca_tools.journal.coordinators import agent_task
+from tca_tools.journal.coordinators import sent_by_coordinator
 from tca_tools.journal.fates import run_continued, run_continued_after
 from tca_tools.journal.records import (
     Claim,
@@ -156,7 +156,7 @@ class _RowBuilder:
             part.end = min(part.end, bar.end)
         bar.marks = self._marks(number, bar)
         task = self.run.tasks.get(number)
-        if task is not None and (sent := agent_task(self.run, task)) and sent.is_early:
+        if task is not None and (sent := sent_by_coordinator(self.run, task)) and sent.is_early:
             bar.early_until, bar.is_wasted = sent.entered, sent.is_wasted
         return bar
 

@@ -1,6 +1,6 @@
 """The titles of bars: the message, its place, its time and its duration."""
 
-from tca_tools.explain.wait_words import told
+from tca_tools.explain.wait_words import named_waits
 from tca_tools.explain.waits import Wait, of_handler_wait
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fates import describe_asker, failing
@@ -53,8 +53,10 @@ def _failure_text(run: Run, handling: Handling) -> str:
     message = run.messages.get(handling.message_id)
     if message is None or message.message_class.fans_out or handling.end is None:
         return ""
-    failure = message.was("failure", handling.end)
-    return failure and f": {_words_or_data(failure, message.was('failure_data', handling.end))}"
+    failure = message.value_at("failure", handling.end)
+    return (
+        failure and f": {_words_or_data(failure, message.value_at('failure_data', handling.end))}"
+    )
 
 
 def _words_or_data(failure: Failure, data: bytes) -> str:
@@ -67,7 +69,7 @@ def _words_or_data(failure: Failure, data: bytes) -> str:
 def of_failure(run: Run, task: Task, failure: Raised) -> str:
     """Return ``move {7} failed at 2.000 s: timeout: end handling not reached within 1 s``."""
     notice = describe_asker(run, task, failure.time)
-    text = _words_or_data(failure.failure, task.was("failure_data", failure.time))
+    text = _words_or_data(failure.failure, task.value_at("failure_data", failure.time))
     title = f"{task} failed at {run_time(failure.time)}: {text}{raised_by(failure.by)}"
     return title + (f", {notice}" if notice else "")
 
@@ -83,7 +85,7 @@ def of_wait(run: Run, who: str, wait: HandlerWait) -> str:
 
     The waiter is a handler's message, or a module.
     """
-    words = several_in_words(told(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
+    words = several_in_words(named_waits(RunAt(run, wait.start), [of_handler_wait(run, wait)]))
     return f"{who} waits {words}, {_span(run, wait.start, wait.end)}"
 
 
@@ -104,13 +106,13 @@ def of_suspension(run: Run, task: Task, start: float, end: float | None) -> str:
 
 def of_hold(run: Run, task: Task, start: float, end: float | None, waits: list[Wait]) -> str:
     """Return ``take steps {3} held until take steps {2} is achieved, from ...``."""
-    why = several_in_words(told(RunAt(run, start), waits))
+    why = several_in_words(named_waits(RunAt(run, start), waits))
     return f"{task} held{why and f' {why},'} {_span(run, start, end)}"
 
 
 def hold_reason(run: Run, who: str, start: float, waits: list[Wait]) -> str:
     """Return ``take steps {3}: until take steps {2} is achieved``."""
-    return who + (several_in_words(told(RunAt(run, start), waits)) or "held")
+    return who + (several_in_words(named_waits(RunAt(run, start), waits)) or "held")
 
 
 def of_claim(run: Run, claim: Claim, start: float) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from tca_tools.gantt.chart import ResourceRow
-from tca_tools.journal.fates import watches
+from tca_tools.journal.fates import is_watching
 from tca_tools.journal.records import OVER, Task
 from tca_tools.journal.whole_run import Run
 
@@ -77,6 +77,6 @@ def _is_active(run: Run, pick: Pick, task: Task) -> bool:
 
     It may be held, without a bar.
     """
-    if task.state in OVER or not pick.has_bars(task.id) or watches(task, task.state):
+    if task.state in OVER or not pick.has_bars(task.id) or is_watching(task, task.state):
         return False
     return all(run.tasks[child].state in OVER for child in task.children)

@@ -1,7 +1,7 @@
-"""A run as known at a moment, read from its full records without another fold. Pure.
+"""A run as known at a moment, read from the records of the whole run. Pure.
 
-A moment is the time of an entry; entries have unique times. Reading one task is O(log n) in the
-number of its changes.
+``moment`` is the time of an entry here; entries have unique times. ``Moment`` is the start or end
+of an interval of a task. Reading one task is O(log n) in the number of its changes.
 """
 
 from bisect import bisect_right
@@ -12,8 +12,8 @@ from math import inf
 from operator import attrgetter, itemgetter
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
-from tca_tools.journal.coordinators import STANDINGS, agent_task, coordinator_of
-from tca_tools.journal.fates import standing, watches
+from tca_tools.journal.coordinators import STANDINGS, sent_by_coordinator, tasks_of_coordinator
+from tca_tools.journal.fates import is_watching, standing
 from tca_tools.journal.lives import Life, life_at
 from tca_tools.journal.records import (
     OVER,
@@ -42,8 +42,8 @@ _P = ParamSpec("_P")
 _SINCE, _START, _GRANTED = itemgetter(0), attrgetter("start"), attrgetter("granted")
 
 
-class _Same(Generic[_T]):
-    """A field of a task's record that never changes."""
+class _Constant(Generic[_T]):
+    """A field of a ``TaskAt`` whose value in the record never changes."""
 
     def __set_name__(self, _owner: type, name: str) -> None:
         self._name = name
@@ -53,11 +53,11 @@ class _Same(Generic[_T]):
         return found
 
 
-class _Was(_Same[_T]):
-    """The value of a field of a task's record at the moment."""
+class _AtMoment(_Constant[_T]):
+    """A field of a ``TaskAt`` with the value that it had in the record at the moment."""
 
     def __get__(self, task: "TaskAt", _owner: type) -> _T:
-        found: _T = task.record.was(self._name, task.moment)
+        found: _T = task.record.value_at(self._name, task.moment)
         return found
 
 
@@ -66,16 +66,16 @@ class TaskAt:
 
     __slots__ = ("_run", "moment", "record")
 
-    id = _Same[TaskId]()
-    name = _Same[str]()
-    message_class = _Same[MessageClass]()
-    parent = _Same[TaskId]()
-    sender = _Same[str]()
-    role = _Same[Role]()
-    failure = _Was[Failure]()
-    body = _Was[bytes]()
-    result = _Was[bytes]()
-    failure_data = _Was[bytes]()
+    id = _Constant[TaskId]()
+    name = _Constant[str]()
+    message_class = _Constant[MessageClass]()
+    parent = _Constant[TaskId]()
+    sender = _Constant[str]()
+    role = _Constant[Role]()
+    failure = _AtMoment[Failure]()
+    body = _AtMoment[bytes]()
+    result = _AtMoment[bytes]()
+    failure_data = _AtMoment[bytes]()
 
     def __init__(self, run: Run, record: Task, moment: float) -> None:
         self._run, self.record, self.moment = run, record, moment
@@ -108,8 +108,12 @@ class TaskAt:
     @property
     def why_killed(self) -> str | None:
         """Why and by which module it was killed; None if it was not."""
-        why: str | None = self.record.was("killed", self.moment)
-        return None if why is None else kill_reason(why, self.record.was("killed_by", self.moment))
+        why: str | None = self.record.value_at("killed", self.moment)
+        return (
+            None
+            if why is None
+            else kill_reason(why, self.record.value_at("killed_by", self.moment))
+        )
 
     @property
     def suspension(self) -> Suspension | None:
@@ -129,20 +133,21 @@ class TaskAt:
     @property
     def reached(self) -> dict[Moment, float]:
         """The moments it had reached, with their times."""
-        return {moment: time for moment, time in self.record.reached.items() if time <= self.moment}
+        known = self.record.reached.items()
+        return {reached: time for reached, time in known if time <= self.moment}
 
     @property
     def preview(self) -> str:
         """The words for a coordinator's early work, such as ``ahead, kept``; "" for other tasks."""
-        sent = agent_task(self._run, self.record)
+        sent = sent_by_coordinator(self._run, self.record)
         return STANDINGS.get(sent.role(self.moment), "") if sent is not None else ""
 
     @property
     def machine_state(self) -> str:
         """The current state of a coordinator's machine; "" for other tasks."""
-        record = coordinator_of(self._run, self.record)
-        report = read_report(self.life.progress) if record is not None else None
-        return record.label(report.current) if record is not None and report is not None else ""
+        sent = tasks_of_coordinator(self._run, self.record)
+        report = read_report(self.life.progress) if sent is not None else None
+        return sent.label(report.current) if sent is not None and report is not None else ""
 
     @property
     def holds(self) -> list[Hold]:
@@ -167,37 +172,38 @@ class TaskAt:
     @property
     def waits(self) -> list[HandlerWait]:
         """The waits of its handler; of many waits of an async handler, the newest."""
-        return newest_active(run.waits, self.moment) if (run := self.handling) else []
+        return newest_active(self.handling.waits, self.moment) if self.handling else []
 
     @property
-    def asking(self) -> list[Message]:
+    def unanswered(self) -> list[Message]:
         """The unanswered queries of its handler, oldest first."""
         asked = (self.handling.asked if self.handling else None) or ()
-        return [one for one in asked if one.received <= self.moment and not self._is_answered(one)]
+        return [one for one in asked if one.received <= self.moment and not self._is_over(one)]
 
-    def _is_answered(self, query: Message) -> bool:
-        is_given_up = bool(query.was("dropped", self.moment) or query.was("failure", self.moment))
-        return is_given_up or (query.answered is not None and query.answered <= self.moment)
+    def _is_over(self, query: Message) -> bool:
+        """Whether a query was answered or dropped, or had failed."""
+        is_answered = query.answered is not None and query.answered <= self.moment
+        return is_answered or any(
+            query.value_at(one, self.moment) for one in ("dropped", "failure")
+        )
 
     @property
-    def watches(self) -> bool:
+    def is_watching(self) -> bool:
         """Whether it was a monitor that was watching."""
-        return watches(self.record, self.state, self.moment)
+        return is_watching(self.record, self.state, self.moment)
 
     @property
-    def is_retried(self) -> bool:
+    def is_retry_due(self) -> bool:
         """Whether a retry was due that had not started."""
-        return self.record.was_retried(self.moment)
+        return self.record.was_retry_due(self.moment)
 
     @property
-    def ahead(self) -> list[PlannedEvent]:
+    def plans(self) -> list[PlannedEvent]:
         """Its pending deadlines and planned kills."""
-        known = self._run.ahead.get(self.record.id, ())
-        return [
-            one
-            for one in known
-            if one.set_at <= self.moment and self.state not in (*OVER, TaskState.ENDING)
-        ]
+        if self.state in (*OVER, TaskState.ENDING):
+            return []
+        known = self._run.plans.get(self.record.id, ())
+        return [one for one in known if one.set_at <= self.moment]
 
 
 def remembered(
@@ -237,7 +243,7 @@ class RunAt:
             clock: The time in seconds; None for the end.
             now: The present, if the run is live; else the run ends with its last entry.
         """
-        place = len(run.times) if clock is None else run.place(clock)
+        place = len(run.times) if clock is None else run.entries_until(clock)
         end = run.time if now is None else max(now, run.time)
         moment = run.times[place - 1] if place else -inf
         return cls(run, moment, end if clock is None else min(clock, end))
@@ -263,30 +269,36 @@ class RunAt:
 
     def working_under(self, task: TaskAt) -> list[Handling]:
         """Return the handlings of a suspended task and its descendants that were still working."""
-        runs = task.suspension.handlings if task.suspension else []
-        return [run for run in runs if self._works(run) and self._is_under(run.message_id, task.id)]
+        known = task.suspension.handlings if task.suspension else []
+        return [
+            one
+            for one in known
+            if self._is_working(one) and self._is_under(one.message_id, task.id)
+        ]
 
-    def _works(self, run: Handling) -> bool:
-        wait = active_at(run.waits, self.moment)
-        return run.is_active(self.moment) and (wait is None or wait.moment is None)
+    def _is_working(self, handling: Handling) -> bool:
+        """Whether a handler runs, and does not wait for a task."""
+        wait = active_at(handling.waits, self.moment)
+        return handling.is_active(self.moment) and (wait is None or wait.moment is None)
 
-    def _is_under(self, task: int, above: int) -> bool:
-        while task > above:  # ancestors have smaller ids
+    def _is_under(self, task: int, ancestor: int) -> bool:
+        while task > ancestor:  # ancestors have smaller ids
             task = self.run.tasks[task].parent
-        return task == above
+        return task == ancestor
 
     @remembered
     def running(self, module: str, resource: str) -> list[Handling]:
         """Return the active runs of handlers in a resource."""
-        runs = self.run.runs.get((module, resource), [])
-        begun = bisect_right(runs, self.moment, key=_START)
-        last = (*runs[begun - 1].concurrent, runs[begun - 1]) if begun else ()
-        return [run for run in last if run.until > self.moment]
+        handlings = self.run.by_resource.get((module, resource), [])
+        begun = bisect_right(handlings, self.moment, key=_START)
+        # The last one to start knows the others that were active then
+        last = (*handlings[begun - 1].concurrent, handlings[begun - 1]) if begun else ()
+        return [one for one in last if one.until > self.moment]
 
-    def inside(self, module: str, resource: str) -> list[Handling]:
+    def running_in_copies(self, module: str, resource: str) -> list[Handling]:
         """Return the active runs of handlers in a resource, in all copies of the module."""
         copies = [one for one in self.run.modules if called(one) == called(module)]
-        return [run for one in copies for run in self.running(one, resource)]
+        return [handling for one in copies for handling in self.running(one, resource)]
 
     def queueing_of(self, message: Message) -> Queueing | None:
         """Return a message's wait in a queue."""
@@ -298,15 +310,16 @@ class RunAt:
 
     def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
         """Return the active runs of a multi-query's handlers, and its copies' waits in queues."""
-        copies = self.run.copies.get(query.id, ())
-        return [run for run in query.handlings if run.is_active(self.moment)], [
-            one for one in copies if one.is_active(self.moment)
-        ]
+        queueings = self.run.copies.get(query.id, ())
+        return (
+            [one for one in query.handlings if one.is_active(self.moment)],
+            [one for one in queueings if one.is_active(self.moment)],
+        )
 
     @remembered
-    def wanted(self, module: str, resource: str) -> list[Claim]:
+    def pending_claims(self, module: str, resource: str) -> list[Claim]:
         """Return the pending locks and reservations of all copies of a module, oldest first."""
-        claims = self.run.asked_for(module, resource)
+        claims = self.run.requested_claims(module, resource)
         begun = islice(claims, bisect_right(claims, self.moment, key=_START))
         return [
             claim for claim in begun if claim.until > self.moment and not self.is_granted(claim)
@@ -324,7 +337,7 @@ class RunAt:
         return sizes[begun - 1][1] if begun else 1
 
     @remembered
-    def held_by(self, module: str, resource: str) -> Claim | None:
+    def claim_in_force(self, module: str, resource: str) -> Claim | None:
         """Return the lock or reservation in force, in all copies of a module."""
         grants = self.run.granted(module, resource)
         granted = bisect_right(grants, self.moment, key=_GRANTED)

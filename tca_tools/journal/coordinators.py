@@ -64,8 +64,8 @@ class SentByCoordinator:
         return self.roles[-1][1] is TaskRole.WASTED
 
 
-class CoordinatorRecord:
-    """The tasks of a coordinator, according to its reports."""
+class CoordinatorTasks:
+    """The tasks that a coordinator sent, according to its reports."""
 
     def __init__(self, chart: MachineChart) -> None:
         self.chart = chart
@@ -75,6 +75,7 @@ class CoordinatorRecord:
         self._late = Counter[WhyNotEarly]()
         self._last_report = CoordinationReport(-1)
         self._read = 0
+        """The number of the coordinator's transitions that were read."""
 
     def label(self, state: int) -> str:
         """Return the label of a state; "" if there is no such state."""
@@ -107,7 +108,7 @@ class CoordinatorRecord:
         if coordinator.has_ended:
             self._waste_rest(coordinator.time_of(Moment.END_ACHIEVING))
 
-    def late(self) -> Counter[WhyNotEarly]:
+    def late_reasons(self) -> Counter[WhyNotEarly]:
         """Return the reasons why activities did not start early, counted.
 
         Reasons without a remedy are included only if no activity ran early.
@@ -125,28 +126,28 @@ class CoordinatorRecord:
             task.roles.append((end, TaskRole.WASTED))
 
 
-def coordinator_of(run: Run, task: Task) -> CoordinatorRecord | None:
-    """Return the record of a coordinator; None for other tasks."""
+def tasks_of_coordinator(run: Run, task: Task) -> CoordinatorTasks | None:
+    """Return the tasks that a coordinator sent; None if the task is not a coordinator."""
     if not task.life:  # most tasks have no transitions
         return None
-    key = CoordinatorRecord, task.id
+    key = CoordinatorTasks, task.id
     if key not in run.memo:
         known = run.formats.get(task.name)
         chart = read_machine(known.data, task.body) if known is not None else None
         run.memo[key] = (
-            CoordinatorRecord(chart) if chart is not None and chart.is_coordinated else None
+            CoordinatorTasks(chart) if chart is not None and chart.is_coordinated else None
         )
-    record: CoordinatorRecord | None = run.memo[key]
-    if record is not None:
-        record.update(run, task)
-    return record
+    sent: CoordinatorTasks | None = run.memo[key]
+    if sent is not None:
+        sent.update(run, task)
+    return sent
 
 
-def agent_task(run: Run, task: Task) -> SentByCoordinator | None:
-    """Return the coordinator's record of a task; None if no coordinator sent it."""
-    above = run.tasks.get(task.parent)
-    record = coordinator_of(run, above) if above is not None else None
-    return record.tasks.get(task.id) if record is not None else None
+def sent_by_coordinator(run: Run, task: Task) -> SentByCoordinator | None:
+    """Return what the parent's reports say of a task; None if no coordinator sent it."""
+    parent = run.tasks.get(task.parent)
+    sent = tasks_of_coordinator(run, parent) if parent is not None else None
+    return sent.tasks.get(task.id) if sent is not None else None
 
 
 def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
@@ -155,9 +156,9 @@ def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
     The journal has no facts for such waits, since a coordinator waits for any event.
     """
     coordinator = run.tasks.get(handling.message_id)
-    record = coordinator_of(run, coordinator) if coordinator is not None else None
-    known = record.tasks.values() if record is not None else ()
-    sent = [run.tasks[one.id] for one in known if not one.is_wasted]
+    sent = tasks_of_coordinator(run, coordinator) if coordinator is not None else None
+    known = sent.tasks.values() if sent is not None else ()
+    tasks = [run.tasks[one.id] for one in known if not one.is_wasted]
     return [
         HandlerWait(
             task.id,
@@ -166,20 +167,20 @@ def ends_waited_for(run: Run, handling: Handling) -> list[HandlerWait]:
             task.time_of(Moment.END_ACHIEVING),
             handling,
         )
-        for task in sent
+        for task in tasks
         if task.has_ended and task.by is handling
     ]
 
 
-def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorRecord]]:
-    """Yield the coordinators of a run with their records, oldest first."""
+def coordinators(run: Run) -> Iterator[tuple[Task, CoordinatorTasks]]:
+    """Yield the coordinators of a run with the tasks that they sent, oldest first."""
     for task in run.tasks.values():
-        if (record := coordinator_of(run, task)) is not None:
-            yield task, record
+        if (sent := tasks_of_coordinator(run, task)) is not None:
+            yield task, sent
 
 
-def worked(run: Run, task: Task) -> tuple[float, float] | None:
-    """Return the span from a task's first handling to the end of its achievement; None before."""
+def work_span(run: Run, task: Task) -> tuple[float, float] | None:
+    """Return the span from a task's first handling to its end; None if it was not handled."""
     if not task.handlings:
         return None
     return task.handlings[0].start, min(task.time_of(Moment.END_ACHIEVING), run.time)
@@ -208,28 +209,26 @@ def gains(run: Run) -> list[tuple[str, int, Gain, Counter[WhyNotEarly]]]:
     """
     machines: dict[str, list[Gain]] = {}
     late: dict[str, Counter[WhyNotEarly]] = {}
-    for task, record in coordinators(run):
-        machines.setdefault(record.chart.name, []).append(gain(run, task, record))
-        late.setdefault(record.chart.name, Counter()).update(record.late())
-    sums = {
-        machine: Gain._make(map(sum, zip(*some, strict=True))) for machine, some in machines.items()
-    }
+    for task, sent in coordinators(run):
+        machines.setdefault(sent.chart.name, []).append(gain(run, task, sent))
+        late.setdefault(sent.chart.name, Counter()).update(sent.late_reasons())
     return [
-        (machine, len(some), sums[machine], late[machine]) for machine, some in machines.items()
+        (machine, len(runs), Gain._make(map(sum, zip(*runs, strict=True))), late[machine])
+        for machine, runs in machines.items()
     ]
 
 
-def gain(run: Run, coordinator: Task, record: CoordinatorRecord) -> Gain:
+def gain(run: Run, coordinator: Task, sent: CoordinatorTasks) -> Gain:
     """Return the gain of one run of a machine."""
     seconds = dict.fromkeys(TaskRole, 0.0)
-    for one in record.tasks.values():
-        role, span = one.role(), worked(run, run.tasks[one.id])
+    for one in sent.tasks.values():
+        role, span = one.role(), work_span(run, run.tasks[one.id])
         if span is not None and role is not None:
             seconds[role] += max(min(span[1], one.entered) - span[0], 0.0)
-    right, whole = sum(record.predictions), worked(run, coordinator)
+    right, whole = sum(sent.predictions), work_span(run, coordinator)
     return Gain(
         right,
-        len(record.predictions) - right,
+        len(sent.predictions) - right,
         seconds[TaskRole.KEPT],
         seconds[TaskRole.WASTED],
         seconds[TaskRole.RESTORING],

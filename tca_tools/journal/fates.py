@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from enum import StrEnum
 from itertools import pairwise
 from math import inf
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import NamedTuple
 
 from tca_tools.journal.records import (
@@ -29,7 +29,7 @@ from tca_tools.journal.whole_run import Run
 from tca_wire.points import Moment
 from tca_wire.vocabulary import CENTRAL, Outcome, Role
 
-_SINCE, _START, _TIME = itemgetter(0), attrgetter("start"), attrgetter("time")
+_START, _TIME = attrgetter("start"), attrgetter("time")
 UNDECIDED = (TaskState.RECOVERING, TaskState.ENDING, TaskState.FAILED)
 """States of a task directly after a failure; the state after them decides its fate."""
 
@@ -37,9 +37,10 @@ HANDLED = "failed (handled)"
 """The standing of a failed task if the run continued after the failure."""
 WATCHING = "watching"
 """The standing of a monitor that is watching; its state is *achieving*."""
-_MORE = {TaskState.FAILED: HANDLED, TaskState.ACHIEVING: WATCHING}
+_AFTER = {TaskState.FAILED: HANDLED, TaskState.ACHIEVING: WATCHING}
+"""The standings that are not states, by the state that they follow in lists."""
 STANDINGS = tuple(
-    word for state in TaskState for word in ((state, _MORE[state]) if state in _MORE else (state,))
+    word for state in TaskState for word in (state, _AFTER.get(state)) if word is not None
 )
 """All words for a task's standing, in the order in which tools list them."""
 
@@ -55,10 +56,10 @@ class Fate(StrEnum):
     REPLACED = "replaced"  # the task was killed; the top-level task continued or was achieved
     KILLED = "killed"  # the task and the top-level task were killed
     NOT_HANDLED = "unhandled"  # no exception handler was found
-    COPED = "coped"  # a query's asker got the report, and continued
-    TOLD = "told"  # a query's asker, outside of handlers, got the report
-    ANSWERED = "passed"  # a query's asker got the report, and its own failure was not handled
-    UNTOLD = "untold"  # an inform or the like; a query whose sender no longer waited
+    ASKER_CONTINUED = "coped"  # a query's asker got the report, and continued
+    REPORTED = "told"  # a query's asker, outside of handlers, got the report
+    ASKER_FAILED = "passed"  # a query's asker got the report, and its own failure was not handled
+    NOT_REPORTED = "untold"  # an inform or the like; a query whose sender no longer waited
     OPEN = "open"  # not decided when the journal ended
 
     @property
@@ -70,42 +71,42 @@ class Fate(StrEnum):
 _WORDS = {
     Fate.DEALT_WITH: "dealt with",
     Fate.NOT_HANDLED: "not handled",
-    Fate.COPED: "reported to the asker, which continued",
-    Fate.TOLD: "reported to the asker",
-    Fate.ANSWERED: "reported to the asker, which failed",
-    Fate.UNTOLD: "not reported",
+    Fate.ASKER_CONTINUED: "reported to the asker, which continued",
+    Fate.REPORTED: "reported to the asker",
+    Fate.ASKER_FAILED: "reported to the asker, which failed",
+    Fate.NOT_REPORTED: "not reported",
 }
 
-GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.COPED, Fate.TOLD)
+GOOD_FATES = (Fate.RETRIED, Fate.DEALT_WITH, Fate.REPLACED, Fate.ASKER_CONTINUED, Fate.REPORTED)
 """The fates after which the robot continued, as far as the journal shows."""
 ENDED_TASKS = (Fate.REPLACED, Fate.KILLED, Fate.NOT_HANDLED)
 """The fates with which the failed task ended."""
 
 
-def fate(run: Run, failed: Failing, time: float, known: float = inf) -> Fate:
+def fate(run: Run, failed: Failing, time: float, as_of: float = inf) -> Fate:
     """Return the fate of a failure.
 
     Args:
         run: The run.
         failed: What failed.
         time: When it failed.
-        known: The moment as of which the fate is returned; the end of the records by default.
+        as_of: The moment as of which the fate is returned; the end of the records by default.
     """
     if isinstance(failed, Task):
-        return _fate_of_task(run, failed, time, known)
+        return _fate_of_task(run, failed, time, as_of)
     if not is_reported(run, failed, time):
-        return Fate.UNTOLD
+        return Fate.NOT_REPORTED
     if failed.by is None and _monitor(run, failed) is None:
-        return Fate.TOLD
-    return Fate.COPED if run_continued(run, failed, time, known) else Fate.ANSWERED
+        return Fate.REPORTED
+    return Fate.ASKER_CONTINUED if run_continued(run, failed, time, as_of) else Fate.ASKER_FAILED
 
 
-def run_continued(run: Run, failed: Failing, time: float, known: float = inf) -> bool:
-    """Whether the run continued, or still may, after a failure at *time*, as known at a moment."""
-    *_, (last, when) = _failure_chain(run, failed, time, known)
+def run_continued(run: Run, failed: Failing, time: float, as_of: float = inf) -> bool:
+    """Whether the run continued after a failure at *time*, or still may, as known at *as_of*."""
+    *_, (last, when) = _failure_chain(run, failed, time, as_of)
     if isinstance(last, Task):
-        has_failed = any(since <= known for since, _ in last.overwritten("failure")[:1])
-        return has_failed and _fate_of_task(run, last, when, known) in (*GOOD_FATES, Fate.OPEN)
+        has_failed = any(since <= as_of for since, _ in last.old_values("failure")[:1])
+        return has_failed and _fate_of_task(run, last, when, as_of) in (*GOOD_FATES, Fate.OPEN)
     return is_reported(run, last, when)
 
 
@@ -115,7 +116,7 @@ def is_reported(run: Run, failed: Failing, time: float) -> bool:
 
 
 def has_run_survived(
-    run: Run, message: Message, moment: float = inf, known: float | None = None
+    run: Run, message: Message, moment: float = inf, as_of: float | None = None
 ) -> bool:
     """Whether a message had failed at *moment* and the run continued, as known then or later.
 
@@ -123,44 +124,43 @@ def has_run_survived(
         run: The run.
         message: The message.
         moment: The moment by which it had failed.
-        known: The moment as of which the run is judged; *moment* by default.
+        as_of: The moment as of which the run is judged; *moment* by default.
     """
-    failed = message.written("failure", moment)
-    return bool(message.was("failure", moment)) and run_continued(
-        run, message, failed, moment if known is None else known
+    failed_at = message.written_at("failure", moment)
+    return bool(message.value_at("failure", moment)) and run_continued(
+        run, message, failed_at, moment if as_of is None else as_of
     )
 
 
 def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str:
     """Return the standing of a task in a state at a moment: one of ``STANDINGS``."""
-    if watches(task, state, moment):
+    if is_watching(task, state, moment):
         return WATCHING
-    return (
-        HANDLED if state is TaskState.FAILED and has_run_survived(run, task, moment) else str(state)
-    )
+    is_handled = state is TaskState.FAILED and has_run_survived(run, task, moment)
+    return HANDLED if is_handled else str(state)
 
 
-def watches(task: Task, state: TaskState, moment: float = inf) -> bool:
+def is_watching(task: Task, state: TaskState, moment: float = inf) -> bool:
     """Whether a task is a monitor that is watching."""
     if state not in (TaskState.ACHIEVING, TaskState.PLANNING) or not task.message_class.is_monitor:
         return False
     if task.time_of(Moment.START_HANDLING) > moment:
         return False
-    place = bisect_right(task.retries, moment, key=_SINCE)
+    place = bisect_right(task.retries, moment, key=_TIME)
     retried = task.retries[place - 1].time if place else 0.0
     # A retry after it had stopped lets it watch again
-    return not task.was("watched", moment) or retried >= task.written("watched", moment)
+    return not task.value_at("watched", moment) or retried >= task.written_at("watched", moment)
 
 
-def watching(task: Task) -> Iterator[tuple[float, float]]:
+def watching_spans(task: Task) -> Iterator[tuple[float, float]]:
     """Yield the spans in which a monitor was watching."""
-    begun, spans = task.time_of(Moment.START_HANDLING), list[tuple[float, float]]()
-    for stopped in (time for time, why in task.became("watched") if why):
-        spans.append((begun, stopped))
+    begun, watched = task.time_of(Moment.START_HANDLING), list[tuple[float, float]]()
+    for stopped in (time for time, why in task.new_values("watched") if why):
+        watched.append((begun, stopped))
         begun = min((one.time for one in task.retries if one.time >= stopped), default=inf)
-    spans.append((begun, inf))
+    watched.append((begun, inf))
     for since, over, state in task.spans():
-        for start, end in spans if state in (TaskState.ACHIEVING, TaskState.PLANNING) else ():
+        for start, end in watched if state in (TaskState.ACHIEVING, TaskState.PLANNING) else ():
             if max(start, since) < min(end, over):
                 yield max(start, since), min(end, over)
 
@@ -175,7 +175,7 @@ def failing(run: Run, handling: Handling) -> Failing:
     return run.messages.get(handling.message_id) or handling
 
 
-def undecided_by(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
+def still_deciding(run: Run, failed: Failing, time: float) -> list[Task | Handling]:
     """Return the tasks and handlers that will decide whether the run continues; [] if decided."""
     *_, (last, when) = _failure_chain(run, failed, time)
     if not isinstance(last, Task):
@@ -189,52 +189,55 @@ def undecided_by(run: Run, failed: Failing, time: float) -> list[Task | Handling
     return [last, top]
 
 
-def retried_ancestor(run: Run, task: Task, time: float, known: float = inf) -> Task | None:
+def retried_ancestor(run: Run, task: Task, time: float, as_of: float = inf) -> Task | None:
     """Return the ancestor whose retry killed a failed task; None if none did.
 
     Args:
         run: The run.
         task: The failed task.
         time: When it failed.
-        known: The moment as of which this is returned.
+        as_of: The moment as of which this is returned.
     """
-    killed = task.written("killed", known)
-    if task.was("killed", known) is None or killed < time:
+    killed_at = task.written_at("killed", as_of)
+    if task.value_at("killed", as_of) is None or killed_at < time:
         return None
     while task.parent in run.tasks:  # the tasks between them were killed at the same time
         task = run.tasks[task.parent]
-        place = bisect_left(task.retries, killed, key=_SINCE)
-        if task.retries[place : place + 1] and task.retries[place][0] == killed:
+        place = bisect_left(task.retries, killed_at, key=_TIME)
+        if any(retry.time == killed_at for retry in task.retries[place : place + 1]):
             return task
-        if task.killed is None or task.written("killed") != killed:
+        if task.killed is None or task.written_at("killed") != killed_at:
             return None
     return None
 
 
-def describe_asker(run: Run, failed: Failing, time: float, known: float = inf) -> str:
+def describe_asker(run: Run, failed: Failing, time: float, as_of: float = inf) -> str:
     """Describe to which asker a failed query was reported, and its outcome; or why it was not."""
     if not _has_asker(run, failed):
         return ""
     if why := _why_unreported(run, failed, time):
-        return f"{Fate.UNTOLD.words}: {why}"
+        return f"{Fate.NOT_REPORTED.words}: {why}"
     if isinstance(failed, Message) and failed.role is Role.CONDITION:
         return f"reported to central, for {run.describe(failed.about)}"
     sender = failed.sender if isinstance(failed, Message) else failed.direct_from
     if failed.by is None:
         return f"reported to {sender}"
     how = "continued"
-    if failed.by.end is None or failed.by.end > known:
+    if failed.by.end is None or failed.by.end > as_of:
         how = "still runs"
     elif failed.by.outcome is Outcome.FAILED:
-        is_handled = run_continued(run, failed, time, known)
+        is_handled = run_continued(run, failed, time, as_of)
         how = "then failed, which was handled" if is_handled else "then failed"
     return f"reported to {sender}, whose handler of {run.describe(failed.by.message_id)} {how}"
 
 
 def _failure_chain(
-    run: Run, failed: Failing, time: float, known: float = inf
+    run: Run, failed: Failing, time: float, as_of: float = inf
 ) -> Iterator[tuple[Failing, float]]:
-    """Yield a failure and those it caused, as far as a task or an asker that did not fail."""
+    """Yield a failure and those it caused, with their times.
+
+    The last one is the failure of a task, or a failure that made no asker fail.
+    """
     while True:
         yield failed, time
         if isinstance(failed, Task) or not is_reported(run, failed, time):
@@ -245,7 +248,7 @@ def _failure_chain(
         elif (
             handling is not None
             and handling.outcome is Outcome.FAILED
-            and (handling.end or 0.0) <= known
+            and (handling.end or 0.0) <= as_of
         ):
             # The loop ends, since a handler's message is older than the query
             failed, time = failing(run, handling), handling.end or time
@@ -254,7 +257,7 @@ def _failure_chain(
 
 
 def _has_asker(run: Run, failed: Failing) -> bool:
-    """Whether it is a query, with an asker that gets an answer."""
+    """Whether a failing message is a query, with an asker that gets an answer."""
     if isinstance(failed, Message):
         return failed.message_class.has_reply
     known = run.formats.get(failed.name)
@@ -269,7 +272,7 @@ def _why_unreported(run: Run, failed: Failing, time: float) -> str:
     """
     handling = failed.by
     if isinstance(failed, Message):
-        if failed.was("dropped", time):
+        if failed.value_at("dropped", time):
             if failed.was_given_up:
                 return "its sender had given up"
             return "the answer was no longer awaited"
@@ -286,18 +289,18 @@ def _why_unreported(run: Run, failed: Failing, time: float) -> str:
 
 def _stopped_watching(run: Run, monitor: Task, asked: float, time: float) -> bool:
     """Whether a monitor had ended or was retried before its query at *asked* failed at *time*."""
-    failed = {when for when, _ in monitor.failures}
+    failure_times = {when for when, _ in monitor.failures}
     # A second failure with the same text does not change the field
-    failed.update(one.time for one in run.raised.get(monitor.id, ()))
-    if time in failed:
+    failure_times.update(one.time for one in run.raised.get(monitor.id, ()))
+    if time in failure_times:
         return False
-    begun = {one.time for one in monitor.retries}
-    if any(asked < when <= time for when in begun):
+    retry_times = {one.time for one in monitor.retries}
+    if any(asked < when <= time for when in retry_times):
         return True
     ends = [
         when
-        for when, why in monitor.became("watched")
-        if why and not (when == asked and when in begun)
+        for when, why in monitor.new_values("watched")
+        if why and not (when == asked and when in retry_times)
     ]
     return any(asked <= when <= time for when in (*ends, monitor.time_of(Moment.END_ACHIEVING)))
 
@@ -309,12 +312,12 @@ def _monitor(run: Run, failed: Failing) -> Task | None:
     return None
 
 
-def _fate_of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate:
+def _fate_of_task(run: Run, task: Task, time: float, as_of: float = inf) -> Fate:
     """Return the fate of a task's failure, from the first later state that decides it.
 
     If that state is *killed*, an ancestor may have been retried or the top-level task continued.
     """
-    first, last = task.place_at(time), task.place_at(known)
+    first, last = task.place_at(time), task.place_at(as_of)
     decided = next(
         (place for place in range(first, last + 1) if task.stage(place)[1] not in UNDECIDED), None
     )
@@ -326,39 +329,40 @@ def _fate_of_task(run: Run, task: Task, time: float, known: float = inf) -> Fate
         # A task that survives its ancestor's kill continues after a failure that was not handled
         if time not in run.unhandled.get(task.id, ()):
             return Fate.DEALT_WITH
-    if retried_ancestor(run, task, time, known) is not None:
+    if retried_ancestor(run, task, time, as_of) is not None:
         return Fate.RETRIED
-    return _fate_of_killed(run, task, time, known)
+    return _fate_of_killed(run, task, time, as_of)
 
 
-def _fate_of_killed(run: Run, task: Task, time: float, known: float) -> Fate:
+def _fate_of_killed(run: Run, task: Task, time: float, as_of: float) -> Fate:
     """Return the fate of a killed task's failure: whether the top-level task continued without it.
 
     If the top-level task ends after the exception handler has ended, it is not for this failure.
     """
-    top, handler = run.tasks[task.top], _last_called(run, task, time, known)
-    if top is not task and top.state_at(known) in DONE:
+    top, handler = run.tasks[task.top], _last_called(run, task, time, as_of)
+    if top is not task and top.state_at(as_of) in DONE:
         return Fate.REPLACED
     if handler is None:
         return Fate.NOT_HANDLED
-    ended = min(handler.time_of(Moment.END_ACHIEVING), known)
+    ended = min(handler.time_of(Moment.END_ACHIEVING), as_of)
     is_unhandled = time in run.unhandled.get(task.id, ())
-    continued = top.state_at(ended) not in OVER and top.was("killed", ended) is None
+    continued = top.state_at(ended) not in OVER and top.value_at("killed", ended) is None
     return Fate.REPLACED if continued and top is not task and not is_unhandled else Fate.KILLED
 
 
-def _last_called(run: Run, task: Task, time: float, known: float) -> Task | None:
+def _last_called(run: Run, task: Task, time: float, as_of: float) -> Task | None:
     """Return the last exception handler called for a task's failures since *time*."""
-    called = run.children_until(task.caught_by, known)
-    newest = next((run.tasks[one] for one in reversed(called) if one in run.tasks), None)
+    handlers = run.children_until(task.caught_by, as_of)
+    newest = next((run.tasks[one] for one in reversed(handlers) if one in run.tasks), None)
     return newest if newest is not None and newest.received >= time else None
 
 
 def _was_retried(task: Task, time: float, end: float) -> bool:
     """Whether a retry was due or started after *time* and until *end*."""
-    retries = task.retries[bisect_right(task.retries, time, key=_SINCE) :][:1]
-    runs = task.handlings[bisect_left(task.handlings, time, key=_START) :][:1]
-    return any(when <= end for when in (*(one[0] for one in retries), *(run.start for run in runs)))
+    retries = task.retries[bisect_right(task.retries, time, key=_TIME) :][:1]
+    handlings = task.handlings[bisect_left(task.handlings, time, key=_START) :][:1]
+    starts = (*(one.time for one in retries), *(one.start for one in handlings))
+    return any(when <= end for when in starts)
 
 
 # --- all failures of a run ------------------------------------------------------------------------
@@ -374,7 +378,7 @@ class Failed(NamedTuple):
     """When it failed again or was handled again (inf: neither)."""
     is_handled_again: bool
     handling: Handling | None
-    """The run of its handler that failed; None if the failure was raised beside it."""
+    """The run of its handler that failed; None if the failure was raised beside its handler."""
     by: str
     """The module that raised it, or "central"; "" if that is unknown."""
     asker: Handling | None
@@ -392,13 +396,13 @@ def failures_of(run: Run, message: Message) -> Iterator[Failed]:
     """Yield the failures of one message, oldest first."""
     if not message.changes:
         return
-    values = message.became("failure")
-    failed = {one.end: one for one in message.handlings if one.outcome is Outcome.FAILED}
+    values = message.new_values("failure")
+    by_end = {one.end: one for one in message.handlings if one.outcome is Outcome.FAILED}
     raised = {(one.time, one.failure): one for one in run.raised.get(message.id, ())}
     for (time, failure), (until, after) in pairwise([*values, (inf, NO_FAILURE)]):
         if not failure:
             continue
-        handling, beside = failed.get(time), raised.get((time, failure))
+        handling, beside = by_end.get(time), raised.get((time, failure))
         by, asker = (beside.by, beside.asker) if beside else (CENTRAL, None)
         if handling and not beside and not handling.is_lost:
             by, asker = handling.module, handling

@@ -44,7 +44,7 @@ _LARGE = 100_000
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """Pause garbage collection: a fold makes no garbage, and the search doubles its time."""
+    """Pause garbage collection: a fold makes no garbage, and collections double its time."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -80,7 +80,7 @@ class History(RecordFold):
                     break
                 history.apply(entry)
             if len(history.times) > _LARGE:
-                gc.freeze()  # a search of so large a history for garbage takes seconds
+                gc.freeze()  # a collection over so large a history takes seconds
         return history
 
     def extend_to(self, present: float | None, time: float | None = None) -> None:
@@ -113,7 +113,7 @@ class History(RecordFold):
 
     def _tick(self, entry: facts.Entry, asker: Handling | str) -> None:
         """Advance the time. Each entry gets a unique time, so a time identifies an entry."""
-        # An event with many facts is written as several records of the same number
+        # An event with many facts is written as several entries of the same number
         if self.numbers and entry.number == self.numbers[-1]:
             self.memo.clear()
             return
@@ -124,7 +124,7 @@ class History(RecordFold):
         self.numbers.append(entry.number)
         self.asked_by.append(asker)
 
-    # --- changes by each fact ---------------------------------------------------------------------
+    # --- each method applies all facts of one type ------------------------------------------------
 
     def _opened(self, fact: facts.Opened) -> None:
         if self.began is None:
@@ -145,7 +145,7 @@ class History(RecordFold):
             module.left = fact.why
         for resource in ("", *module.resources):
             for handling in self._running.pop((fact.module, resource), {}).values():
-                self._close_run(handling)
+                self._end_handling(handling)
 
     def _resource(self, fact: facts.ResourceChanged) -> None:
         module = self._module(fact.module)
@@ -239,8 +239,8 @@ class History(RecordFold):
         if (running := self._running.get(where)) is None:
             running = self._running[where] = {}
             self._module(fact.module).resources.setdefault(fact.resource, 1)
-        runs = self.runs.setdefault(where, [])
-        start = self._start_of(fact, runs)
+        handlings = self.by_resource.setdefault(where, [])
+        start = self._start_of(fact, handlings)
         self._unqueue(fact.id, start)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
@@ -262,7 +262,7 @@ class History(RecordFold):
         running[handling.delivery] = self._deliveries[handling.delivery] = handling
         self.handlings.append(handling)
         self.news.append(handling)
-        runs.append(handling)
+        handlings.append(handling)
         if message:
             self._start_again(message)
             message.handlings = appended(message.handlings, handling)
@@ -270,13 +270,15 @@ class History(RecordFold):
             if isinstance(message, Task):
                 self._work_on(message, handling)
 
-    def _start_of(self, fact: facts.Delivered, runs: list[Handling]) -> float:
-        """Return when a handler started. A prefetched delivery starts before central's entry of it,
-        but after it was queued and after the previous run.
+    def _start_of(self, fact: facts.Delivered, handlings: list[Handling]) -> float:
+        """Return when a handler started.
+
+        The handler of a prefetched delivery starts before central's entry of that, but after the
+        message was queued and after the previous handling in the resource.
         """
         if not fact.began:
             return self.time
-        bounds = [fact.began, *(run.until for run in runs[-1:] if run.end is not None)]
+        bounds = [fact.began, *(one.until for one in handlings[-1:] if one.end is not None)]
         if queueing := self._queued.get(fact.id):
             bounds.append(queueing.start)
         return min(self.time, max(bounds))
@@ -296,27 +298,27 @@ class History(RecordFold):
         start = min(max(0.0, end - fact.seconds), end)
         handling = Handling(0, fact.message, fact.module, fact.resource, start, end, fact.outcome)
         handling.direct_from = fact.sender
-        handling.by = self._run_of(fact.origin, fact.sender)
+        handling.by = self._handling_of(fact.origin, fact.sender)
         self.handlings.append(handling)
         self.news.append(handling)
         self._module(fact.module).resources.setdefault(fact.resource, 1)
 
-    def _run_of(self, delivery: int, module: str) -> Handling | None:
-        """Return a module's run of a handler for a delivery; it may have ended."""
+    def _handling_of(self, delivery: int, module: str) -> Handling | None:
+        """Return a module's handling of a delivery; it may have ended."""
         message = self.delivered(delivery)
-        runs = reversed(message.handlings) if message else ()
+        handlings = reversed(message.handlings) if message else ()
         return next(
-            (run for run in runs if run.delivery == delivery and run.module == module), None
+            (one for one in handlings if (one.delivery, one.module) == (delivery, module)), None
         )
 
     def _finish(self, delivery: int, ended: float = 0) -> Handling | None:
         """End the run of a delivery's handler: at *ended* if that is given, else now."""
         if handling := self._deliveries.pop(delivery, None):
             self._running.get((handling.module, handling.resource), {}).pop(delivery, None)
-            self._close_run(handling, ended)
+            self._end_handling(handling, ended)
         return handling
 
-    def _close_run(self, handling: Handling, ended: float = 0) -> None:
+    def _end_handling(self, handling: Handling, ended: float = 0) -> None:
         if handling.end is None:
             handling.end = min(self.time, max(ended, handling.start)) if ended else self.time
             self.news.append(handling)
@@ -331,7 +333,7 @@ class History(RecordFold):
             if times[place] == inf:
                 times[place] = self.time
         if fact.moments & END_ACHIEVING:
-            self._finish_suspension(task)
+            self._end_suspension(task)
             self._finish_recovery(task)
 
     def _fail(self, fact: facts.Failed) -> None:
@@ -347,24 +349,24 @@ class History(RecordFold):
                 Raised(self.time, failure, fact.by, self.asker)
             )
         if message := self.messages.get(lost.message_id if lost else fact.id):
-            before = message.failure, message.failure_data
+            old_failure, old_data = message.failure, message.failure_data
             self._change(message, "failure", failure)
             self._undecided.pop(message.id, None)
             if fact.body:
                 self._change(message, "failure_data", fact.body)
-            if not fact.is_beside and isinstance(message, Task) and message.is_retried:
+            if not fact.is_beside and isinstance(message, Task) and message.is_retry_due:
                 # The old run's outcome is void; a failure raised since the retry was due is not
                 self._forget_outcome(message)
-                self._change(message, "failure", before[0])
-                self._change(message, "failure_data", before[1])
+                self._change(message, "failure", old_failure)
+                self._change(message, "failure_data", old_data)
 
     def _kill(self, fact: facts.Killed) -> None:
         task = self._task(fact.task)
         self._change(task, "killed", fact.why)
         self._change(task, "killed_by", fact.by)
-        task.killer, task.killed_for = self._run_of(fact.origin, fact.by), fact.failed
-        self._could_not_decide(fact.task)
-        self._finish_suspension(task)
+        task.killer, task.killed_for = self._handling_of(fact.origin, fact.by), fact.failed
+        self._reopen_search(fact.task)
+        self._end_suspension(task)
         self._unqueue(fact.task)
 
     def _drop(self, fact: facts.Dropped) -> None:
@@ -428,7 +430,7 @@ class History(RecordFold):
             self.time,
             by=self._deliveries.get(fact.origin),
         )
-        self.wanted.setdefault((called(fact.module), fact.resource), []).append(claim)
+        self.requested.setdefault((called(fact.module), fact.resource), []).append(claim)
         self.news.append(claim)
         self._claim_waits[fact.id] = self._wait(
             HandlerWait(fact.id, self.time), fact.sender, fact.origin
@@ -483,7 +485,7 @@ def folded(
         journal: The journal.
         time: The time at which the run is viewed, in seconds on its clock. None is the end,
             or the present of a live run.
-        entries: The journal's entries, if the caller reads them along; None to read them here.
+        entries: The journal's entries, if the caller iterates over them; None to read them here.
 
     Raises:
         UnusableLog: The journal has no entries.

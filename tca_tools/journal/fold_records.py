@@ -1,7 +1,7 @@
-"""Make the records of a run, and overwrite their fields so that old values stay known. Pure.
+"""Create and change the records of a run. Pure.
 
-This also folds failures, wiretaps, monitors, suspensions and deadlines; fold.py does all other
-facts.
+The facts of failures, wiretaps, monitors, suspensions and deadlines are folded here, all others in
+fold.py.
 """
 
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ from tca_wire.vocabulary import MessageClass, Refusal
 
 
 class RecordFold(Run):
-    """A run whose records are being filled."""
+    """A run whose records are being created and changed."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -133,11 +133,11 @@ class RecordFold(Run):
         cause, handlings = TaskId(top.id), list[Handling]()
         if above:
             cause, handlings = above.cause, above.handlings
-        is_born_so = top.received == self.time and top.time_of(START_HANDLING) == inf
-        for task in self._living(top):
+        is_created_so = top.received == self.time and top.time_of(START_HANDLING) == inf
+        for task in self._open_under(top):
             if not task.suspension:
                 own = Suspension(
-                    TaskId(task.id), cause, self.time, handlings, by=by, since_birth=is_born_so
+                    TaskId(task.id), cause, self.time, handlings, by=by, since_birth=is_created_so
                 )
                 task.suspensions = appended(task.suspensions, own)
                 self._touch(task.id)
@@ -152,12 +152,12 @@ class RecordFold(Run):
                 suspension.handlings.append(handling)
             above = self.tasks.get(above.parent)
 
-    def _finish_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
+    def _end_suspension(self, task: Task, *, is_resumed: bool = False, by: str = "") -> None:
         if suspension := task.suspension:
             suspension.end, suspension.is_resumed, suspension.resumed_by = self.time, is_resumed, by
             self._touch(task.id)
 
-    def _living(self, top: Task) -> Iterator[Task]:
+    def _open_under(self, top: Task) -> Iterator[Task]:
         """Yield a task and its descendants that have not ended."""
         below = [top]
         for task in below:  # the list grows during the loop
@@ -172,7 +172,7 @@ class RecordFold(Run):
         calls = self._called.setdefault(fact.at, {})
         calls[fact.attachment] = calls.get(fact.attachment, 0) + 1
         task = self._task(fact.task)
-        self._resume_search(task)
+        self._restore_failure(task)
         self._called_for[fact.handler] = fact.task, task.failure
         task.caught_by = appended(task.caught_by, fact.handler)
         if not fact.is_beside:
@@ -181,18 +181,18 @@ class RecordFold(Run):
 
     def _unhandled(self, fact: facts.Unhandled) -> None:
         task = self._task(fact.task)
-        self._resume_search(task)
+        self._restore_failure(task)
         task.is_recovering, task.is_dealt_with, task.is_unhandled = False, False, True
         self.unhandled.setdefault(fact.task, []).append(self.time)
-        self._record_exhausted(fact.task)
+        self._add_exhausted(fact.task)
 
-    def _resume_search(self, task: Task) -> None:
-        """Restore the failure for which an exception handler is searched."""
+    def _restore_failure(self, task: Task) -> None:
+        """Restore the failure that an exception handler left undecided."""
         if failure := self._undecided.pop(task.id, None):
             self._change(task, "failure", failure)
 
-    def _could_not_decide(self, handler: int) -> None:
-        """Record that an exception handler was killed, or passed the failure on."""
+    def _reopen_search(self, handler: int) -> None:
+        """Store that an exception handler was killed, or passed the failure on."""
         if handler in self._called_for:
             task, failure = self._called_for.pop(handler)
             self._undecided[task] = failure
@@ -216,11 +216,10 @@ class RecordFold(Run):
         task = self._task(fact.task)
         task.is_recovering = task.is_dealt_with = task.is_unhandled = False
         self._forget_outcome(task)
-        is_other = fact.body not in (b"", task.body)
-        runs, sent = len(task.handlings), len(task.children)
-        task.retries = appended(
-            task.retries, Retry(self.time, fact.by, is_other, runs, sent, self.asker)
-        )
+        has_other_data = fact.body not in (b"", task.body)
+        counts = len(task.handlings), len(task.children)
+        retry = Retry(self.time, fact.by, has_other_data, *counts, self.asker)
+        task.retries = appended(task.retries, retry)
         self._change(task, "body", fact.body or task.body)
         self._change(task, "watched", "")
 
@@ -229,8 +228,8 @@ class RecordFold(Run):
         if fact.is_suspended:
             self._suspend(task, fact.by)
         else:
-            for one in self._living(task):
-                self._finish_suspension(one, is_resumed=True, by=fact.by)
+            for one in self._open_under(task):
+                self._end_suspension(one, is_resumed=True, by=fact.by)
 
     def _state_changed(self, fact: facts.StateChanged) -> None:
         task = self._task(fact.task)
@@ -259,7 +258,7 @@ class RecordFold(Run):
     def _waited_for(self, fact: facts.WaitedFor) -> None:
         self._task(fact.monitor).is_waited_for = True
 
-    def _spared(self, fact: facts.OutlivesRetry) -> None:
+    def _outlives_retry(self, fact: facts.OutlivesRetry) -> None:
         self._task(fact.monitor).outlives_retry = True
 
     def _tested(self, fact: facts.MonitorTested) -> None:
@@ -282,18 +281,19 @@ class RecordFold(Run):
 
     def _reissued(self, fact: facts.Reissued) -> None:
         self.reissued[fact.handler] = self.time
-        self._could_not_decide(fact.handler)
+        self._reopen_search(fact.handler)
 
     def _not_resolved(self, fact: facts.NotResolved) -> None:
         self.left_open[fact.handler] = self.time
-        self._could_not_decide(fact.handler)
+        self._reopen_search(fact.handler)
 
-    def _record_exhausted(self, task: TaskId) -> None:
-        """Record the exception handlers of a task and its ancestors with no calls left."""
-        failure, at, above = self._task(task).failure.name, task, [task]
-        while at != ROOT:
-            above.append(at := self.tasks[at].parent)
-        for attachment, calls in (one for at in above for one in self._called.get(at, {}).items()):
+    def _add_exhausted(self, task: TaskId) -> None:
+        """Store the exception handlers of a task and its ancestors with no calls left."""
+        failure, above = self._task(task).failure.name, [task]
+        while above[-1] != ROOT:
+            above.append(self.tasks[above[-1]].parent)
+        counts = (self._called.get(number, {}) for number in above)
+        for attachment, calls in (one for each in counts for one in each.items()):
             known = self.attached.get(attachment)
             if known is not None and 0 < known.maximum <= calls and known.failure in ("", failure):
                 self.exhausted.setdefault(task, []).append(
@@ -305,15 +305,10 @@ class RecordFold(Run):
 
     def _tap_fired(self, fact: facts.TapFired) -> None:
         """Hold a task until a listener has ended, as a constraint does."""
-        tap, tapped, listener = (
-            self.taps.get(fact.tap),
-            self.tasks.get(fact.tapped),
-            self.tasks.get(fact.listener),
-        )
-        if tap is None or tapped is None or listener is None:
-            return
-        rule = CONDITIONS[tap.condition]
-        if not rule.holds_until:
+        tapped, listener = self.tasks.get(fact.tapped), self.tasks.get(fact.listener)
+        tap = self.taps.get(fact.tap)
+        rule = CONDITIONS[tap.condition] if tap is not None else None
+        if tapped is None or listener is None or rule is None or not rule.holds_until:
             return
         before, after = Moment(rule.holds_until), Moment(rule.before)
         # A handling may start again, so its listener holds the task each time
@@ -325,9 +320,9 @@ class RecordFold(Run):
     def _deadline(self, fact: facts.DeadlineSet) -> None:
         if (task := self.tasks.get(fact.task)) is not None:
             ahead = PlannedEvent(self.time, fact.seconds, first_moment(fact.moment))
-            self.ahead.setdefault(task.id, []).append(ahead)
+            self.plans.setdefault(task.id, []).append(ahead)
 
     def _kill_planned(self, fact: facts.KillPlanned) -> None:
         if fact.task in self.tasks:
             ahead = PlannedEvent(self.time, fact.seconds, None, fact.after, fact.scope, fact.by)
-            self.ahead.setdefault(fact.task, []).append(ahead)
+            self.plans.setdefault(fact.task, []).append(ahead)

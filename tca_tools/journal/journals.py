@@ -25,7 +25,7 @@ _LAST_BYTES = 1 << 16
 _TORN_SECONDS = 1.0
 """After this time without growth, an incomplete entry is no longer being written."""
 _WAITING = "'tca view' and 'tca log show --follow' wait for the first entry"
-_SINCE = "tasks that seem to be running since then may have ended"
+_UNCERTAIN = "tasks that seem to be running since then may have ended"
 
 
 def newest_journal() -> Path:
@@ -86,7 +86,7 @@ def _run_in(path: Path) -> tuple[Path, str] | None:
     return folder, found
 
 
-def called(journal: Path) -> str:
+def title_of(journal: Path) -> str:
     """Return the title of a journal's folder or file."""
     path = journal.resolve()
     return f"{path.parent.name}/{path.name}" if path.name == "journal" else path.name
@@ -122,27 +122,27 @@ class Losses:
 
     def __init__(self) -> None:
         self.entries = 0
-        """The number of damaged entries; at least so large if ``_is_counted`` is False."""
+        """The number of damaged entries; a lower bound if ``_is_counted`` is False."""
         self.facts = 0
         """The number of invalid facts and of facts that this version does not know."""
         self.ends: list[str] = []
         """Why the rest of a segment could not be read, for segments that others follow."""
         self._is_counted = True
         self._first_entry = self._first_fact = ""
-        """The place of the first one, and the time before it."""
+        """The places of the first damaged entry and unknown fact, with the time before each."""
         self._later = ""
         """The remark on the first segment of a later version."""
 
-    def record(
+    def add(
         self, reader: JournalReader, segment: Path, holes: int, unknown: int, time: float
     ) -> None:
-        """Add what a reader has skipped since it had skipped *holes* and *unknown* facts.
+        """Add the damaged places and unknown facts that a reader has passed since the last call.
 
         Args:
             reader: The reader of the segment.
             segment: The segment's file.
-            holes: The number of damaged places recorded before.
-            unknown: The number of unknown facts recorded before.
+            holes: The number of damaged places added before.
+            unknown: The number of unknown facts added before.
             time: The time of the last good entry.
         """
         if new := reader.holes[holes:]:
@@ -156,7 +156,7 @@ class Losses:
             )
 
     def check_version(self, reader: JournalReader, segment: Path) -> None:
-        """Record that a segment was written by a later version, if it was."""
+        """Add a remark if a segment was written by a later version."""
         if reader.version > JOURNAL_VERSION and not self._later:
             self._later = (
                 f"{segment}: written by a later version ({reader.version}; this one reads up to "
@@ -192,7 +192,7 @@ def _left_out(first: str, number: int, one: str, several: str) -> str:
     if not number:
         return ""
     losses = f"{one} is left out" if number == 1 else f"{several} are left out, the first one here"
-    return f"{first}: {losses}: {_SINCE}"
+    return f"{first}: {losses}: {_UNCERTAIN}"
 
 
 class EntryPlace(NamedTuple):
@@ -200,6 +200,10 @@ class EntryPlace(NamedTuple):
 
     segment: Path
     offset: int
+
+
+def _sleep() -> None:
+    time.sleep(_POLL_SECONDS)
 
 
 class Log:
@@ -244,7 +248,7 @@ class Log:
     @property
     def name(self) -> str:
         """The name of this journal in titles."""
-        return called(self.path) + self._number
+        return title_of(self.path) + self._number
 
     @property
     def run(self) -> str | None:
@@ -269,9 +273,7 @@ class Log:
                 f"{self.path}: empty, central has written nothing to it yet: {_WAITING}"
             )
 
-    def follow(
-        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
-    ) -> Iterator[Entry]:
+    def follow(self, wait: Callable[[], object] = _sleep) -> Iterator[Entry]:
         """Yield the entries, then new ones as they arrive; ends only at damage.
 
         Args:
@@ -280,12 +282,12 @@ class Log:
         return (entry for entry, _ in self.follow_places(wait))
 
     def follow_places(
-        self, wait: Callable[[], object] = lambda: time.sleep(_POLL_SECONDS)
+        self, wait: Callable[[], object] = _sleep
     ) -> Iterator[tuple[Entry, EntryPlace]]:
         """Yield the entries as ``follow`` does, each with its place."""
         followed: set[Path] = set()
         while not (self._followed_by and self._folder is None):
-            segment = self._first_except(followed)
+            segment = self._next_segment(followed)
             if segment is not None:
                 self._start_next_segment()
                 yield from self._follow_segment(segment, wait)
@@ -296,8 +298,8 @@ class Log:
                 wait()
         self._check_entries()
 
-    def _first_except(self, followed: set[Path]) -> Path | None:
-        """Return the first segment not yet followed; None if all are followed."""
+    def _next_segment(self, followed: set[Path]) -> Path | None:
+        """Return the first segment not yet followed; None if there is none."""
         try:
             return next((one for one in self.segments() if one not in followed), None)
         except UnusableLog:
@@ -436,7 +438,7 @@ class Log:
             )
 
     def _check_end(self, segment: Path, reader: JournalReader) -> None:
-        """Remember an incomplete entry at the end, and since when it has been so."""
+        """Store an incomplete entry at the end, and since when it has been incomplete."""
         torn = (segment, reader.offset, reader.torn) if reader.torn else None
         if torn != self._torn:
             self._torn, self._torn_since = torn, time.monotonic()
@@ -447,30 +449,27 @@ class Log:
         try:
             for entry in reader:
                 if len(reader.holes) > holes or reader.unknown > unknown:
-                    self.losses.record(reader, segment, holes, unknown, self._time)
+                    self.losses.add(reader, segment, holes, unknown, self._time)
                     holes, unknown = len(reader.holes), reader.unknown
                 self._time = entry.time
-                facts = entry.facts
-                if (
-                    facts
-                    and type(facts[0]) is Opened
-                    and self._is_another(facts[0], reader, segment)
-                ):
-                    return
-                if facts[1:] and type(facts[1]) is Shortened:
-                    until = f"{facts[1].until:.0f} s"
-                    self._shortened = (
-                        f"{self.path}: what had ended by {until} was removed ('tca log prune')"
-                    )
+                for fact in entry.facts[:1]:
+                    if type(fact) is Opened and self._starts_another(fact, reader, segment):
+                        return
+                for fact in entry.facts[1:2]:
+                    if type(fact) is Shortened:
+                        until = f"{fact.until:.0f} s"
+                        self._shortened = (
+                            f"{self.path}: what had ended by {until} was removed ('tca log prune')"
+                        )
                 if not self._has_entries or not reader.offset:
                     self._has_entries = True
                     self.losses.check_version(reader, segment)
                 yield entry
         finally:  # there may be losses after the last entry
-            self.losses.record(reader, segment, holes, unknown, self._time)
+            self.losses.add(reader, segment, holes, unknown, self._time)
 
-    def _is_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
-        """Whether another run, or a segment out of order, starts in the middle of a file."""
+    def _starts_another(self, opened: Opened, reader: JournalReader, segment: Path) -> bool:
+        """Whether another run, or a segment out of order, starts in the middle of the file."""
         last = self._opened if reader.offset else None
         if last is None or (opened.epoch == last.epoch and opened.segment > last.segment):
             self._opened = opened
@@ -544,12 +543,7 @@ def _checked(path: Path) -> Path:
                 f"{path}: a directory without segments (*{SEGMENT_SUFFIX}): "
                 f"name the journal of one run{example}"
             )
-    elif not path.exists():
-        raise UnusableLog(
-            f"{path}: no such file or directory: name a journal directory or a segment"
-        )
     elif not path.is_file():
-        raise UnusableLog(
-            f"{path}: neither a file nor a directory: name a journal directory or a segment"
-        )
+        what = "neither a file nor a directory" if path.exists() else "no such file or directory"
+        raise UnusableLog(f"{path}: {what}: name a journal directory or a segment")
     return path

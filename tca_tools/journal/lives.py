@@ -53,25 +53,26 @@ class Life(NamedTuple):
     """The newest intermediate result since its handler started; empty if there was none."""
     asked: bytes
     """The newest requested goal, while the server has not decided on it."""
-    is_telling: bool = False
+    is_notable: bool = False
     """Whether the state is neither initial, running, nor final, so it is worth showing."""
 
 
 def life_at(run: Run, task: Task, moment: float = inf) -> Life:
     """Return the place of a task in its life cycle at a moment."""
     cycle, changes = cycle_of(run, task), task.life[: bisect_right(task.life, moment, key=_TIME)]
+    # The last recorded step; implied steps before it are in its serial number already
     state, serial, since = cycle.initial, 0, (-inf, _RECORDED)
     if changes:
         last = changes[-1]
         state, serial, since = last.state, last.serial, (last.time, _RECORDED)
     until = min(moment, run.time)
-    for time, step in sorted(
-        one for one in _implied_steps(run, task) if one > since and one[0] <= until
-    ):
+    steps = (one for one in _implied_steps(run, task) if one > since and one[0] <= until)
+    for time, step in sorted(steps):
         following = _after(cycle, task, state, step, time)
         state, serial = following, serial + (following != state)
     newest = next((one for one in reversed(changes) if one.effect is Effect.RESULT), None)
-    is_old = newest is None or any(newest.time < run.start <= moment for run in task.handlings[1:])
+    later = task.handlings[1:]
+    is_old = newest is None or any(newest.time < one.start <= moment for one in later)
     is_open = cycle.grant(state) is not None
     asked = (one.body for one in reversed(changes) if is_open and one.effect is Effect.NEW_GOAL)
     usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled
@@ -111,7 +112,7 @@ def _implied_steps(run: Run, task: Task) -> Iterator[tuple[float, int]]:
         ]
         yield from ((time, _RESTARTS) for time in restarts)
         yield from (
-            (time, _STARTS) for time in (begun, *restarts) if task.was("killed", time) is None
+            (time, _STARTS) for time in (begun, *restarts) if task.value_at("killed", time) is None
         )
     if task.has_ended:
         yield task.time_of(Moment.END_ACHIEVING), _ENDS
@@ -124,5 +125,5 @@ def _after(cycle: LifeCycle, task: Task, state: str, step: int, time: float) -> 
     if step == _STARTS:
         return cycle.accepted.target if state == cycle.initial else state
     if step == _RESTARTS:
-        return cycle.initial if task.was("killed", time) is None else state
+        return cycle.initial if task.value_at("killed", time) is None else state
     return cycle.done if task.state_at(time) in DONE else cycle.cancelled

@@ -32,29 +32,29 @@ class Overwritten:
                 # A subclass has the slot
                 self.changes = (*self.changes, (time, name, old))  # type: ignore[misc]
                 return
-            by_field = {field: self.overwritten(field) for _, field, _ in self.changes}
+            by_field = {field: self.old_values(field) for _, field, _ in self.changes}
             self.changes = by_field  # type: ignore[misc]
         self.changes.setdefault(name, []).append((time, old))
 
-    def overwritten(self, name: str) -> list[tuple[float, Any]]:
+    def old_values(self, name: str) -> list[tuple[float, Any]]:
         """Return the old values of a field with the times of overwriting, oldest first."""
         if isinstance(self.changes, dict):
             return self.changes.get(name, [])
         return [(time, old) for time, field_name, old in self.changes if field_name == name]
 
-    def was(self, name: str, moment: float) -> Any:
+    def value_at(self, name: str, moment: float) -> Any:
         """Return the value of a field at a moment."""
-        old = self.overwritten(name) if self.changes else ()
+        old = self.old_values(name) if self.changes else ()
         place = bisect_right(old, moment, key=_TIME)
         return old[place][1] if place < len(old) else getattr(self, name)
 
-    def written(self, name: str, moment: float = inf) -> float:
-        """Return when a field was last overwritten, until a moment; else when it was received."""
-        old = self.overwritten(name) if self.changes else ()
+    def written_at(self, name: str, moment: float = inf) -> float:
+        """Return when a field got its value at a moment: when it was overwritten, else received."""
+        old = self.old_values(name) if self.changes else ()
         place = bisect_right(old, moment, key=_TIME)
         return old[place - 1][0] if place else self.received
 
-    def became(self, name: str) -> list[tuple[float, Any]]:
+    def new_values(self, name: str) -> list[tuple[float, Any]]:
         """Return the new values of a field with the times of overwriting, oldest first."""
-        values = [*self.overwritten(name), (0.0, getattr(self, name))]
+        values = [*self.old_values(name), (0.0, getattr(self, name))]
         return [(time, new) for (time, _), (_, new) in pairwise(values)]

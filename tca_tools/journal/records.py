@@ -2,7 +2,7 @@
 
 Many records are spans: they have a start, and an end once they are over. The spans of one thing
 are listed oldest first. A run may have millions of records, mostly with empty lists. These
-are all ``NONE``; ``appended`` makes a new list for the first element.
+are all ``NONE``; ``appended`` returns a new sequence for the first element.
 """
 
 from bisect import bisect_left, bisect_right
@@ -61,7 +61,7 @@ PLACES_OF = [
 """The indexes for each set of moments."""
 _START_HANDLING, _START_ACHIEVING = PLACES[Moment.START_HANDLING], PLACES[Moment.START_ACHIEVING]
 _END_PLANNING, _END_ACHIEVING = PLACES[Moment.END_PLANNING], PLACES[Moment.END_ACHIEVING]
-_START, _RUNS = attrgetter("start"), attrgetter("runs")
+_START, _HANDLINGS = attrgetter("start"), attrgetter("handlings")
 
 
 def first_moment(moments: int) -> Moment | None:
@@ -73,8 +73,8 @@ def first_moment(moments: int) -> Moment | None:
 class HandlerWait(Span):
     """A handler, or a module's thread, blocks until something happens.
 
-    It waits for the reply to message *awaited*, for a moment or a change of task *awaited*, or for
-    claim *awaited*. If *awaited* is 0, *name* says what it waits for.
+    *awaited* is the number of a query (for its reply), of a claim (for its grant), or of a task
+    (for a moment or a change of it). If it is 0, *name* names the awaited thing.
     """
 
     awaited: int
@@ -110,9 +110,9 @@ class Drop(NamedTuple):
     """The number of messages dropped at once."""
     why: str
     message_id: int = 0
-    """The message, or the message of the copy; 0 for direct messages."""
+    """The message, or the original of the copy; 0 for direct messages."""
     is_copy: bool = False
-    """Whether only one receiver did not get it."""
+    """Whether it was the copy for one receiver."""
     dropping: Dropping = Dropping.OTHER
     sender: str = ""
     """The module that sent the lost direct messages."""
@@ -234,11 +234,11 @@ class Retry(NamedTuple):
 
     time: float
     by: str
-    is_other: bool
+    has_other_data: bool
     """Whether the retry has other data."""
-    runs: int
+    handlings: int
     """The number of handlings started before."""
-    sent: int
+    children: int
     """The number of subtasks sent before."""
     asker: Handling | None = None
     """The run of a handler that requested it."""
@@ -330,7 +330,7 @@ class Suspension(Span):
         return since if since < inf else None
 
     def _work_end(self, handling: Handling) -> float:
-        """When a handler returned, or began to wait for a task until after the suspension."""
+        """Return when a handler returned, or started a wait that outlasted the suspension."""
         blocked = (
             wait.start for wait in handling.waits if wait.moment and wait.until >= self.until
         )
@@ -380,7 +380,7 @@ class Message(Overwritten):
     @property
     def failures(self) -> list[tuple[float, Failure]]:
         """The failures that were raised on it, with their times, oldest first."""
-        values = self.became("failure") if self.changes else []
+        values = self.new_values("failure") if self.changes else []
         return [(time, failure) for time, failure in values if failure]
 
     @property
@@ -505,16 +505,17 @@ class Task(Message):
         return last if last is not None and last.end is None else None
 
     @property
-    def is_retried(self) -> bool:
+    def is_retry_due(self) -> bool:
         """Whether a retry is due that has not started."""
-        return self.was_retried(inf)
+        return self.was_retry_due(inf)
 
-    def was_retried(self, time: float) -> bool:
+    def was_retry_due(self, time: float) -> bool:
         """Whether a retry was due at a time and had not started."""
         begun = bisect_right(self.handlings, time, key=_START)
-        first = bisect_left(self.retries, begun, key=_RUNS)
+        # A retry requested before the first handling has no effect of its own
+        first = bisect_left(self.retries, begun, key=_HANDLINGS)
         due = self.retries[first : first + 1]
-        return bool(begun) and any(one.runs == begun and one.time <= time for one in due)
+        return bool(begun) and any(one.handlings == begun and one.time <= time for one in due)
 
     @property
     def state(self) -> TaskState:
@@ -533,7 +534,7 @@ class Task(Message):
         if (
             self.failure
             and not self.is_dealt_with
-            and (has_ended or not (self.is_unhandled or self.is_retried))
+            and (has_ended or not (self.is_unhandled or self.is_retry_due))
         ):
             return TaskState.FAILED
         if self.killed is not None:
@@ -543,16 +544,16 @@ class Task(Message):
         return TaskState.RESOLVED if self.failure else TaskState.ACHIEVED
 
     def _running_state(self) -> TaskState:
-        times, runs = self.times, self.handlings
-        handling = runs and runs[-1].end is None
-        if self.suspensions and self.suspension and not handling:
+        times = self.times
+        is_handled = self.handlings and self.handlings[-1].end is None
+        if self.suspensions and self.suspension and not is_handled:
             return TaskState.SUSPENDED
         if self.queueings and self.queueings[-1].end is None:
             return TaskState.QUEUED
         if times[_START_HANDLING] == inf:
             return TaskState.HELD
         is_achieving = times[_START_ACHIEVING] < inf
-        if handling:
+        if is_handled:
             return TaskState.HANDLING if is_achieving else TaskState.PLANNING
         if is_achieving:
             return TaskState.ACHIEVING

@@ -1,6 +1,7 @@
 """Find the segments of one run in a folder, which may contain several runs, copies, and gaps."""
 
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 
 import msgspec
@@ -13,8 +14,8 @@ from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader
 
 _MOST_NAMED = 3
 """The number of files that a remark names."""
-_INPUTS = ".tcai"
-_STATE_FILES = (".draft", ".tcas", f"{_INPUTS}-aside", _INPUTS)
+INPUT_SUFFIX = ".tcai"
+_STATE_FILES = (".draft", ".tcas", f"{INPUT_SUFFIX}-aside", INPUT_SUFFIX)
 """Unfinished and finished images of central's state, and its inputs; numbered apart from segments.
 """
 _ASIDE = f"{SEGMENT_SUFFIX}-aside"
@@ -78,7 +79,7 @@ class Folder:
         inputs = [
             (_number_in(path), epoch)
             for path in paths
-            if path.suffix == _INPUTS
+            if path.suffix == INPUT_SUFFIX
             if (epoch := _epoch_of(path))
         ]
         order = (*_STATE_FILES, _ASIDE, SEGMENT_SUFFIX)
@@ -102,25 +103,24 @@ class Folder:
         return 1 + epochs.index(epoch)
 
     def _in_order(self) -> list[Opened]:
+        """Return the first fact of each run, oldest run first."""
         first: dict[str, Opened] = {}
         for opening in sorted(self._openings.values(), key=lambda one: one.segment):
             first.setdefault(opening.epoch, opening)
-        before: dict[str, float] = {}
+        before: dict[str, float] = {}  # by run: the last file number of earlier runs
         for path, one in self._openings.items():
-            before[one.epoch] = min(
-                before.get(one.epoch, float("inf")), _number_in(path) - one.segment
-            )
-        has_numbers = all(number < float("inf") for number in before.values())
-        return sorted(
-            first.values(), key=lambda one: (before[one.epoch] if has_numbers else 0.0, one.began)
-        )
+            earlier = _number_in(path) - one.segment
+            before[one.epoch] = min(before.get(one.epoch, inf), earlier)
+        if inf in before.values():  # a file without a number
+            return sorted(first.values(), key=lambda one: one.began)
+        return sorted(first.values(), key=lambda one: (before[one.epoch], one.began))
 
     def _numbered_before(self) -> int:
         """Return the last segment number of earlier runs: central continues with the next one."""
-        mine = [
+        own = [
             (path, one.segment) for path, one in self._openings.items() if one.epoch == self.epoch
         ]
-        numbered = [(int(path.stem), number) for path, number in mine if path.stem.isdecimal()]
+        numbered = [(int(path.stem), number) for path, number in own if path.stem.isdecimal()]
         return max(0, min((in_name - number for in_name, number in numbered), default=0))
 
     @property
@@ -158,7 +158,7 @@ class Folder:
             for path in self.segments()
         }
         remarks, first = [], 1
-        for number in sorted(int(one) for one in numbers if one < float("inf")):
+        for number in sorted(int(one) for one in numbers if one < inf):
             if number > first:
                 which = (
                     f"segment {first} is"
@@ -203,7 +203,7 @@ def _opening(path: Path) -> Opened | None:
 
 
 def _epoch_of(inputs: Path) -> str:
-    """Return the epoch in the first record of a file of inputs; "" if it has none."""
+    """Return the epoch in the first frame of a file of inputs; "" if it has none."""
     with (
         suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError, LookupError, TypeError),
         inputs.open("rb") as file,
@@ -225,7 +225,7 @@ def _nearest(known: list[tuple[float, str]], path: Path) -> str:
 
 def _number_in(path: Path) -> float:
     """Return the number in a file's name; inf if it has none, so it is sorted last."""
-    return int(path.stem) if path.stem.isdecimal() else float("inf")
+    return int(path.stem) if path.stem.isdecimal() else inf
 
 
 def _names(paths: list[Path]) -> str:

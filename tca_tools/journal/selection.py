@@ -136,7 +136,7 @@ def part_of(
         number
         for number in at.tasks
         if (under is None or number in under)
-        and (not wanted or _is_of(run.tasks[number], wanted))
+        and (not wanted or _is_handled_by(run.tasks[number], wanted))
         and run.tasks[number].received <= until
         and run.tasks[number].time_of(Moment.END_ACHIEVING) >= begin
     }
@@ -158,7 +158,7 @@ def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
 
 
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
-    """Return the tasks, the messages that their handlers sent, and those sent by their handlers."""
+    """Return the tasks, the messages that their handlers sent, those that these sent, and so on."""
     found = set(tasks)
     for number, message in run.messages.items():  # a sender is older than its messages
         if (
@@ -169,16 +169,16 @@ def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
     return found
 
 
-def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
+def waited_for(run: Run, task: TaskId, own: set[int]) -> set[int]:
     """Return the messages for which messages in a task's subtree waited, directly or for resources.
 
     Args:
         run: The run.
         task: The root of the subtree.
-        of: The messages in the subtree.
+        own: The messages in the subtree.
     """
     found: set[int] = set()
-    for number in of:
+    for number in own:
         message = run.messages[number]
         for wait in (wait for handling in message.handlings for wait in handling.waits):
             found.add(wait.awaited)
@@ -192,7 +192,7 @@ def waited_for(run: Run, task: TaskId, of: set[int]) -> set[int]:
     found |= subtree(
         run, (TaskId(number) for number in found if number in run.tasks and number not in above)
     )
-    return {number for number in found if number not in of and number in run.messages}
+    return {number for number in found if number not in own and number in run.messages}
 
 
 def lineage(run: Run, task: TaskId) -> list[TaskId]:
@@ -205,7 +205,7 @@ def lineage(run: Run, task: TaskId) -> list[TaskId]:
 
 def _holders(run: Run, module: str, resource: str, wait: Queueing | HandlerWait) -> set[int]:
     """Return the messages that held a resource during a wait: handled there, or with a lock."""
-    grants, runs = run.granted(module, resource), run.runs.get((module, resource), [])
+    grants, runs = run.granted(module, resource), run.by_resource.get((module, resource), [])
     granted = islice(grants, bisect_left(grants, wait.until, key=_GRANTED))
     begun = islice(runs, bisect_left(runs, wait.until, key=_START))
     return {one.message_id for one in begun if one.until > wait.start} | {
@@ -213,7 +213,7 @@ def _holders(run: Run, module: str, resource: str, wait: Queueing | HandlerWait)
     }
 
 
-def _is_of(message: Message, modules: set[str]) -> bool:
+def _is_handled_by(message: Message, modules: set[str]) -> bool:
     handled = any(handling.module in modules for handling in message.handlings)
     return handled or any(queueing.module in modules for queueing in message.queueings)
 
@@ -222,7 +222,7 @@ def _time_at(run: Run, clock: float | None, default: float) -> float:
     """Return the time of the last entry until *clock*, or *clock* if that is later."""
     if clock is None:
         return default
-    place = run.place(clock)
+    place = run.entries_until(clock)
     return max(run.times[place - 1], clock) if place else clock
 
 

@@ -32,20 +32,20 @@ UNKNOWN = "?"
 
 
 class Reactions:
-    """The records of failures, wiretaps, monitors and deadlines that are not part of tasks."""
+    """The records of failures, wiretaps, monitors and deadlines, apart from those in tasks."""
 
     def __init__(self) -> None:
         self.taps: dict[int, facts.TapAdded] = {}
         self.attached: dict[int, facts.Attached] = {}
         self.reissued: dict[int, float] = {}
-        """The exception handlers that passed their failure on, with the times."""
+        """By exception handler that passed its failure on: the time."""
         self.left_open: dict[int, float] = {}
-        """The exception handlers that returned without a decision, with the times."""
+        """By exception handler that returned without a decision: the time."""
         self.unhandled: dict[int, list[float]] = {}
         """For each task, the times of its failures that were not handled."""
         self.exhausted: dict[int, list[Exhausted]] = {}
-        """For each task with such a failure, the exception handlers that had no calls left."""
-        self.ahead: dict[int, list[PlannedEvent]] = {}
+        """For each such task, the exception handlers that had no calls left."""
+        self.plans: dict[int, list[PlannedEvent]] = {}
         """For each task, its planned kills and deadlines."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
         """For each monitor, the times of its tests and whether the condition held."""
@@ -102,10 +102,10 @@ class Run(Reactions):
         self.grants: dict[tuple[str, str], list[Claim]] = {}
         """The granted locks and reservations in their order, by the module's own name and resource.
         """
-        self.wanted: dict[tuple[str, str], list[Claim]] = {}
+        self.requested: dict[tuple[str, str], list[Claim]] = {}
         """All requested locks and reservations in their order, by the same keys."""
-        self.runs: dict[tuple[str, str], list[Handling]] = {}
-        """The handlings of deliveries by module and resource, in the order of their starts."""
+        self.by_resource: dict[tuple[str, str], list[Handling]] = {}
+        """By module and resource: the handlings of deliveries, in the order of their starts."""
         self.offers: dict[str, list[Offer]] = {}
         """For each message, the modules' offers to handle it, oldest first."""
         self.formats: dict[str, facts.FormatDefined] = {}
@@ -134,9 +134,9 @@ class Run(Reactions):
         """Return the tasks of a list, sorted oldest first, that had been sent at *time*."""
         if time >= self.time:
             return children
-        return children[: bisect_right(children, time, key=self.sent)]
+        return children[: bisect_right(children, time, key=self.sent_at)]
 
-    def sent(self, task: int) -> float:
+    def sent_at(self, task: int) -> float:
         """Return when a task was sent; -inf if it is unknown, so sent before the journal began."""
         return self.tasks[task].received if task in self.tasks else -inf
 
@@ -144,9 +144,9 @@ class Run(Reactions):
         """Return the granted locks and reservations of a resource, in all copies of its module."""
         return self.grants.get((called(module), resource), [])
 
-    def asked_for(self, module: str, resource: str) -> list[Claim]:
+    def requested_claims(self, module: str, resource: str) -> list[Claim]:
         """Return the requested locks and reservations of a resource, in all module copies."""
-        return self.wanted.get((called(module), resource), [])
+        return self.requested.get((called(module), resource), [])
 
     def deadlock(self, wait: HandlerWait) -> Failure:
         """Return the deadlock that ended a wait; an empty failure if none did."""
@@ -168,6 +168,6 @@ class Run(Reactions):
         """Return the message of a delivery."""
         return self.messages.get(self.message_of.get(delivery, delivery))
 
-    def place(self, clock: float) -> int:
+    def entries_until(self, clock: float) -> int:
         """Return the number of entries up to *clock*."""
         return bisect_right(self.clock, clock)

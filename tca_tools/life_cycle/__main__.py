@@ -24,8 +24,7 @@ def lifecycle(what: str, log_path: Path | None, output: Path | None, *, force: b
     """Show the life cycle of tasks: as a table, or with -o as a diagram.
 
     WHAT is "general" (the default of goals and commands), "basic", a Python file that declares life
-    cycles or messages, or the name of a goal or command of a run. LOG is that run's journal;
-    without it, the newest run is used.
+    cycles or messages, or the name of a goal or command in LOG.
     """
     check_output(output, KINDS, force=force)
     found = find_life_cycles(what, log_path)

@@ -68,11 +68,9 @@ def send(
         _ask(client, message, data, timeout, None, in_json=in_json)
         return
     if isinstance(message, Variable | ExceptionHandler):
-        how = (
-            "set it with 'tca set'"
-            if isinstance(message, Variable)
-            else "raise its failure with 'tca raise'"
-        )
+        how = "raise its failure with 'tca raise'"
+        if isinstance(message, Variable):
+            how = "set it with 'tca set'"
         raise click.UsageError(f"{message.title} is not sent: {how}")
     if (wait or timeout is not None) and not isinstance(message, Goal | Command):
         raise click.UsageError(
@@ -84,8 +82,8 @@ def send(
     elif isinstance(message, Broadcast):
         client.broadcast(message, value, wait=0)
     else:
-        made: SentTask[Any] = client.execute(message, value)
-        _follow(made, timeout, wait=wait or timeout is not None, in_json=in_json)
+        sent: SentTask[Any] = client.execute(message, value)
+        _follow(sent, timeout, wait=wait or timeout is not None, in_json=in_json)
 
 
 @live_command("query", epilog=HOW)
@@ -235,12 +233,9 @@ def _checked_data(client: Client, message: Message[Any, Any], words: tuple[str, 
     value = read_data(message, words)
     message.encode_data(value)
     if not any(handler.capacity for handler in client.handlers(message)):
-        fate = (
-            "it reaches no module"
-            if isinstance(message, Broadcast | MultiQuery)
-            else "it waits for one"
-        )
-        click.echo(f"{printable(message.title)} has no handler now: {fate}", err=True)
+        is_lost = isinstance(message, Broadcast | MultiQuery)
+        effect = "it reaches no module" if is_lost else "it waits for one"
+        click.echo(f"{printable(message.title)} has no handler now: {effect}", err=True)
     return value
 
 

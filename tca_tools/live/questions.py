@@ -37,7 +37,7 @@ They are: messages, handlers and modules that wait; suspended, killed and held t
 Rows = list[list[str]]
 
 
-def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
+def _status_command(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], click.Command]:
     """Make a command of a function that returns an answer as data and as text."""
 
     def command_of(answer: Callable[[Client], tuple[Any, str]]) -> click.Command:
@@ -53,13 +53,12 @@ def _question(name: str) -> Callable[[Callable[[Client], tuple[Any, str]]], clic
     return command_of
 
 
-@_question("status")
+@_status_command("status")
 def status(client: Client) -> tuple[Any, str]:
     """Show the state of central, and what waits for what."""
     overview, load = client.status("status"), client.status("load")
-    overview |= {
-        what: overview[what] - 1 for what in ("modules", "connections")
-    }  # this command is not counted
+    for what in ("modules", "connections"):
+        overview[what] -= 1  # this command is not counted
     waiting = _waiting(load)
     awaited, needs_resume = overview.get("awaited"), overview.get("to be told")
     shown = [
@@ -74,24 +73,15 @@ def status(client: Client) -> tuple[Any, str]:
         *textwrap.wrap(", ".join(shown), 100),
     ]
     if awaited is not None:
-        waits = (
-            f"waits for {printable(listed(awaited))} to come back"
-            if awaited
-            else "waits for a resume"
-        )
+        event = f"{printable(listed(awaited))} to come back" if awaited else "a resume"
         more = "; 'tca resume' starts them" if needs_resume or awaited else ""
-        parts.append(f"central was restarted, and starts no tasks yet: it {waits}{more}")
-    lost = sorted(
-        (one for one in load["messages"] if one["dropped"]), key=lambda one: -int(one["dropped"])
-    )
-    if lost:
-        dropped = listed([f"{one['dropped']:,} of {one['message']}" for one in lost])
-        parts.append(f"dropped: {printable(dropped)}")
+        parts.append(f"central was restarted, and starts no tasks yet: it waits for {event}{more}")
+    lost = sorted(load["messages"], key=lambda one: -int(one["dropped"]))
+    if dropped := [f"{one['dropped']:,} of {one['message']}" for one in lost if one["dropped"]]:
+        parts.append(f"dropped: {printable(listed(dropped))}")
     if waiting:
-        parts += [
-            "",
-            _table(["waiting", "for"], [[one["what"], one["for"]] for one in waiting[:_SHOWN]]),
-        ]
+        rows = [[one["what"], one["for"]] for one in waiting[:_SHOWN]]
+        parts += ["", _table("waiting, for", rows)]
         listed_of = Counter(one["state"] for one in waiting)
         totals = (max(load["totals"].get(state, 0), listed_of[state]) for state in _STATES)
         left = sum(totals) - _SHOWN
@@ -123,16 +113,15 @@ def _is_cut(load: dict[str, Any]) -> bool:
 def _ends(load: dict[str, Any]) -> list[str]:
     """Count the held tasks by their final wait, and say how many tasks central searched."""
     ends = msgspec.convert(load["ends"], list[CommonEnd])
-    at_least = "at least " * (
-        _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
-    )
+    is_part = _is_cut(load) or sum(end.tasks for end in ends) < load["totals"]["held"]
     lines = []
     for end in ends:
-        waiters = f"{at_least}{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
-        lines.append(f"{waiters} in the end {in_words(end.wait, load['time'])}")
-    return lines + [
-        f"only the {load['looked_at']:,} oldest tasks were searched for held ones"
-    ] * _is_cut(load)
+        waiters = f"{counted(end.tasks, 'held task')} wait{'s' * (end.tasks == 1)}"
+        wait = in_words(end.wait, load["time"])
+        lines.append(f"{'at least ' * is_part}{waiters} in the end {wait}")
+    if _is_cut(load):
+        lines.append(f"only the {load['looked_at']:,} oldest tasks were searched for held ones")
+    return lines
 
 
 def _why(waiter: Waiter, now: float, *, shows_end: bool) -> str:
@@ -148,7 +137,7 @@ def _why(waiter: Waiter, now: float, *, shows_end: bool) -> str:
     return f"{why}: 'tca resume {suspended}'" if suspended else why
 
 
-@_question("modules")
+@_status_command("modules")
 def modules(client: Client) -> tuple[Any, str]:
     """List the connected modules with their resources and messages."""
     known = [module for module in client.status("modules") if module["module"] != client.name]
@@ -158,12 +147,12 @@ def modules(client: Client) -> tuple[Any, str]:
         for resource in module["resources"] or [None]:
             rows.append([*first[:2], *_about_resource(resource), first[2]])
             first = ["", "", ""]
-    heads = ["module", "process", "resource", "capacity", "handling", "waiting", "handles"]
+    heads = "module, process, resource, capacity, handling, waiting, handles"
     return known, _table(heads, rows) or "no modules are connected"
 
 
 def _about_resource(resource: dict[str, Any] | None) -> list[str]:
-    """Return the cells of a resource: name, capacity, message ids with its holder, queue length."""
+    """Return the cells of a resource: name, capacity, handled ids and its holder, queue length."""
     if resource is None:
         return ["-", "", "", ""]
     parts = [", ".join(map(str, resource["handling"]))]
@@ -181,7 +170,7 @@ def _about_resource(resource: dict[str, Any] | None) -> list[str]:
     ]
 
 
-@_question("messages")
+@_status_command("messages")
 def messages(client: Client) -> tuple[Any, str]:
     """List the declared messages and their handlers."""
     known = sorted(client.status("messages"), key=lambda message: str(message["message"]))
@@ -193,12 +182,11 @@ def messages(client: Client) -> tuple[Any, str]:
         rows.append(
             [message["message"], message["class"], _names(handlers), str(message["waiting"] or "")]
         )
-    return known, _table(
-        ["message", "class", "handled by", "waiting"], rows
-    ) or "no messages have been declared"
+    table = _table("message, class, handled by, waiting", rows)
+    return known, table or "no messages have been declared"
 
 
-@_question("variables")
+@_status_command("variables")
 def variables(client: Client) -> tuple[Any, str]:
     """List the shared variables with their values.
 
@@ -212,12 +200,11 @@ def variables(client: Client) -> tuple[Any, str]:
         rows.append(
             [variable["variable"], _shown_value(variable), variable["set_by"] or "-", watched_by]
         )
-    return known, _table(
-        ["variable", "value", "set by", "watched by"], rows
-    ) or "no variables have been declared"
+    table = _table("variable, value, set by, watched by", rows)
+    return known, table or "no variables have been declared"
 
 
-@_question("attached")
+@_status_command("attached")
 def attached(client: Client) -> tuple[Any, str]:
     """List the exception handlers, wiretaps and monitors in force.
 
@@ -256,19 +243,10 @@ def attached(client: Client) -> tuple[Any, str]:
     cut = attached_in_all(known)
     texts = [
         _table(
-            [
-                "number",
-                "failure",
-                "of",
-                "exception handler",
-                "at most",
-                "attached by",
-                "handled by",
-            ],
-            handlers,
+            "number, failure, of, exception handler, at most, attached by, handled by", handlers
         ),
-        _table(["number", "wiretap", "of", "listener", "tapped by", "handled by"], taps),
-        _table(["number", "monitor", "under", "sent by"], monitors),
+        _table("number, wiretap, of, listener, tapped by, handled by", taps),
+        _table("number, monitor, under, sent by", monitors),
         cut and f"only the first are listed: there are {cut}",
     ]
     return known, "\n\n".join(filter(None, texts)) or "no exception handlers, wiretaps or monitors"
@@ -315,15 +293,11 @@ def _shown_value(variable: dict[str, Any]) -> str:
     if not variable["bytes"]:
         return "(never set)"
     text = json.dumps(variable["value"], ensure_ascii=False)
-    return (
-        f"({variable['bytes']} bytes)"
-        if len(text) > _LONGEST_VALUE or variable["value"] is None
-        else text
-    )
+    is_shown = variable["value"] is not None and len(text) <= _LONGEST_VALUE
+    return text if is_shown else f"({variable['bytes']} bytes)"
 
 
-def _table(heads: list[str], rows: Rows) -> str:
-    """Return the rows as text below their heads; "" without rows."""
-    return (
-        "\n".join(table_lines([[*map(printable, row)] for row in [heads, *rows]])) if rows else ""
-    )
+def _table(heads: str, rows: Rows) -> str:
+    """Return the rows as text below their heads, which commas separate; "" without rows."""
+    cells = [[*map(printable, row)] for row in [heads.split(", "), *rows]]
+    return "\n".join(table_lines(cells)) if rows else ""

@@ -74,9 +74,8 @@ def update(
         found.update(goal, timeout=timeout, message=message)
     elif not found.take(name, goal, message=message):
         raise too_late(found, "given a new goal")
-    click.echo(
-        printable(f"{found}: " + ("the new goal is asked for" if no_wait else "has the new goal"))
-    )
+    result = "the new goal is asked for" if no_wait else "has the new goal"
+    click.echo(printable(f"{found}: {result}"))
 
 
 def _with_present(task: TaskRef, message: TaskMessage[Any, Any], goal: Any) -> Any:
@@ -128,35 +127,20 @@ def _changes(
 
 
 def _row(change: Change) -> dict[str, Any]:
-    names = (
-        "message",
-        "serial",
-        "state",
-        "transition",
-        "by",
-        "module",
-        "text",
-        "data",
-        "is_late",
-        "is_over",
-        "missed",
-    )
-    fields = {name: getattr(change, name) for name in names}
+    names = "message serial state transition by module text data is_late is_over missed"
+    fields = {name: getattr(change, name) for name in names.split()}
     return {"time": datetime.now().astimezone().isoformat(), "task": int(change.task.id), **fields}
 
 
 def _line(change: Change) -> str:
     """``12:05:01.250  grasp {7}  running  result available by arm: {"force": 1}``."""
-    said = (
-        state_change(change.transition, "", change.module, change.text) if change.transition else ""
-    )
+    said = ""
     if change.is_late:
         said = "so far" + (f": {change.text}" if change.text else "")
+    elif change.transition:
+        said = state_change(change.transition, "", change.module, change.text)
     data = "" if change.data is None else as_text(change.data)
     missed = f"({counted(change.missed, 'change')} missed)" if change.missed else ""
-    told = "  ".join(filter(None, (str(change.task), change.state or "ended", missed, said)))
-    return printable(
-        f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3]
-        + f"  {told}"
-        + (f": {data}" if data else "")
-    )
+    columns = "  ".join(filter(None, (str(change.task), change.state or "ended", missed, said)))
+    clock = f"{datetime.now().astimezone():%H:%M:%S.%f}"[:-3]
+    return printable(f"{clock}  {columns}" + (f": {data}" if data else ""))

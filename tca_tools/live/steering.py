@@ -79,12 +79,11 @@ def retry(task: TaskRef) -> str:
     if not task.retry():
         raise too_late(task, "handled again")
     module = info.module if info is not None else ""
-    return f"{task}: to be handled again" + f" when its handler in {module} has returned" * bool(
-        module
-    )
+    when = f" when its handler in {module} has returned" if module else ""
+    return f"{task}: to be handled again{when}"
 
 
-_STEERS: dict[str, Callable[[Client, TaskRef, str], str]] = {
+_REQUESTS: dict[str, Callable[[Client, TaskRef, str], str]] = {
     "cancel": cancel,
     "kill": lambda _, task, why: kill(task, why),
     "suspend": lambda _, task, _why: suspend(task),
@@ -109,8 +108,8 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
     Raises:
         ToolError: it can't be done, or central runs another epoch.
     """
-    if (steers := _STEERS.get(what)) is None:
-        known = listed(list(_STEERS), named=len(_STEERS))
+    if (request := _REQUESTS.get(what)) is None:
+        known = listed(list(_REQUESTS), named=len(_REQUESTS))
         raise ToolError(f"'{what}' can't be done to a task: choose one of {known}")
     with talking("view", central) as client:
         if client.status()["epoch"] != epoch:
@@ -118,7 +117,7 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
                 f"central at {client.address} has another run than the one shown:"
                 " give its address as --central"
             )
-        return steers(client, find_task(client, str(task)), why)
+        return request(client, find_task(client, str(task)), why)
 
 
 def too_late(task: TaskRef, what: str) -> ToolError:
@@ -129,7 +128,7 @@ def too_late(task: TaskRef, what: str) -> ToolError:
 
 
 def find_task(client: Client, named: str) -> TaskRef:
-    """Return the living task of that number or message name.
+    """Return the living task with a number or a message name.
 
     Raises ToolError if no task or several tasks match.
     """
@@ -141,16 +140,16 @@ def find_task(client: Client, named: str) -> TaskRef:
         )
     found = client.tasks(named)
     if not found:
-        raise ToolError(f"no living task is called '{named}': {_living(client)}")
+        raise ToolError(f"no living task is called '{named}': {_listed(client)}")
     if len(found) > 1:
-        numbers = listed([str(handle.id) for handle in found], named=_SHOWN)
+        numbers = listed([str(task.id) for task in found], named=_SHOWN)
         raise ToolError(
             f"{len(found)} living tasks are called '{named}': give the number of one, {numbers}"
         )
     return found[0]
 
 
-def _living(client: Client) -> str:
+def _listed(client: Client) -> str:
     """List the living tasks. Name central: the newest journal may belong to another one."""
     tasks = client.tasks()
     if not tasks:
@@ -161,16 +160,16 @@ def _living(client: Client) -> str:
 def _task_of_number(client: Client, number: int) -> TaskRef:
     if number == ROOT:
         raise ToolError(
-            f"task 0 is the root, which never ends: give the number of a task; {_living(client)}"
+            f"task 0 is the root, which never ends: give the number of a task; {_listed(client)}"
         )
     try:
-        handle = client.task(number)
+        task = client.task(number)
     except Refused as refused:
-        raise ToolError(f"{refused.text}: {_living(client)}") from None
-    info = handle.info() if handle is not None else None
-    if handle is None or info is None or info.outcome:
+        raise ToolError(f"{refused.text}: {_listed(client)}") from None
+    info = task.info() if task is not None else None
+    if task is None or info is None or info.outcome:
         raise ToolError(
             f"task {number} has ended: 'tca tree' shows how,"
             f" given the journal of {client.address} as LOG"
         )
-    return handle
+    return task

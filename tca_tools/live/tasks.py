@@ -77,9 +77,8 @@ def resume(client: Client, task: str | None) -> None:
     if task is not None:
         click.echo(steering.resume(find_task(client, task)))
     else:
-        click.echo(
-            "tasks start again" if client.go_on() else "central already starts tasks: nothing to do"
-        )
+        is_new = client.go_on()
+        click.echo("tasks start again" if is_new else "central already starts tasks: nothing to do")
 
 
 @live_command("retry")
@@ -106,10 +105,10 @@ def raise_failure(client: Client, task: str, failure: str, text: str, data: str 
     exception handler is called; without one the top-level task ends. FAILURE is any name; TEXT
     describes the failure to users.
     """
-    handle = find_task(client, task)
-    if not handle.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
-        raise too_late(handle, "failed")
-    click.echo(f"{printable(str(handle))}: failure '{failure}' was raised")
+    found = find_task(client, task)
+    if not found.fail(Failure(failure, _ANYTHING)(Bare(data) if data is not None else None, text)):
+        raise too_late(found, "failed")
+    click.echo(f"{printable(str(found))}: failure '{failure}' was raised")
 
 
 @live_command("unlock")
@@ -123,9 +122,8 @@ def unlock(client: Client, resource: str, module: str | None) -> None:
     Its holder may still rely on it: check 'tca modules' first.
     """
     was_held = client.unlock(resource, module)
-    click.echo(
-        f"resource '{printable(resource)}': " + ("free again" if was_held else "it had no holder")
-    )
+    result = "free again" if was_held else "it had no holder"
+    click.echo(f"resource '{printable(resource)}': {result}")
 
 
 @live_command("detach")
@@ -191,17 +189,14 @@ def _find_attached(client: Client, what: str) -> _Attached:
     if cut and number is not None:  # central may not have listed it
         return _Attached(number, "", f"number {number}")
     if found:
-        msg = f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
-    else:
-        why = (
-            f"nothing called '{what}' is attached"
-            if number is None
-            else _not_attached(client, number)
+        raise ToolError(
+            f"{len(found)} of that name are attached: give the number of one, {_listed(found)}"
         )
-        msg = f"{why}; " + (
-            f"attached are {_listed(there)}" if there else "there are no attachments"
-        )
-    raise ToolError(msg)
+    why = f"nothing called '{what}' is attached"
+    if number is not None:
+        why = _not_attached(client, number)
+    others = f"attached are {_listed(there)}" if there else "there are no attachments"
+    raise ToolError(f"{why}; {others}")
 
 
 def _all_attached(known: dict[str, Any]) -> list[_Attached]:

@@ -178,14 +178,11 @@ def _resource(
     if before.get("delivered", 0) > now["delivered"]:
         before = {}  # a restarted module counts from 0 again
     handling = now["handling"]
-    what = listed([_called(one) for one in handling])
+    what = listed([_task_in_words(one) for one in handling])
     busy = (now["busy"] - before.get("busy", 0.0)) / (span * max(now["capacity"], 1))
     rate = (now["delivered"] - before.get("delivered", 0)) / span
-    held = (
-        f"{'reserved' if now['is_reserved'] else 'locked'} by {now['held_by']}"
-        if now["held_by"]
-        else ""
-    )
+    held = "reserved" if now["is_reserved"] else "locked"
+    held = f"{held} by {now['held_by']}" if now["held_by"] else ""
     seconds = max((one["seconds"] for one in handling), default=0.0)
     return ResourceLine(
         module,
@@ -202,7 +199,7 @@ def _resource(
     )
 
 
-def _called(handled: dict[str, Any]) -> str:
+def _task_in_words(handled: dict[str, Any]) -> str:
     """``grasp {7} (cancel requested)``."""
     state = handled.get("state")
     return numbered(handled["message"], handled["id"]) + (f" ({state})" if state else "")

@@ -21,10 +21,10 @@ _HEAD, _TABLE = 2, 3
 """Lines of the heading, and of a table without its rows."""
 _LONG = 5.0
 """Seconds after which a wait is shown in red."""
-_SPARED = ("messages",), ("messages", "held"), ("messages", "held", "resources")
+_LEFT_OUT = ("messages",), ("messages", "held"), ("messages", "held", "resources")
 _TRIES: Sequence[tuple[int, tuple[str, ...]]] = (
     (4, ()),
-    *((rows, out) for out in _SPARED for rows in (4, 3, 2)),
+    *((rows, out) for out in _LEFT_OUT for rows in (4, 3, 2)),
 )
 """The layouts to try, from the largest: rows that each table gets at least, tables to leave out.
 
@@ -211,15 +211,12 @@ def _resource_cells(line: ResourceLine, is_wide: bool) -> list[Text | str]:
     full = round(line.busy * _BAR)
     bar = (("█" * full, "green"), ("░" * (_BAR - full) + " ", "dim")) if is_wide else ()
     busy = Text.assemble(*bar, (f"{line.busy:4.0%}", "" if is_wide or not full else "green"))
-    waiting = (
-        Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest))
-        if line.waiting
-        else Text()
-    )
+    waiting = Text()
+    if line.waiting:
+        waiting = Text.assemble((f"{line.waiting}, ", "yellow"), _wait(line.oldest))
     held = f"{printable(line.held)}  " * bool(line.held)
-    blocked = (
-        f"{line.blocked if line.capacity > 1 else ''} blocked: ".lstrip() if line.blocked else ""
-    )
+    number = f"{line.blocked} " * (line.capacity > 1)
+    blocked = f"{number}blocked: " * bool(line.blocked)
     handling = printable(f"{line.handling}  {_time(line.seconds)}") if line.handling else ""
     slots = f" x{line.capacity}" * (line.capacity > 1)
     return [

@@ -64,10 +64,7 @@ def show(
     task: str | None,
     kinds: tuple[str, ...],
 ) -> None:
-    """Show a journal, one line a fact.
-
-    LOG is a journal directory or one of its segments; without it, the newest run is shown.
-    """
+    """Show a journal, one line a fact."""
     if classic and (as_json or kinds or task is not None):
         raise click.UsageError(
             "--classic shows messages, not facts: leave out --json, --kind and --task"
@@ -77,16 +74,15 @@ def show(
         journal.print_remarks()
     entries: Iterable[Entry] = journal.follow() if follow else journal
     about = _About(task) if task is not None else None
+
+    def is_wanted(fact: Fact) -> bool:
+        is_match = about is None or about.matches(fact)  # called with every fact
+        return is_match and (not kinds or kind_of(fact) in kinds)
+
     if classic:
         lines = classic_lines(entries)
     else:
-        render = _json_lines if as_json else _text_lines
-        lines = render(
-            entries,
-            lambda fact: (
-                (about is None or about.matches(fact)) and (not kinds or kind_of(fact) in kinds)
-            ),
-        )
+        lines = (_json_lines if as_json else _text_lines)(entries, is_wanted)
     while chunk := list(islice(lines, 1 if follow else _LINES_AT_ONCE)):
         click.echo("\n".join(chunk))
     journal.check()
@@ -108,13 +104,9 @@ def runs(folder: Path | None) -> None:
     found = [run for one in folders if one.is_dir() for run in runs_in(one)]
     width = max((columns_of(name) for name, _, _ in found), default=0)
     for name, opened, log in found:
-        segments, live = (
-            counted(len(log.segments()), "segment"),
-            ", continues" * log.is_being_written,
-        )
-        click.echo(
-            f"{padded(printable(name), width)}  started {_date(opened.began)}, {segments}{live}"
-        )
+        start = f"{padded(printable(name), width)}  started {_date(opened.began)}"
+        live = ", continues" * log.is_being_written
+        click.echo(f"{start}, {counted(len(log.segments()), 'segment')}{live}")
 
 
 @log.command()
@@ -199,16 +191,11 @@ def _text_lines(entries: Iterable[Entry], is_wanted: Callable[[Fact], bool]) -> 
 
 def _text_line(time: float, fact: Fact, words: str, cause: str, width: int | None) -> str:
     kind, data = kind_of(fact), data_text(getattr(fact, "body", b""))
-    start = f"{time:10.3f}  "
-    rest = (
-        f"{kind:{_KIND_WIDTH}}  {printable(words)}"
-        + (f"  {data}" if data else "")
-        + printable(cause)
-    )
+    start, rest = f"{time:10.3f}  ", f"{kind:{_KIND_WIDTH}}  {printable(words)}"
+    rest += f"  {data}" * bool(data) + printable(cause)
     rest = cut(rest.rstrip(), None if width is None else width - len(start))
-    return click.style(start, dim=True) + (
-        click.style(rest, fg="red") if kind in BAD_NEWS else rest
-    )
+    rest = click.style(rest, fg="red") if kind in BAD_NEWS else rest
+    return click.style(start, dim=True) + rest
 
 
 class _About:
@@ -245,8 +232,7 @@ class _About:
 
 def _subjects(fact: Fact) -> Iterator[int | None]:
     """Yield the messages that a fact is about, or whose handlers caused it."""
-    yield from (
-        getattr(fact, name, None) for name in ("id", "task", "message_id", "parent", "origin")
-    )
+    for name in ("id", "task", "message_id", "parent", "origin"):
+        yield getattr(fact, name, None)
     for constraint in getattr(fact, "constraints", []):
         yield from (constraint.before.task, constraint.after.task)

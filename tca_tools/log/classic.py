@@ -91,27 +91,19 @@ class _Log:
             case facts.Returned() if fact.outcome is Outcome.DONE:
                 yield from self._returned(fact)
             case facts.Failed():
-                yield self._line(
-                    "  Failure",
-                    fact.id,
-                    f" {fact.failure}" + (f": {fact.text}" if fact.text else ""),
-                )
+                text = f": {fact.text}" if fact.text else ""
+                yield self._line("  Failure", fact.id, f" {fact.failure}{text}")
             case facts.Dropped():
                 name = self.run.name(fact.id) if fact.id in self.run.messages else fact.message
-                yield self._line(
-                    "  Dropped",
-                    fact.id,
-                    f" {fact.why}" + (f": {fact.where}" * bool(fact.where)),
-                    name,
-                )
+                where = f": {fact.where}" if fact.where else ""
+                yield self._line("  Dropped", fact.id, f" {fact.why}{where}", name)
             case facts.Retried():
                 yield self._line("  Retry", fact.task, by_whom(fact.by))
             case facts.Recovered():
                 yield self._line("  Recovered", fact.task)
             case facts.MonitorEnded():
-                yield self._line(
-                    "Monitor", fact.monitor, f"{'':>{2 * _ROUTE_WIDTH + 5}} (Completed)"
-                )
+                blank = " " * (2 * _ROUTE_WIDTH + 5)
+                yield self._line("Monitor", fact.monitor, f"{blank} (Completed)")
 
     def remarks(self, fact: facts.Fact) -> Iterator[str]:
         """Yield the lines without a time."""
@@ -165,12 +157,8 @@ class _Log:
             yield from _data(fact.body)
         else:
             number = message.id if isinstance(message, Task) else fact.id
-            yield self._line(
-                "  Success" if kind.is_task and not kind.is_monitor else "  Done",
-                number,
-                "",
-                message.name,
-            )
+            word = "  Success" if kind.is_task and not kind.is_monitor else "  Done"
+            yield self._line(word, number, "", message.name)
 
     def _is_killed(self, delivery: int) -> bool:
         message = self.run.delivered(delivery)
@@ -183,10 +171,8 @@ class _Log:
         width = _CLASS_WIDTH + _NAME_WIDTH + 2 * _ROUTE_WIDTH + _STATE_WIDTH + 12
         hundredths = int(((self.run.began or 0.0) + self.time) * 100 + 1e-6)
         seconds = hundredths // 100 % 86_400
-        clock = (
-            f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}.{hundredths % 100:02d}"
-        )
-        return f"{line:<{width}} {clock}"
+        clock = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+        return f"{line:<{width}} {clock}.{hundredths % 100:02d}"
 
 
 def _class(message: Message) -> str:

@@ -44,9 +44,9 @@ def stored_runs(folder: Path) -> list[StoredRun]:
         else by_number(one for one in listed(folder) if _is_journal(one))
     )
     numbered = [journal for journal in journals if run_number(journal)]
-    runs = _in_order([run for journal in numbered for run in _runs_in(journal)])
+    runs = _with_ends_in_order([run for journal in numbered for run in _runs_in(journal)])
     for journal in journals[: len(journals) - len(numbered)]:
-        runs += _in_order(list(_runs_in(journal)))
+        runs += _with_ends_in_order(list(_runs_in(journal)))
     runs.sort(key=lambda run: run.ended)
     if not runs:
         raise UnusableLog(f"{folder}: no runs are stored there")
@@ -58,7 +58,7 @@ def stored_runs(folder: Path) -> list[StoredRun]:
     ]
 
 
-def _in_order(runs: list[StoredRun]) -> list[StoredRun]:
+def _with_ends_in_order(runs: list[StoredRun]) -> list[StoredRun]:
     """Return successive runs with their ends corrected to the same order.
 
     If a run seems to end before an earlier one, its clock was not set. It may have ended as late as

@@ -20,6 +20,7 @@ from typing import Any
 import msgspec
 
 from tca_tools.errors import ToolError
+from tca_tools.journal.segments import INPUT_SUFFIX
 from tca_wire.errors import JournalDamaged
 from tca_wire.journal import facts
 from tca_wire.journal.facts import Entry, Fact, Shortened
@@ -27,9 +28,8 @@ from tca_wire.journal.frames import payloads
 from tca_wire.journal.records import SEGMENT_SUFFIX, JournalReader, record
 from tca_wire.points import END_ACHIEVING
 
-INPUT_SUFFIX = ".tcai"
 _CLOCK = 7
-"""The index of central's clock in the first record of a segment of inputs."""
+"""The index of central's clock in the first frame of a segment of inputs."""
 
 _INSTANTANEOUS = (
     facts.HandledDirectly,
@@ -75,7 +75,7 @@ class Lives:
                 case facts.Received() | facts.Queued() | facts.Delivered() | facts.Claimed():
                     self._apply_start(fact)
                 case facts.Reached() if fact.moments & END_ACHIEVING:
-                    self._record_end(fact.task)
+                    self._set_end(fact.task)
                 case facts.WaitEnded() if not fact.task:
                     self.waits[fact.key].insert(-1, self.time)
                 case facts.Kept():
@@ -89,22 +89,22 @@ class Lives:
         self, fact: facts.Received | facts.Queued | facts.Delivered | facts.Claimed
     ) -> None:
         if isinstance(fact, facts.Claimed):
-            self._record_start(fact.id, fact.origin)
+            self._set_start(fact.id, fact.origin)
         elif not isinstance(fact, facts.Received):
-            self._record_start(fact.id, 0 if fact.id == fact.message_id else fact.message_id)
+            self._set_start(fact.id, 0 if fact.id == fact.message_id else fact.message_id)
         else:
-            self._record_start(fact.id, fact.parent, is_task=fact.message_class.is_task)
+            self._set_start(fact.id, fact.parent, is_task=fact.message_class.is_task)
             if fact.message_class.fans_out and not fact.message_class.has_reply:
-                self._record_end(fact.id)  # each copy has its own end
+                self._set_end(fact.id)  # each copy has its own end
 
     def _apply_end(self, number: int) -> None:
         if not self._has(number) or not self._is_task[number]:
-            self._record_end(number)
+            self._set_end(number)
 
     def _has(self, number: int) -> bool:
         return 0 < number < len(self.ended)
 
-    def _record_start(self, number: int, parent: int, *, is_task: bool = False) -> None:
+    def _set_start(self, number: int, parent: int, *, is_task: bool = False) -> None:
         if not 0 < number < 1 << 40:
             return
         missing = number + 1 - len(self.ended)
@@ -117,15 +117,15 @@ class Lives:
         self.parent[number] = parent or self.parent[number]
         self._is_task[number] |= is_task
 
-    def _record_end(self, number: int) -> None:
-        self._record_start(number, 0)
+    def _set_end(self, number: int) -> None:
+        self._set_start(number, 0)
         self.ended[number] = self.time
 
     def last(self) -> array:  # type: ignore[type-arg]  # array[float] is no class at run time
         """Return, by number, when a task and its descendants had ended; infinite if one lives."""
         last = self.ended[:]
         for number in self._retained:
-            self._record_start(number, 0)
+            self._set_start(number, 0)
             last[number] = inf
         for number in range(len(last) - 1, 0, -1):  # descendants have higher numbers
             parent = self.parent[number]
@@ -236,6 +236,7 @@ class EndedTasks:
         return next((self._end(getattr(fact, name)) for name in names if hasattr(fact, name)), inf)
 
     def _end(self, number: int) -> float:
+        """Return when a task or message and its descendants had ended; inf if it is not known."""
         return self._last[number] if 0 < number < len(self._last) else inf
 
 

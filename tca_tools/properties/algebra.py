@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
 from tca_tools.properties.predicates import NamedPredicate, OfMessages, predicate_from
-from tca_tools.properties.world import BadProperty, Found, Predicate, PredicateValues
+from tca_tools.properties.world import BadProperty, Predicate, PredicateValue, PredicateValues
 from tca_wire.vocabulary import LONGEST_TIME
 
 _MICROSECONDS = 1_000_000  # in a second
@@ -20,7 +20,7 @@ class Breach(NamedTuple):
     messages: Collection[Any] = ()
     """The messages that break the property."""
     newest: Collection[Any] = ()
-    """The newest of them, if there are too many."""
+    """The newest of these messages, if there are too many."""
 
 
 Outcome = tuple[int, Breach | None]
@@ -47,7 +47,7 @@ class Property:
         self.is_owed = is_owed or (lambda _memory: False)
         """Returns, from the memory, whether something must still happen."""
         self.case = case
-        """The property holds trivially if this predicate is never true; None if it never does."""
+        """If this predicate is never true, the property holds trivially. None: that can't be."""
         self.is_certain = is_certain
         """Whether a breach is certain even if earlier parts of the journal are missing."""
 
@@ -125,7 +125,7 @@ def at_most(number: int, predicate: str | Predicate) -> Property:
         found = values.true_of(checked)
         if found.number > number and isinstance(checked, OfMessages) and checked.makes_room:
             left = [one for one in found.messages or () if not one.is_over]
-            found = Found(bool(left), left)
+            found = PredicateValue(bool(left), left)
         if found.number <= number:
             return memory, None
         messages = found.messages or ()
@@ -178,16 +178,16 @@ def before(first: str | Predicate, second: str | Predicate) -> Property:
     Raises:
         BadProperty: A predicate is invalid.
     """
-    leader, follower = _checked(first), _checked(second)
+    one, other = _checked(first), _checked(second)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
-        memory = memory or int(values.true_of(leader).is_true)
-        found = Found(is_true=False) if memory else values.true_of(follower)
+        memory = memory or int(values.true_of(one).is_true)
+        found = PredicateValue(is_true=False) if memory else values.true_of(other)
         breach = Breach("the second came first", found.messages or ())
         return memory, breach if found.is_true else None
 
     return Property(
-        f"{words_of(first)} before {words_of(second)}", leader, follower, seen=seen, case=follower
+        f"{words_of(first)} before {words_of(second)}", one, other, seen=seen, case=other
     )
 
 
@@ -230,7 +230,7 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
     is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
     if not (is_number and 0 <= seconds <= LONGEST_TIME):
         raise BadProperty(f"within() needs seconds from 0 to {LONGEST_TIME:g}, not {seconds!r:.60}")
-    leader, follower = _checked(first), _checked(second)
+    one, other = _checked(first), _checked(second)
     most = round(seconds * _MICROSECONDS)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
@@ -239,11 +239,11 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
             memory += round(values.passed * _MICROSECONDS)
         passed = memory - 1
         breach = Breach(f"here {passed / _MICROSECONDS:g} s have passed") if passed > most else None
-        is_asked = values.true_of(leader).is_true
-        return 0 if values.true_of(follower).is_true else memory or int(is_asked), breach
+        is_asked = values.true_of(one).is_true
+        return 0 if values.true_of(other).is_true else memory or int(is_asked), breach
 
     words = f"{words_of(second)} within {seconds:g} s of {words_of(first)}"
-    return Property(words, leader, follower, seen=seen, is_owed=bool, case=leader)
+    return Property(words, one, other, seen=seen, is_owed=bool, case=one)
 
 
 def never_stuck() -> Property:

@@ -35,7 +35,8 @@ class FieldValue:
         self._values = [self.value, *([] if isinstance(self.value, str) else [typed.text])]
         self._field = field
         self._path = field.split(".")
-        self._was_there = False
+        self._has_occurred = False
+        """Whether a message had the field."""
 
     def __str__(self) -> str:
         return f"{self._field}={self.value!r}"
@@ -49,7 +50,7 @@ class FieldValue:
             if not isinstance(data, dict) or part not in data:
                 return False
             data = data[part]
-        self._was_there = True
+        self._has_occurred = True
         return self._is_equal(data)
 
     def _is_equal(self, data: Any) -> bool:
@@ -67,7 +68,7 @@ class FieldValue:
             path = [] if is_whole else self._path
             is_known = knows_field(schema, path)
             # Data that central passes on may have more fields than the receiver declares
-            if not is_known and self._was_there:
+            if not is_known and self._has_occurred:
                 return ""
             wrong = field_misfit(schema, path, self._typed)
             if not wrong:

@@ -18,7 +18,11 @@ _SHAPES = (
     "'never P', 'always P', 'eventually P', 'P before P', 'at most N P', 'at most N P in all' or "
     "'never stuck'"
 )
-_OF_ONE = {"never": algebra.never, "always": algebra.always, "eventually": algebra.eventually}
+_UNARY = {
+    "never": algebra.never,
+    "always": algebra.always,
+    "eventually": algebra.eventually,
+}
 
 
 def property_from(text: str) -> Property:
@@ -45,8 +49,8 @@ def _property(text: str) -> Property:
     first, _, rest = text.partition(" ")
     if text.startswith("at most"):
         return _at_most(text.removeprefix("at most").strip())
-    if first in _OF_ONE and rest:
-        return _OF_ONE[first](predicate_from(rest))
+    if first in _UNARY and rest:
+        return _UNARY[first](predicate_from(rest))
     if " before " in text:
         return _before(text)
     raise BadProperty(f"unknown form: write {_SHAPES}")

@@ -189,26 +189,7 @@ fired = MessageState(
 )
 retried = MessageState("retried", lambda one: one.is_retried, "it was retried with the last event")
 
-STATES = {
-    state.words: state
-    for state in (
-        sent,
-        begun,
-        handled,
-        queued,
-        planned,
-        planned_ahead,
-        being_achieved,
-        achieved,
-        resolved,
-        killed,
-        failed,
-        recovering,
-        suspended,
-        fired,
-        retried,
-    )
-}
+STATES = {state.words: state for state in globals().values() if isinstance(state, MessageState)}
 """The states by name."""
 
 _LONGEST_FIRST = sorted(STATES, key=len, reverse=True)

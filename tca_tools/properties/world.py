@@ -16,7 +16,7 @@ Predicate = Callable[[Any], object]
 """A function of the world that returns the messages for which it is true, or True or False."""
 
 
-class Found(NamedTuple):
+class PredicateValue(NamedTuple):
     """The value of a predicate."""
 
     is_true: bool
@@ -29,7 +29,7 @@ class Found(NamedTuple):
         return int(self.is_true) if self.messages is None else len(self.messages)
 
     @classmethod
-    def of(cls, value: object) -> "Found":
+    def of(cls, value: object) -> "PredicateValue":
         """Convert the value that a predicate returned."""
         if isinstance(value, Iterable) and not isinstance(value, str | bytes):
             messages = value if isinstance(value, Collection) else list(value)
@@ -40,10 +40,10 @@ class Found(NamedTuple):
 class PredicateValues(Protocol):
     """The current values of predicates, for properties; predicates see the world itself."""
 
-    def true_of(self, predicate: Predicate) -> Found:
+    def true_of(self, predicate: Predicate) -> PredicateValue:
         """Return the messages for which a predicate is true."""
 
-    def newly(self, predicate: Predicate) -> Found:
+    def newly(self, predicate: Predicate) -> PredicateValue:
         """Return the messages for which a predicate became true with the last event."""
 
     @property

@@ -43,8 +43,7 @@ def replay(log_path: Path | None, speed: float, at: float | None, text: bool) ->
     page up, down  scroll the task's story
     ?              all keys
 
-    LOG is a journal directory or one of its segments; the default is the newest run. Without a
-    terminal, the growth of the tree is printed, one line for each step.
+    Without a terminal, the growth of the tree is printed, one line for each step.
     """  # noqa: D301 - click interprets the character itself
     journal = open_log(log_path)
     as_text = text or not (sys.stdout.isatty() and sys.stdin.isatty())

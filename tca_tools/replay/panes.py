@@ -190,7 +190,7 @@ class StoryPane(Vertical):
             style = "red" if sentence.is_bad else ""
             if style and has_run_survived(run, run.tasks[number], sentence.time, at.moment):
                 style = _HANDLED
-            words_of = Text(printable_lines(sentence.by(at.moment, at.time)), style)
+            words_of = Text(printable_lines(sentence.text_at(at.moment, at.time)), style)
             table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), words_of)
         log.write(table, expand=True)
 

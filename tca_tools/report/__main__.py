@@ -22,8 +22,6 @@ def report(log_path: Path | None, output: Path, *, force: bool) -> None:
     """Write a report of a run as one HTML file.
 
     It has the outcome, failures, critical path, advice, Gantt chart and task tree of the run.
-
-    LOG is a journal directory or one of its segments; the default is the newest run.
     """
     check_output(output, (".html", ".htm"), force=force)
     with extra("report", "a report"):

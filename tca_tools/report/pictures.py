@@ -80,7 +80,7 @@ def strips(history: History, found: Contents) -> list[Strip]:
     start, length = found.summary.start, found.summary.seconds / _CELLS
     built: list[Strip] = []
     for use in found.uses[:_STRIPS]:
-        handlings, now = history.runs.get(use.key, []), history.time
+        handlings, now = history.by_resource.get(use.key, []), history.time
         if not handlings or length <= 0:
             continue
         spans = ((one.start, now if one.end is None else one.end) for one in handlings)

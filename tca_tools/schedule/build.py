@@ -9,10 +9,10 @@ from functools import partial
 from tca_tools.gantt.chart import MEANINGS, Bar, BarKind, Chart, ResourceRow
 from tca_tools.journal.coordinators import (
     STANDINGS,
-    CoordinatorRecord,
+    CoordinatorTasks,
     SentByCoordinator,
     coordinators,
-    worked,
+    work_span,
 )
 from tca_tools.journal.records import Task
 from tca_tools.journal.whole_run import Run
@@ -32,7 +32,7 @@ LEGEND: dict[str, str] = {
 
 def schedules(run: Run, name: str) -> list[Chart]:
     """Return the schedules of all coordinators of the run *name* that have started a task."""
-    built = [(task, _schedule(run, record)) for task, record in coordinators(run)]
+    built = [(task, _schedule(run, known)) for task, known in coordinators(run)]
     found = [(task, chart) for task, chart in built if chart]
     for task, chart in found:
         chart.title = f"{name}, {task}" if len(found) > 1 else name
@@ -44,9 +44,9 @@ def heading(chart: Chart, longest: float) -> str:
     return f"{chart.title}: {duration(chart.end)}, {percent(chart.end / longest)}"
 
 
-def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
-    sent = record.tasks.values()
-    spans = {task.id: span for task in sent if (span := worked(run, run.tasks[task.id]))}
+def _schedule(run: Run, known: CoordinatorTasks) -> Chart | None:
+    sent = known.tasks.values()
+    spans = {task.id: span for task in sent if (span := work_span(run, run.tasks[task.id]))}
     if not spans:
         return None
     start = min(start for start, _ in spans.values())
@@ -54,12 +54,12 @@ def _schedule(run: Run, record: CoordinatorRecord) -> Chart | None:
     begun = [task for task in sent if task.id in spans]
     boxes = {task.id: _box(run, task, spans[task.id], start) for task in begun}
     rows = []
-    for agent in record.chart.agents:
+    for agent in known.chart.agents:
         # A task of several agents ("base+arm") is in the row of each.
         own = [boxes[task.id] for task in begun if f"+{agent}+" in f"+{task.agent}+"]
         rows.append(ResourceRow(agent, handled=[*own, *_gaps(own, seconds)]))
         rows[-1].lay_out(0.0, seconds)
-    notes = [printable(str(why)) for why in record.late()]
+    notes = [printable(str(why)) for why in known.late_reasons()]
     return Chart(0.0, seconds, rows, [], notes=notes)
 
 

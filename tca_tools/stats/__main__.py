@@ -73,8 +73,6 @@ def stats(
                    ended, counted until the end or now (+: at least)
 
     p50 and p99 are exact: half of the times, or 99 in 100, are no longer.
-
-    LOG is a journal directory or one of its segments; the default is the newest run.
     """  # noqa: D301 - click interprets the character itself
     journal = open_log(log_path)
     run = folded(journal, end)

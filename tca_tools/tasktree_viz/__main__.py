@@ -46,10 +46,7 @@ def tree(
     everything: bool,
     as_ascii: bool,
 ) -> None:
-    """Show the task tree of a run.
-
-    LOG is a journal directory or one of its segments; without it, the newest run is shown.
-    """
+    """Show the task tree of a run."""
     check_output(output, (".txt",) if story else KINDS, force=asked.force)
     journal = open_log(asked.log_path)
     history = folded(journal, asked.at)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from math import inf, nextafter
 from typing import NamedTuple
 
-from tca_tools.explain.deciding import called_for, calls, decider, retried
+from tca_tools.explain.deciding import called_for, calls, decider, retry_in_words
 from tca_tools.explain.graph import Ends
 from tca_tools.explain.story import NOT_HANDLED
-from tca_tools.explain.wait_words import age_of, how, in_the_end, named_waits_now, shown
+from tca_tools.explain.wait_words import age_of, in_the_end, named_waits_now, shown_waits, verb_of
 from tca_tools.explain.waits import killed_at
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import (
@@ -132,7 +132,7 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
     failed = min((time for time, _ in task.failures), default=inf)
     for one in task.retries:
         if one[0] >= failed:
-            yield Link(one[0], depth, f"{task} is {retried(run, task, one)}")
+            yield Link(one[0], depth, f"{task} is {retry_in_words(run, task, one)}")
 
 
 def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
@@ -143,7 +143,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
     became = fate(run, task, raised[-1][0], moment)
     time = _newest_state_time(task, moment)
     if at.why_killed is not None:
-        time = task.written("killed", moment)
+        time = task.written_at("killed", moment)
     without = ""
     if became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE:
         without = f"; {run.describe(task.top)} was achieved without it"
@@ -235,19 +235,19 @@ def _deadline_causes(
     run: Run, message: Message, failed: float, failure: Failure
 ) -> Iterator[tuple[float, bool, str]]:
     """Yield the known causes of a passed deadline: the start, whether another message, the text."""
-    deadlines = [one.set_at for one in run.ahead.get(message.id, ()) if one.moment is not None]
+    deadlines = [one.set_at for one in run.plans.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))
-    if not deadlines or failure.name != TIMEOUT or task is None or task.watches:
+    if not deadlines or failure.name != TIMEOUT or task is None or task.is_watching:
         return
     for one in run.tasks[task.id].suspensions[-NAMED:]:
         if one.start >= deadlines[0] and one.end is not None and one.end < failed:
             how_long = duration(one.end - one.start)
             yield one.start, False, f"{task} was suspended{by_whom(one.by)}, for {how_long}"
-    if age := age_of(waits := shown(at, task)):
+    if age := age_of(waits := shown_waits(at, task)):
         end, causes = in_the_end(at, task, _FAR), several_in_words(named_waits_now(at, task, waits))
         how_long = f", for {duration(failed - age.since)}" + (f"; in the end {end}" if end else "")
-        yield age.since, False, f"{task} {how(task, verb='waited')} {causes}{how_long}"
+        yield age.since, False, f"{task} {verb_of(task, verb='waited')} {causes}{how_long}"
     yield from _holders(at, task, failed)
 
 

@@ -9,12 +9,12 @@ from tca_tools.explain.wait_words import (
     Age,
     Last,
     age_of,
-    asked,
-    coming,
-    how,
     in_the_end,
     named_waits_now,
-    shown,
+    plans_in_words,
+    shown_waits,
+    unanswered_queries,
+    verb_of,
 )
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import STANDINGS
@@ -143,24 +143,24 @@ def note_of(at: RunAt, task: TaskAt, within: int | None = None, verb: str = "wai
     if task.state in OVER:
         return TaskNote(failure_line(task.failure) or _why_killed(at, task))
     last = in_the_end(at, task, within)
-    waits = shown(at, task, with_children=False) or (shown(at, task) if last else [])
+    waits = shown_waits(at, task, with_children=False) or (shown_waits(at, task) if last else [])
     named = named_waits_now(at, task, waits)
     failed = failure_line(task.failure)
     if task.state is TaskState.ENDING and not failed:
         failed = _joined(": ", "killed", _why_killed(at, task))
-    text, age = "; ".join(coming(at, task)), age_of(waits)
+    text, age = "; ".join(plans_in_words(at, task)), age_of(waits)
     state = _joined("; ", failed, _life(task))
     if waits:
-        ahead = coming(at, task) if task.state is not TaskState.ENDING else []
-        text = f"{how(task, verb)} {several_in_words(named)}".lstrip() + (
+        ahead = plans_in_words(at, task) if task.state is not TaskState.ENDING else []
+        text = f"{verb_of(task, verb)} {several_in_words(named)}".lstrip() + (
             f" ({'; '.join(ahead)})" if ahead else ""
         )
     elif task.suspension and task.handling:
         since, by = task.suspension.start, by_whom(task.suspension.by)
         cause, age = at.describe(task.suspension.cause), Age(since, since)
         text = f"still runs, though {cause} is suspended{by}"
-    elif queries := asked(at, task):
-        since = task.asking[0].received
+    elif queries := unanswered_queries(at, task):
+        since = task.unanswered[0].received
         age = Age(since, since)
         text = f"continues while it waits {several_in_words(queries)}"
     text = _joined("; ", state, printable(text))
@@ -172,7 +172,7 @@ def _life(task: TaskAt) -> str:
     if not task.record.life:  # the common case
         return ""
     life = task.life
-    parts = [life.state] * life.is_telling
+    parts = [life.state] * life.is_notable
     if state := task.machine_state:
         parts.append(f"in the state '{state}'")
     elif progress := _in_brief(life.progress):

@@ -33,10 +33,9 @@ def view(
 ) -> None:
     """Show a run in the browser: its task tree and Gantt chart at any moment.
 
-    LOG is a journal directory or one of its segments. Without it, the newest run is shown, and each
-    run that central starts later. The page follows a live run. With the printed address it can
-    kill, suspend, resume and retry tasks. With --host the page is read-only, and needs the printed
-    address. It is served until interrupted.
+    Without LOG, each run that central starts later is shown, too. The page follows a live run. With
+    the printed address it can kill, suspend, resume and retry tasks. With --host the page is
+    read-only, and needs the printed address. It is served until interrupted.
     """
     with extra("view", "tca view"):
         from tca_tools.view.app import Steering, application  # noqa: PLC0415 - the viewer is an extra

@@ -10,7 +10,14 @@ from typing import Any
 
 from tca_tools.explain.graph import Cause, causes, held_above
 from tca_tools.explain.story import NOT_HANDLED, Sentence, story
-from tca_tools.explain.wait_words import age_of, coming, how, last_of, named_waits_now, shown
+from tca_tools.explain.wait_words import (
+    age_of,
+    last_of,
+    named_waits_now,
+    plans_in_words,
+    shown_waits,
+    verb_of,
+)
 from tca_tools.journal.at_time import RunAt, TaskAt
 from tca_tools.journal.fates import Fate, describe_asker, fate, has_run_survived
 from tca_tools.journal.records import OVER, Hold, Message, Task
@@ -56,9 +63,9 @@ def message_answer(reading: Reading, message_id: int, moment: float) -> Data | N
             "class": message.message_class,
             "isSent": message.received <= at.moment,
             "relations": _relations(at, message),
-            "data": data_text(message.was("body", at.moment)),
-            "result": data_text(message.was("result", at.moment)),
-            "failureData": data_text(message.was("failure_data", at.moment)),
+            "data": data_text(message.value_at("body", at.moment)),
+            "result": data_text(message.value_at("result", at.moment)),
+            "failureData": data_text(message.value_at("failure_data", at.moment)),
             **_failure_answer(run, message, at.moment),
             "story": [_sentence(one, at.moment) for one in sentences[-_LONGEST_STORY:]],
             "untold": max(len(sentences) - _LONGEST_STORY, 0),
@@ -103,7 +110,7 @@ def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
 def _sentence(one: Sentence, moment: float) -> Data:
     """Return a sentence as known at the moment. The page marks later sentences as future."""
     if one.time <= moment:
-        one = one.known(moment)
+        one = one.as_known_at(moment)
     return {
         "time": one.time,
         "text": printable_lines(one.text),
@@ -114,7 +121,7 @@ def _sentence(one: Sentence, moment: float) -> Data:
 
 def _failure_answer(run: Run, message: Message, moment: float) -> Data:
     """Return a message's failure, whether the run continued after it, and the notified asker."""
-    failure, time = message.was("failure", moment), message.written("failure", moment)
+    failure, time = message.value_at("failure", moment), message.written_at("failure", moment)
     became = fate(run, message, time, moment) if failure else None
     return {
         "failure": printable_lines(failure),
@@ -125,14 +132,14 @@ def _failure_answer(run: Run, message: Message, moment: float) -> Data:
 
 
 def _task_answer(at: RunAt, task: TaskAt) -> Data:
-    note, waits = note_of(at, task), shown(at, task)
+    note, waits = note_of(at, task), shown_waits(at, task)
     why = task.why_killed
     if task.failure and task.record.killed_for == task.id:
         why = NOT_HANDLED
     groups = [list(group) for _, group in groupby(waits, attrgetter("kind"))]
     rows = []
     for group in groups:
-        text = f"{how(task)} {several_in_words(named_waits_now(at, task, group))}"
+        text = f"{verb_of(task)} {several_in_words(named_waits_now(at, task, group))}"
         rows.append({"text": text, "since": max(wait.start for wait in group)})
     age = age_of(waits) or note.age
     if age and not waits:
@@ -147,7 +154,7 @@ def _task_answer(at: RunAt, task: TaskAt) -> Data:
         "waits": rows,
         "start": age.begun if age else None,
         "end": note.end,
-        "ahead": coming(at, task),
+        "ahead": plans_in_words(at, task),
         "killed": None if why is None else printable_lines(why),
         "spans": {interval.name.lower(): span(task, interval) for interval in Interval},
         "constraints": constraints,

@@ -10,8 +10,8 @@ from operator import attrgetter
 from tca_tools.gantt import titles
 from tca_tools.gantt.build import NO_HANDLER, SUSPENDED
 from tca_tools.gantt.looks import dark
-from tca_tools.journal.coordinators import coordinator_of
-from tca_tools.journal.fates import WATCHING, Failing, failing, watches
+from tca_tools.journal.coordinators import tasks_of_coordinator
+from tca_tools.journal.fates import WATCHING, Failing, failing, is_watching
 from tca_tools.journal.fold import History
 from tca_tools.journal.records import (
     Claim,
@@ -196,10 +196,10 @@ class Feed:
         task, span = self.history.tasks.get(fact.task), self._newest.get(fact.task)
         if task is None:
             return
-        record = coordinator_of(self.history, task)
-        if record is not None and (report := read_report(fact.body)):
+        sent = tasks_of_coordinator(self.history, task)
+        if sent is not None and (report := read_report(fact.body)):
             for news in report.news:
-                if news.task in record.tasks:
+                if news.task in sent.tasks:
                     self._add("preview", news.task, self._now, news.role)
         if span is None:
             return
@@ -250,10 +250,10 @@ class Feed:
     def _add_watching(self, monitor: Task, *, has_changed: bool) -> None:
         """Add the state "watching" of a monitor: its task's own state does not show it."""
         state = monitor.stage(-1)[1]
-        is_watching = watches(monitor, state)
-        if has_changed or is_watching != (monitor.id in self._watching):
-            self._add("state", monitor.id, self._now, WATCHING if is_watching else state)
-        (self._watching.add if is_watching else self._watching.discard)(monitor.id)
+        watching = is_watching(monitor, state)
+        if has_changed or watching != (monitor.id in self._watching):
+            self._add("state", monitor.id, self._now, WATCHING if watching else state)
+        (self._watching.add if watching else self._watching.discard)(monitor.id)
 
     # --- spans of the chart -----------------------------------------------------------------------
 

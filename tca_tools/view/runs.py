@@ -17,7 +17,7 @@ from time import monotonic
 from typing import NamedTuple
 
 from tca_tools.errors import UnusableLog
-from tca_tools.journal.journals import Log, called, newest_journal, open_log
+from tca_tools.journal.journals import Log, newest_journal, open_log, title_of
 from tca_tools.journal.segments import Folder, listed, segments_in
 from tca_tools.view.reading import Reading
 from tca_wire.endpoint import by_number, default_journals
@@ -170,7 +170,9 @@ class Runs:
             reading.stop()
 
     def _named(self, address: str) -> RunName:
-        return RunName(address, self._names.get(address) or called(Path(address.partition("#")[0])))
+        return RunName(
+            address, self._names.get(address) or title_of(Path(address.partition("#")[0]))
+        )
 
     def _first_address(self, address: str) -> str:
         """Return the address of its first request, which has no epoch if the journal was empty."""
@@ -245,7 +247,7 @@ class Runs:
 
 def _distinct_names(places: list[Path]) -> dict[Path, str]:
     """Return a name for each place; equal names get as much of the path as they differ in."""
-    names = {place: called(place) for place in places}
+    names = {place: title_of(place) for place in places}
     while len(count := Counter(names.values())) < len(names):
         for place, name in names.items():
             if count[name] > 1:

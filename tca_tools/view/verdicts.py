@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from tca_tools.journal.fates import Failing, run_continued, undecided_by
+from tca_tools.journal.fates import Failing, run_continued, still_deciding
 from tca_tools.journal.whole_run import Run
 
 
@@ -42,7 +42,7 @@ class Verdicts:
         if is_good != (number in self._good):
             yield number, is_good
         (self._good.add if is_good else self._good.discard)(number)
-        undecided = undecided_by(self._run, failed, time)
+        undecided = still_deciding(self._run, failed, time)
         for record in undecided:
             self._on_change.setdefault(id(record), {})[number] = None
         if not undecided:

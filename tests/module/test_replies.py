@@ -401,6 +401,6 @@ def test_short_timeout_is_journaled_and_says_where_query_stood(
     (run,) = (run for run in history.handlings if run.name == "ask")
     (wait,) = run.waits
     assert history.messages[wait.awaited].received == wait.start
-    assert wait.end == history.messages[wait.awaited].written("dropped")
+    assert wait.end == history.messages[wait.awaited].written_at("dropped")
     (why,) = (fact.where for fact in central.facts if isinstance(fact, Dropped))
     assert why == "it is queued for eyes, busy with temperature {1}"

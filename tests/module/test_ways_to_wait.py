@@ -31,7 +31,7 @@ from tca_module import (
 )
 from tca_module.serving import coroutine_waits
 from tca_module.testing import LocalCentral
-from tca_tools.explain.wait_words import told
+from tca_tools.explain.wait_words import named_waits
 from tca_tools.explain.waits import waits_of
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.fold import History
@@ -184,7 +184,9 @@ def test_wait_is_shown_with_its_target(way: Way, central: LocalCentral, user: Cl
         until(is_shown, f"{way.name} is shown")
         run = History.until(central.entries[:])
         waits = [one for one in waits_of(run, waiting.id) if one.end == inf]
-        assert [is_it(one.kind, told(RunAt(run), [one])[0].name) for one in waits].count(True) == 1
+        assert [is_it(one.kind, named_waits(RunAt(run), [one])[0].name) for one in waits].count(
+            True
+        ) == 1
     left = [
         wait for handling in History.until(central.entries).handlings for wait in handling.waits
     ]

@@ -75,7 +75,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
                 for link in chain:
                     _assert_known(run, link.text, min(moment, run.time))
         elif message.message_class is MessageClass.QUERY:
-            for time, failure in message.became("failure"):
+            for time, failure in message.new_values("failure"):
                 if failure:
                     assert is_reported(run, message, time) == answers.is_reported(message, time), (
                         f"{message} at {time}"
@@ -85,7 +85,7 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
         if handling.outcome is Outcome.FAILED and handling.end is not None:
             _assert_told(run, failing(run, handling), handling.end)
     for case in (case for kind in failures(run) for case in kind.cases):
-        assert case.fate is Fate.UNTOLD or not case.why.startswith(Fate.UNTOLD.words)
+        assert case.fate is Fate.NOT_REPORTED or not case.why.startswith(Fate.NOT_REPORTED.words)
         assert case.recovery >= 0
 
 
@@ -102,12 +102,12 @@ def _assert_told(run: Run, failed: Failing, time: float) -> None:
     other.
     """
     receivers = describe_asker(run, failed, time)
-    if receivers.startswith(Fate.UNTOLD.words):
+    if receivers.startswith(Fate.NOT_REPORTED.words):
         assert not run_continued(run, failed, time)
-        assert fate(run, failed, time) is Fate.UNTOLD
+        assert fate(run, failed, time) is Fate.NOT_REPORTED
     elif receivers:
         assert not _has_ended(failed, time), receivers
-        assert isinstance(failed, Handling) or not failed.was("dropped", time), receivers
+        assert isinstance(failed, Handling) or not failed.value_at("dropped", time), receivers
 
 
 @given(operations)

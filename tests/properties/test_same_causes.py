@@ -18,7 +18,7 @@ from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of, waits_of
 from tca_central.order.cycles import Place, predecessors
 from tca_tools.explain.graph import Ends, next_node, waits_now
-from tca_tools.explain.wait_words import told
+from tca_tools.explain.wait_words import named_waits
 from tca_tools.journal.at_time import RunAt
 from tca_tools.journal.records import TaskState
 from tca_wire.points import END_ACHIEVING, END_HANDLING, ROOT, STARTS
@@ -45,7 +45,7 @@ class ComparingPlayer(FoldedPlayer):
             assert end is not None
             by_central, by_tools = (
                 waits_of(self.central, place),
-                told(at, waits_now(at, task.id), however=True),
+                named_waits(at, waits_now(at, task.id), any_outcome=True),
             )
             self.assert_causes(
                 task,

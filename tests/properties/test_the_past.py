@@ -53,10 +53,10 @@ def view_at(at: RunAt) -> Any:
         [at.has_reached(Point(TaskId(task), moment)) for task in at.tasks for moment in MOMENTS],
         {
             place: [one.message_id for one in at.running(*place)]
-            for place in at.run.runs
+            for place in at.run.by_resource
             if at.running(*place)
         },
-        {place: str(claim) for place in at.run.grants if (claim := at.held_by(*place))},
+        {place: str(claim) for place in at.run.grants if (claim := at.claim_in_force(*place))},
     )
 
 
@@ -68,7 +68,7 @@ def stories_at(at: RunAt) -> dict[int, list[str]]:
         for number in known
     }
     return {
-        number: [f"{one.time:.6f} {one.by(at.moment, at.moment)}" for one in stories_at]
+        number: [f"{one.time:.6f} {one.text_at(at.moment, at.moment)}" for one in stories_at]
         for number, stories_at in stories.items()
     }
 

@@ -22,7 +22,7 @@ from tca_central.needs.waits import Ends as CentralEnds
 from tca_central.needs.waits import next_of
 from tca_central.needs.waits import waits_of as told_by_central
 from tca_central.order.cycles import Place
-from tca_tools.explain.graph import Ends, blocking_waits, next_node, steps
+from tca_tools.explain.graph import Ends, awaited_nodes, blocking_waits, next_node
 from tca_tools.explain.wait_words import reasons
 from tca_tools.explain.waits import Node, waits_of
 from tca_tools.journal.at_time import RunAt
@@ -119,7 +119,9 @@ def foreign_needs(central: Central, task: Task, moment: int) -> set[tuple[int, i
 def assert_ends(at: RunAt, number: int) -> None:
     """The ends are the reachable nodes without a further wait; or circles, if none exist."""
     path = reached(at, [next_node(at, number)])
-    last = {node.number for node in path if steps(at, node)[1] or not steps(at, node)[0]}
+    last = {
+        node.number for node in path if awaited_nodes(at, node)[1] or not awaited_nodes(at, node)[0]
+    }
     found = Ends.at(at).of(number)
     assert {end.number for end in found if end.kind is not WaitKind.CIRCLE} == last
     assert list(found) == sorted(set(found))
@@ -130,7 +132,7 @@ def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
     path = list(start)
     seen = set(path)
     for node in path:  # grows while it is walked
-        new = [one for one in steps(at, node)[0] if one not in seen]
+        new = [one for one in awaited_nodes(at, node)[0] if one not in seen]
         path += new
         seen.update(new)
     return seen

@@ -46,7 +46,7 @@ from tca_tools.journal.fates import (
     has_run_survived,
     retried_ancestor,
     run_continued,
-    undecided_by,
+    still_deciding,
 )
 from tca_tools.journal.fold import History
 from tca_tools.journal.lives import life_at
@@ -114,7 +114,9 @@ def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
     """The story of a message, as it was shown at a moment."""
     if at is not None:
         return [
-            f"{one.time:g} {one.by(at, at)}" for one in story(run, number, at) if one.time <= at
+            f"{one.time:g} {one.text_at(at, at)}"
+            for one in story(run, number, at)
+            if one.time <= at
         ]
     return [f"{one.time:g}{_duration(one)} {one.text}" for one in story(run, number)]
 
@@ -185,7 +187,7 @@ def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> li
     if task := run.tasks.get(TaskId(number)):
         again = retried_ancestor(run, task, at, known)
         parts.append(f"begun again with {again}" if again else "")
-    parts.append(f"depends on {len(undecided_by(run, failed, at))}")
+    parts.append(f"depends on {len(still_deciding(run, failed, at))}")
     return ["; ".join(filter(None, parts))]
 
 

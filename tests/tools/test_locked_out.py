@@ -13,7 +13,7 @@ from tools.story import Story
 from tca_tools.analysis.advice import advice
 from tca_tools.analysis.advice_words import Advice, Topic
 from tca_tools.analysis.backwards import Causes
-from tca_tools.analysis.resources import growing, locked_out
+from tca_tools.analysis.resources import growing_queues, locked_out
 from tca_tools.analysis.summary import span_of
 from tca_tools.journal.fold import History
 from tca_tools.journal.whole_run import Run
@@ -217,7 +217,7 @@ def periodic(period: float, until: float = 100.0) -> list[float]:
 @pytest.mark.parametrize("closes", [False, True])
 def test_growing_queue_is_reported_with_its_rates(closes: bool) -> None:
     run = served(periodic(0.5), took=0.8, closes=closes)
-    (queue,) = growing(run, *span_of(run))
+    (queue,) = growing_queues(run, *span_of(run))
     assert (queue.key, queue.message, queue.needed) == (("eye", "eye"), "frame", 2)
     assert queue.rate_in == pytest.approx(2.0, rel=0.05)
     assert queue.rate_out == pytest.approx(1.25, rel=0.05)
@@ -231,7 +231,7 @@ def test_growing_queue_is_reported_with_its_rates(closes: bool) -> None:
 
 def test_growing_queue_of_two_slots_needs_four() -> None:
     run = served(periodic(0.25), took=1.0, capacity=2)
-    (queue,) = growing(run, *span_of(run))
+    (queue,) = growing_queues(run, *span_of(run))
     assert (queue.capacity, queue.needed) == (2, 4)
 
 
@@ -254,7 +254,7 @@ def test_growing_queue_of_two_slots_needs_four() -> None:
     ],
 )
 def test_bounded_queue_gives_no_alarm(name: str, run: Run) -> None:
-    assert growing(run, *span_of(run)) == [], name
+    assert growing_queues(run, *span_of(run)) == [], name
 
 
 def test_random_arrivals_below_capacity_give_no_alarm() -> None:
@@ -265,7 +265,7 @@ def test_random_arrivals_below_capacity_give_no_alarm() -> None:
         while time < 500.0:
             arrivals.append(time := time + random.expovariate(0.9))
         run = served(arrivals, took=1.0, end=500.0)
-        alarms += len(growing(run, *span_of(run)))
+        alarms += len(growing_queues(run, *span_of(run)))
     assert alarms == 0
 
 
@@ -279,4 +279,4 @@ def test_queue_behind_a_lock_is_not_called_growing() -> None:
     for number in range(50):
         story.at(2.0 + number).queued(story.received("frame", MessageClass.INFORM, "camera"), "eye")
     run = story.fold()
-    assert growing(run, *span_of(run)) == []
+    assert growing_queues(run, *span_of(run)) == []

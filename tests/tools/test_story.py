@@ -51,8 +51,8 @@ def test_story_names_the_longest_of_many_causes() -> None:
     assert wait.startswith("0.0 (100.0 s) queued for legs, busy with move")
     assert wait.endswith("and 97 more (97 s)")
     known = story(built.fold(until=50.5), 100)
-    assert [one.by(50.5, 50.5) for one in known] == [
-        one.by(50.5, 50.5) for one in story(built.fold(), 100, 50.5) if one.time <= 50.5
+    assert [one.text_at(50.5, 50.5) for one in known] == [
+        one.text_at(50.5, 50.5) for one in story(built.fold(), 100, 50.5) if one.time <= 50.5
     ]
 
 
@@ -160,7 +160,7 @@ def test_deadlock_outside_handlers_is_told_to_its_program() -> None:
     )
     run = deadlocked.at(4.0).fold()
     (kind,) = failures(run)
-    assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.TOLD, "slow")
+    assert (kind.cases[0].of, kind.cases[0].fate, kind.message) == ("user", Fate.REPORTED, "slow")
     assert contents(run).stories == {}
 
 

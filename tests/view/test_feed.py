@@ -96,7 +96,7 @@ def test_following_page_knows_all_of_the_history(
     assert message_rows == [(one.id, one.name, one.received) for one in others]
     for time in history.times[::5]:
         assert page.states(time) == {
-            task.id: WATCHING if task.watches else task.state
+            task.id: WATCHING if task.is_watching else task.state
             for task in RunAt(history, time).tasks.values()
         }
     spans, ends = (

@@ -291,11 +291,11 @@ def _rules(checked: CheckedRun) -> RuleFigures:
     number = len(RULES_OF_TASKS) + len(RULES)
     if not checked.is_whole:
         return RuleFigures(0, number, ("not checked: a part of the journal can't be read",))
-    idle = [judge for judge in checked.unbroken if judge.vacuous]
+    idle = [judge for judge in checked.unbroken if judge.why_vacuous]
     broken = {
         each.rule: f"broken: {each.rule}: {each.what}" for each in reversed(checked.violations)
     }
-    vacuous = [f"did not apply to this walk: {judge.stated} ({judge.vacuous})" for judge in idle]
+    vacuous = [f"did not apply to this walk: {judge.prop} ({judge.why_vacuous})" for judge in idle]
     kept = checked.rules_kept + len(checked.unbroken) - len(idle)
     return RuleFigures(kept, number - len(idle), (*reversed(broken.values()), *vacuous))
 

@@ -9,7 +9,7 @@ from tca_behaviours.missions.client.stub import MADE_BY, stub_text
 from tca_behaviours.missions.console.names import ConsoleNames
 from tca_tools.errors import extra
 from tca_tools.live.shared import as_usage, central_option
-from tca_tools.output import made_for, write_output
+from tca_tools.output import write_output, writing
 
 _PATIENCE = 2.0  # seconds to wait for the server: the user waits at the prompt
 
@@ -43,7 +43,7 @@ def console(server: str, central: str | None, stub: Path | None) -> None:
 
 
 def _write(file: Path, text: str) -> None:
-    with made_for(file):
+    with writing(file):
         if file.exists() and MADE_BY not in file.read_text(errors="replace"):
             raise click.UsageError(
                 f"{file} was not made by --stub: remove it, or give another name"

@@ -14,7 +14,7 @@ import msgspec
 from tca_tools.check.records import MessageRecord
 from tca_tools.check.world import JournalWorld
 from tca_tools.properties.algebra import Breach
-from tca_tools.properties.world import Found, MessageView, Predicate
+from tca_tools.properties.world import MessageView, Predicate, PredicateValue
 from tca_wire.points import Moment
 
 _DIGITS = 6  # decimals of a time in seconds
@@ -139,9 +139,9 @@ class World:
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: Seen(known.items[key]) for key in keys}
 
-    def true_of(self, predicate: Predicate) -> Found:
+    def true_of(self, predicate: Predicate) -> PredicateValue:
         """Return the value of *predicate* in this world."""
-        return Found.of(predicate(self))
+        return PredicateValue.of(predicate(self))
 
     # Predicates that are counted (sent, retried, ...) are true for one action only, so each match
     # is a new one.
@@ -163,9 +163,7 @@ class World:
 
     def children(self, task: Seen) -> Messages:
         """Return the tasks directly under *task*."""
-        return Messages(
-            [seen for seen in self._seen.values() if seen.is_task and seen.parent_id == task.id]
-        )
+        return Messages([seen for seen in self.tasks if seen.parent_id == task.id])
 
     def held(self, task: Seen) -> list[tuple[Moment, Moment, Seen | None]]:
         """Return the constraints on *task*, without those that have a delay.
@@ -175,17 +173,12 @@ class World:
             task of that moment; None for a task that has ended.
         """
         keys = {seen.id: key for key, seen in self._seen.items()}
-        constraints = [
-            hold.constraint for hold in self._known.items[keys[task.id]].holds if hold.due is None
-        ]
+        holds = self._known.items[keys[task.id]].holds
+        constraints = [hold.constraint for hold in holds if hold.due is None]
         return [
-            (
-                constraint.after.moment,
-                constraint.before.moment,
-                self._seen.get(constraint.before.task),
-            )
-            for constraint in constraints
-            if not constraint.delay
+            (one.after.moment, one.before.moment, self._seen.get(one.before.task))
+            for one in constraints
+            if not one.delay
         ]
 
     @property

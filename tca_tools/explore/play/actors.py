@@ -42,7 +42,7 @@ class Actor:
         self.program = program
         self.delivery = delivery  #: the delivery that it handles; 0 for a program of a module
         self.task = task  #: the task that it handles; 0 for none
-        self.known: list[TaskId] = []  #: the other ids that it has learned, by place
+        self.known_ids: list[TaskId] = []  #: the other ids that it has learned, by place
         self.script_run = program.start(given)
         #: By place: the requests that may still get an answer, or whose lock may be released.
         self.requests: dict[int, OpenRequest] = {}
@@ -56,36 +56,32 @@ class Actor:
         self.knows_of_kill = False  #: it has read that its task was killed, or was woken by that
         self.knows_of_module_end = False  #: the same of the end of its module
         self.client_requests: deque[steps.StepResult] = deque()  #: the unread requests of clients
-        #: What other scripts say of the reply that it owes.
+        #: The unread words of other scripts about the reply that it owes.
         self.reply_uses: deque[str] = deque()
         #: Whether its task was suspended, at the last result and after each change since.
         self.suspended: tuple[bool, ...] = (False,)
 
     @property
     def branches(self) -> tuple[steps.Branch, ...]:
-        """How it may go on. Raises ScenarioError."""
+        """The ways in which it may continue. Raises ScenarioError."""
         return self.program.branches(self.script_run)
 
     @property
     def awaited(self) -> OpenRequest | None:
         """The request whose answer it waits for."""
-        return (
-            self.requests[self.step.request] if isinstance(self.step, steps.AwaitAnswer) else None
-        )
+        step = self.step
+        return self.requests[step.request] if isinstance(step, steps.AwaitAnswer) else None
 
     def can_take(self, branch: steps.Branch) -> bool:
-        """Whether *branch* reads of a kill, and of its suspension, only what it can have been
-        told.
+        """Whether the script can have been notified of the kill and suspension that *branch* reads.
+
+        Decision 1 of CANCELLED or SUSPENDED reads that it happened, decision 0 that it did not.
         """
-        read = [got.choice for got in branch.decisions if got.kind == CANCELLED]
-        if not (
-            (self.is_killed or self.is_ending or 1 not in read)
-            and (not self.was_ending or 0 not in read)
-        ):
-            return False
-        return all(
-            bool(got.choice) in self.suspended for got in branch.decisions if got.kind == SUSPENDED
-        )
+        cancelled = {got.choice for got in branch.decisions if got.kind == CANCELLED}
+        suspended = {bool(got.choice) for got in branch.decisions if got.kind == SUSPENDED}
+        can_be_cancelled = self.is_killed or self.is_ending or 1 not in cancelled
+        can_be_uncancelled = not self.was_ending or 0 not in cancelled
+        return can_be_cancelled and can_be_uncancelled and suspended <= {*self.suspended}
 
     def is_woken_from(self, request: OpenRequest) -> bool:
         """Whether a kill, or the end of the module, interrupts the wait for *request*.
@@ -137,10 +133,8 @@ class Actor:
 
     def request_end(self, *, module_ends: bool = False) -> None:
         """Signal to the script that it must end: its task was killed, or its module ends."""
-        self.is_killed, self.is_ending = (
-            self.is_killed or not module_ends,
-            self.is_ending or module_ends,
-        )
+        self.is_killed |= not module_ends
+        self.is_ending |= module_ends
         if self.suspended[-1]:  # it must end now, not pause
             self.suspended = (*self.suspended, False)
         self.wake_from_read()
@@ -156,12 +150,10 @@ class Actor:
         place = self.step.request
         request = self.requests[place]
         if self.is_woken_from(request):
-            answer = (
-                request.unread.popleft() if request.unread else steps.StepResult(self.step.kind)
-            )
-            answer = replace(answer, is_woken=True, module_ends=not self._is_woken_by_kill)
+            unread = request.unread or deque([steps.StepResult(self.step.kind)])
+            module_ends = not self._is_woken_by_kill
             self.notice_end()
-            self.receive(answer)
+            self.receive(replace(unread.popleft(), is_woken=True, module_ends=module_ends))
         else:
             self.receive(request.unread.popleft())
         # A granted lock stays, as it can be released.
@@ -190,16 +182,16 @@ class Actor:
         """Return central's id for a name of the script."""
         if name == steps.OWN:
             return self.task
-        return self.known[steps.place_of(name)] if name < steps.OWN else TaskId(name)
+        return self.known_ids[steps.place_of(name)] if name < steps.OWN else TaskId(name)
 
     def script_name(self, real: int) -> TaskId:
         """Return the script's name for an id of central."""
         if not real or real == self.task:
             return steps.OWN if real else TaskId(0)
         task = TaskId(MessageId(real))
-        if task not in self.known:
-            self.known.append(task)
-        return steps.known(self.known.index(task))
+        if task not in self.known_ids:
+            self.known_ids.append(task)
+        return steps.known(self.known_ids.index(task))
 
 
 @dataclass(eq=False)
@@ -221,11 +213,9 @@ class ModuleLine:
     @property
     def is_idle(self) -> bool:
         """Whether the connection may close. With a prefetch, messages not started do not count."""
-        return not (
-            self.actors
-            if self.inbox is None
-            else self.stack or self.inbox.session.held_replies.ended
-        )
+        if self.inbox is None:
+            return not self.actors
+        return not (self.stack or self.inbox.session.held_replies.ended)
 
     @property
     def actor(self) -> Actor | None:
@@ -255,7 +245,7 @@ class ModuleRun:
         self.name = module.name if number == 1 else f"{module.name} run {number}"
         self.lines: list[ModuleLine] = []  #: the open connections, the module's own first
         self.steps_joined = 0
-        self.first = deque(module.start_programs)  #: programs to run before it handles anything
+        self.first_programs = deque(module.start_programs)  #: to run before it handles anything
         self.is_alive = True
         self.is_leaving = False
 
@@ -273,7 +263,7 @@ class ModuleRun:
     def is_starting(self) -> bool:
         """Whether it runs the programs that come before its registration."""
         is_first = self.steps_joined == 1 and self.is_alive and not self.is_joined
-        return is_first and bool(self.first or self.lines[0].actors)
+        return is_first and bool(self.first_programs or self.lines[0].actors)
 
     def closable_lines(self) -> list[ModuleLine]:
         """Return the lines that a leaving module may close now: idle slots, then its own."""

@@ -112,8 +112,8 @@ class Exchange:
         self.flush(line.name, inbox)
 
     def _on_packet(self, line: ModuleLine, header: headers.ToModule, body: bytes) -> None:
-        if get := _ON_PACKET.get(type(header)):
-            get(self, line, header, body)
+        if receive := _ON_PACKET.get(type(header)):
+            receive(self, line, header, body)
 
     def return_prefetched(self, line: ModuleLine, inbox: SlotInbox) -> None:
         """Return the prefetched messages of a slot that leaves."""
@@ -195,13 +195,12 @@ class Exchange:
         if step.is_one_way:
             actor.receive(steps.StepResult(step.kind))
         else:
-            number = self.next_number()
-            header = replace(header, number=number)
+            header = replace(header, number=self.next_number())
             if step.wants_answer:
-                actor.ask(OpenRequest(number, header))
+                actor.ask(OpenRequest(header.number, header))
                 actor.receive(steps.StepResult(step.kind))
             else:
-                actor.number = number
+                actor.number = header.number
         if not any(map(_is_refusal, self.receive(line.name, header, step.body))):
             self.taken = AcceptedRequest(line.run.name, call_of(header))
 
@@ -228,10 +227,8 @@ class Exchange:
         is_conditional = getattr(step.header, "if_handled", False)
         registry = self.central.registry.messages
         for message in step.declares:
-            is_free = (
-                is_conditional or message.message_class.fans_out or isinstance(message, Monitor)
-            )
-            if message.name not in self._known and not is_free:
+            is_free = message.message_class.fans_out or isinstance(message, Monitor)
+            if message.name not in self._known and not (is_free or is_conditional):
                 raise ScenarioError(
                     f"{line.run.name} sends {message.message_class} '{message.name}', which no "
                     "module of the scenario handles: add a handler for it"
@@ -263,16 +260,11 @@ class Exchange:
             actor.wake_from_read()
 
     def _on_requested(self, line: ModuleLine, header: Requested, body: bytes) -> None:
+        got = steps.StepResult(
+            _READ, text=header.text, body=body, choice=header.serial, words=header.transition
+        )
         for actor in _handlers(line, header.delivery):
-            actor.queue_request(
-                steps.StepResult(
-                    _READ,
-                    text=header.text,
-                    body=body,
-                    choice=header.serial,
-                    words=header.transition,
-                )
-            )
+            actor.queue_request(got)
 
     def _abandon(self, line: ModuleLine, actor: Actor, step: steps.Abandon) -> None:
         request = actor.requests.pop(step.request)
@@ -297,10 +289,8 @@ class Exchange:
         fails.
         """
         if actor.knows_of_module_end and not actor.is_killed:
-            self.receive(
-                line.name,
-                headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran"),
-            )
+            failure = headers.Fail(actor.delivery, MODULE_LOST, "its module ended while it ran")
+            self.receive(line.name, failure)
         else:
             self.receive(line.name, headers.Reply(actor.delivery), body)
 
@@ -346,9 +336,8 @@ class Exchange:
         line.delivered.append(actor)
 
     def _on_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
-        if (actor := _asking(line, header.number)) is not None and isinstance(
-            actor.step, steps.Ask
-        ):
+        actor = _asking(line, header.number)
+        if actor is not None and isinstance(actor.step, steps.Ask):
             # The reply to a change of state has a number of changes in place of an id.
             is_change = isinstance(actor.step.header, ChangeState)
             created = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
@@ -356,22 +345,17 @@ class Exchange:
         self._answer(line, header.number, steps.StepResult(_AWAITED, id=TaskId(0)))
 
     def _on_refused(self, line: ModuleLine, header: headers.Refused, _: bytes) -> None:
+        refusal = header.refusal, header.text
         if (actor := _asking(line, header.number)) is not None and actor.step is not None:
-            actor.receive(steps.StepResult(actor.step.kind, header.refusal, header.text))
-        elif (
-            not self._answer(
-                line, header.number, steps.StepResult(_AWAITED, header.refusal, header.text)
-            )
-            and header.number
-        ):
+            actor.receive(steps.StepResult(actor.step.kind, *refusal))
+            return
+        is_awaited = self._answer(line, header.number, steps.StepResult(_AWAITED, *refusal))
+        if header.number and not is_awaited:
             raise ScenarioError(f"{line.run.name}: {header.text}")
 
     def _on_answer(self, line: ModuleLine, header: headers.Answer, body: bytes) -> None:
-        self._answer(
-            line,
-            header.number,
-            steps.StepResult(_AWAITED, answer=replace(header, number=0), body=body),
-        )
+        got = steps.StepResult(_AWAITED, answer=replace(header, number=0), body=body)
+        self._answer(line, header.number, got)
 
     def _answer(self, line: ModuleLine, number: int, got: steps.StepResult) -> bool:
         """Queue an answer for the actor that awaits it; return whether there is one."""
@@ -423,12 +407,12 @@ def connection_of(name: str) -> ConnectionId:
 def deliveries_given_to(central: Central, line: str) -> list[int]:
     """Return the deliveries that central has sent to a slot and that are not over."""
     slot = central.registry.connections[connection_of(line)]
-    ahead = (
+    prefetched = (
         slot.resource.prefetched
         if slot.resource is not None and slot.resource.prefetching_slot is slot
         else ()
     )
-    return [delivery.handling_id for delivery in (*slot.handling, *ahead)]
+    return [delivery.handling_id for delivery in (*slot.handling, *prefetched)]
 
 
 def _is_refusal(effect: Effect) -> bool:

@@ -63,8 +63,8 @@ class SlotInbox:
     @property
     def state(self) -> list[Any]:
         """The part of the inbox that influences what happens next."""
-        ahead = [header.delivery for header, _ in self.session.prefetched]
-        return [self.last_started, ahead, [*self.session.outgoing], *self.in_transit]
+        prefetched = [header.delivery for header, _ in self.session.prefetched]
+        return [self.last_started, prefetched, [*self.session.outgoing], *self.in_transit]
 
     @property
     def deliveries(self) -> list[int]:

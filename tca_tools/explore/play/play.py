@@ -85,9 +85,8 @@ class Play(Exchange):
             self._start(module.name)
         self._start_all()
         if self.kills or self.suspensions:
-            self.receive(
-                OPERATOR, headers.Hello(self.next_number(), PROTOCOL_VERSION, OPERATOR, OPERATOR)
-            )
+            hello = headers.Hello(self.next_number(), PROTOCOL_VERSION, OPERATOR, OPERATOR)
+            self.receive(OPERATOR, hello)
         #: The promise that central broke with the last action; "" for none.
         self.broken = next(self._broken(), "")
 
@@ -111,9 +110,9 @@ class Play(Exchange):
                         yield Action(ActionKind.STEP, line.name, index)
 
     def _with_inboxes(self) -> Iterator[Action]:
-        for line, inbox in (
-            (line, line.inbox) for line in self.lines.values() if line.inbox is not None
-        ):
+        for line in self.lines.values():
+            if (inbox := line.inbox) is None:
+                continue
             if inbox.session.held_replies.ended:
                 yield Action(ActionKind.REPLY, line.name)
             elif inbox.in_transit:
@@ -210,7 +209,7 @@ class Play(Exchange):
             if line.stack:
                 self.advance(line)
             while line.run.is_starting and not line.stack and line is line.run.lines[0]:
-                line.stack.append(Actor(line.run.first.popleft(), HandlerInput(NOTHING)))
+                line.stack.append(Actor(line.run.first_programs.popleft(), HandlerInput(NOTHING)))
                 self.advance(line)
 
     def _take_step(self, action: Action) -> None:
@@ -224,7 +223,9 @@ class Play(Exchange):
         try:
             self.carry_out(line, actor)
         except ScenarioError as error:
-            raise ScenarioError(f"{actor.program.place(script_run, branch)}: {error}") from None
+            raise ScenarioError(
+                f"{actor.program.place_of_step(script_run, branch)}: {error}"
+            ) from None
 
     def inbox(self, action: Action) -> SlotInbox:
         """Return the inbox of the slot that *action* is about."""
@@ -239,7 +240,7 @@ class Play(Exchange):
     def _pass_time(self, _: Action) -> None:
         assert self.next_time is not None
         self.now = self.next_time
-        self.world.go_to(self.now)
+        self.world.advance_to(self.now)
         self.handle(Tick(self.now))
 
     def _time_out(self, action: Action) -> None:
@@ -288,9 +289,8 @@ class Play(Exchange):
         """Take the next step of joining."""
         module, done = run.module, run.steps_joined
         if done == 1:
-            messages = [
-                program.message.format for program in module.handlers.values() if program.message
-            ]
+            programs = module.handlers.values()
+            messages = [one.message.format for one in programs if one.message]
             self.receive(run.name, headers.Register(self.next_number(), messages, module.formats))
         else:
             resource = module.slots[done - 2] if done else ""

@@ -22,15 +22,8 @@ def describe(play: Play, action: Action) -> str:
 def unfinished(play: Play) -> tuple[str, ...]:
     """Return the tasks and scripts that have not ended, each with what it waits for."""
     tasks = [_task_left(play, task) for task in play.world.tasks if not task.is_over]
-    return (
-        *tasks,
-        *(
-            _script_left(play, line, actor)
-            for line in play.lines.values()
-            for actor in line.actors
-            if actor.step is not None
-        ),
-    )
+    actors = [(line, actor) for line in play.lines.values() for actor in line.actors]
+    return *tasks, *(_script_left(play, *one) for one in actors if one[1].step is not None)
 
 
 def waiter_in_words(play: Play, waiter: Waiter) -> str:
@@ -38,9 +31,8 @@ def waiter_in_words(play: Play, waiter: Waiter) -> str:
     if isinstance(waiter[0], int):
         return _task_left(play, play.world.items[waiter[0]])
     actor = waiter[0]
-    return _script_left(
-        play, next(line for line in play.lines.values() if actor in line.actors), actor
-    )
+    line = next(line for line in play.lines.values() if actor in line.actors)
+    return _script_left(play, line, actor)
 
 
 def _script_left(play: Play, line: ModuleLine, actor: Actor) -> str:
@@ -69,12 +61,9 @@ def _step(play: Play, action: Action) -> str:
 
 def _receive(play: Play, action: Action) -> str:
     header, _ = play.inbox(action).in_transit[0]
-    named = (
-        [header.delivery]
-        if isinstance(header, headers.Deliver)
-        else getattr(header, "deliveries", [])
-    )
-    names = ", ".join(_name(play, number) for number in named)
+    is_delivery = isinstance(header, headers.Deliver)
+    numbers = [header.delivery] if is_delivery else getattr(header, "deliveries", [])
+    names = ", ".join(_name(play, number) for number in numbers)
     return f"{action.name} receives {type(header).__name__} {names}".rstrip()
 
 
@@ -89,18 +78,15 @@ def _join(play: Play, action: Action) -> str:
         return f"{run.name} joins"
     if run.steps_joined == 1:
         return f"{run.name} registers its handlers"
-    return (
-        f"{run.name} is ready for {'a' if run.steps_joined == 2 else 'one more'} message at a time"
-    )
+    which = "a" if run.steps_joined == 2 else "one more"
+    return f"{run.name} is ready for {which} message at a time"
 
 
 def _break(play: Play, action: Action) -> str:
     line = play.lines[action.name]
-    return (
-        f"{line.run.name} dies: connection {line.name} breaks"
-        if line.run.is_alive
-        else f"connection {line.name} breaks, too"
-    )
+    if line.run.is_alive:
+        return f"{line.run.name} dies: connection {line.name} breaks"
+    return f"connection {line.name} breaks, too"
 
 
 def _time(play: Play, _: Action) -> str:
@@ -142,11 +128,8 @@ _DESCRIBE: dict[ActionKind, Callable[[Play, Action], str]] = {
 
 
 def _actor_name(line: ModuleLine, actor: Actor, play: Play) -> str:
-    return (
-        f"{line.run.name} in {_name(play, actor.task or actor.delivery)}"
-        if actor.delivery
-        else line.run.name
-    )
+    name = line.run.name
+    return f"{name} in {_name(play, actor.task or actor.delivery)}" if actor.delivery else name
 
 
 def _step_in_words(play: Play, actor: Actor, step: steps.Step | None) -> str:

@@ -11,7 +11,7 @@ from tca_tools.explore.errors import ScenarioError
 
 @contextmanager
 def as_scenario_error(subject: str = "") -> Iterator[None]:
-    """Convert the library's MisuseError into a ScenarioError about *what*."""
+    """Convert the library's MisuseError into a ScenarioError about *subject*."""
     try:
         yield
     except MisuseError as error:

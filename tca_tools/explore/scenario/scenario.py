@@ -54,13 +54,8 @@ class ScenarioModule:
         owner = f"module '{name}'"
         check(owner, checks.CAPACITY, capacity=capacity)
         check(owner, checks.AMOUNT, may_be_lost=may_be_lost)
-        check(
-            owner,
-            checks.FLAG,
-            comes_back=comes_back,
-            may_leave=may_leave,
-            arrives_late=arrives_late,
-        )
+        flags = {"comes_back": comes_back, "may_leave": may_leave, "arrives_late": arrives_late}
+        check(owner, checks.FLAG, **flags)
         check(owner, checks.AMOUNT.or_none(), prefetch=prefetch)
         check(owner, checks.MESSAGES, requires=requires)
         self.name, self.prefetch = name, prefetch
@@ -302,13 +297,11 @@ class Scenario:
             for program in module.handlers.values():
                 message = program.message
                 assert message is not None
-                if (
-                    found.setdefault(message.name, message).message_class
-                    is not message.message_class
-                ):
+                other = found.setdefault(message.name, message).message_class
+                if other is not message.message_class:
                     raise ScenarioError(
                         f"'{message.name}' is a {message.message_class} in {module.name} and a "
-                        f"{found[message.name].message_class} elsewhere: use one"
+                        f"{other} elsewhere: use one"
                     )
         return found
 

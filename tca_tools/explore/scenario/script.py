@@ -177,12 +177,12 @@ class Program:
             script_run.branches = tuple(self._explore(script_run.given, script_run.history(), ()))
         return script_run.branches
 
-    def place(self, script_run: steps.ScriptRun, branch: steps.Branch) -> str:
+    def place_of_step(self, script_run: steps.ScriptRun, branch: steps.Branch) -> str:
         """Return the file and line of the script at which a branch takes its step."""
         link = ScriptConnection(script_run.history() + branch.decisions, self._abandon_thread)
         with suppress(Exception, StepReached):
             self._call(link, script_run.given)
-        return self._where(link.stopped)
+        return self._place_of_error(link.stopped)
 
     def _explore(
         self, given: steps.HandlerInput, history: steps.History, decisions: steps.History
@@ -209,7 +209,7 @@ class Program:
         )
         if error is not None:
             text = f"{error}; it catches this, and continues forever"
-        abandon_thread(ScenarioError(f"{self._place(traceback.extract_stack())}: {text}"))
+        abandon_thread(ScenarioError(f"{self._place_in(traceback.extract_stack())}: {text}"))
 
     def _run(self, link: ScriptConnection, given: steps.HandlerInput) -> steps.Step:
         """Run the script to its first step without a result, and return that step."""
@@ -219,10 +219,10 @@ class Program:
             assert link.stopped is not None
         except (Exception, SystemExit) as error:
             raise ScenarioError(
-                f"{self._where(error)}: {_described(link.error or error)}"
+                f"{self._place_of_error(error)}: {_described(link.error or error)}"
             ) from error
         if link.error is not None:  # the script caught it
-            raise ScenarioError(f"{self._where(link.error)}: {link.error}")
+            raise ScenarioError(f"{self._place_of_error(link.error)}: {link.error}")
         if isinstance(link.stopped, DecisionReached):
             raise link.stopped
         return link.stopped.step if link.stopped is not None else step
@@ -265,11 +265,13 @@ class Program:
             return None
         return steps.Return(self.message.encode_reply(result) if self.message else b"")
 
-    def _where(self, error: BaseException | None) -> str:
+    def _place_of_error(self, error: BaseException | None) -> str:
         """Return the place in the script at which an error was raised."""
-        return self._place(traceback.extract_tb(error.__traceback__) if error is not None else [])
+        return self._place_in(
+            traceback.extract_tb(error.__traceback__) if error is not None else []
+        )
 
-    def _place(self, frames: Iterable[traceback.FrameSummary]) -> str:
+    def _place_in(self, frames: Iterable[traceback.FrameSummary]) -> str:
         code = inspect.unwrap(self._function).__code__
         lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
         line = lines[-1] if lines else code.co_firstlineno

@@ -150,9 +150,8 @@ class ScriptConnection:
         #: A weak reference to the LaterReply that the handler returned.
         self.returned_reply: Callable[[], object] = lambda: None
         self._callbacks: deque[Callable[[], None]] = deque()
-        self.call_soon = (
-            self._callbacks.append
-        )  #: adds a function that ``run_requested_calls`` calls
+        #: Adds a function that ``run_requested_calls`` calls.
+        self.call_soon = self._callbacks.append
         self._owed: Any = None  #: the owed reply, once it is sent
         #: The step or decision at which the run ended, or is about to end.
         self.stopped: StepReached | DecisionReached | None = None
@@ -315,11 +314,8 @@ class ScriptConnection:
         if got.refusal is None:
             return got.id
         request = Request(header, body, wants_answer=False)
-        request.what, request.refused, request.is_over = (
-            what,
-            headers.Refused(0, got.refusal, got.text),
-            True,
-        )
+        request.what, request.is_over = what, True
+        request.refused = headers.Refused(0, got.refusal, got.text)
         self._sends.add(request)
         return TaskId(SentId(self, request))
 

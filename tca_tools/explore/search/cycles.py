@@ -3,11 +3,11 @@
 The number of states is finite, so a run that never ends repeats a cycle of states. A cycle counts
 only if it is *fair*: it leaves out no action that is possible in all its states and must happen
 some time. A strongly connected set of states has no fair cycle if such an action exists and is
-taken on no way inside the set. No part of such a set has a fair cycle either.
+taken on no way inside the set. A part of such a set has no fair cycle either.
 
 For a property that must come true, the search covers the states in which the property is *owed*.
 For ``never_stuck()`` it follows each waiter from state to state (``Way.new_places``). In the cycles
-that it finds, the same task or script waits for the same thing.
+that it finds, the same task or script waits for the same thing throughout.
 """
 
 from collections import deque
@@ -32,6 +32,8 @@ class _Node(NamedTuple):
 
 
 class _Edge(NamedTuple):
+    """A way from one node to another."""
+
     way: Way
     to: _Node
 
@@ -103,21 +105,22 @@ def _waiting_graph(states: list[SearchState], places: dict[int, int]) -> Graph:
 def _fair_cycle(graph: Graph, states: list[SearchState]) -> tuple[_Node, list[Way]] | None:
     """Return the nearest fair cycle: its first node and its ways."""
     for part in sorted(_strongly_connected(graph), key=min):
-        inside = {node: [step for step in graph[node] if step.to in part] for node in part}
-        happening = {_fair(step.way.action) for steps in inside.values() for step in steps}
+        inside = {node: [edge for edge in graph[node] if edge.to in part] for node in part}
+        happening = {_fair_key(edge.way.action) for edges in inside.values() for edge in edges}
         always = set.intersection(*(_possible(states[node.state]) for node in part))
         if happening and not always - happening:
-            return min(part), _way_round(inside, min(part), states)
+            return min(part), _cycle_from(inside, min(part), states)
     return None
 
 
-def _fair(action: Action) -> Fair:
+def _fair_key(action: Action) -> Fair:
+    """Return the key of equal actions in different states."""
     return action.kind, action.name
 
 
 def _possible(state: SearchState) -> set[Fair]:
     """Return the actions that are possible in a state and must happen some time."""
-    return {_fair(way.action) for way in state.ways if not way.action.is_optional}
+    return {_fair_key(way.action) for way in state.ways if not way.action.is_optional}
 
 
 def _strongly_connected(graph: Graph) -> list[set[_Node]]:
@@ -130,18 +133,18 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     for root in graph:
         work: list[tuple[_Node, Iterator[_Edge]]] = [] if root in number else [(root, iter(()))]
         while work:
-            node, steps = work.pop()
+            node, edges = work.pop()
             if node not in number:
                 number[node] = low[node] = len(number)
                 stack.append(node)
                 on_stack.add(node)
-                steps = iter(graph[node])
-            for step in steps:
-                if step.to not in number:
-                    work += (node, steps), (step.to, iter(()))
+                edges = iter(graph[node])
+            for edge in edges:
+                if edge.to not in number:
+                    work += (node, edges), (edge.to, iter(()))
                     break
-                if step.to in on_stack:
-                    low[node] = min(low[node], low[step.to])
+                if edge.to in on_stack:
+                    low[node] = min(low[node], low[edge.to])
             else:
                 if low[node] == number[node]:
                     found.append(part := set(stack[stack.index(node) :]))
@@ -153,23 +156,23 @@ def _strongly_connected(graph: Graph) -> list[set[_Node]]:
     return found
 
 
-def _way_round(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
+def _cycle_from(inside: Graph, start: _Node, states: list[SearchState]) -> list[Way]:
     """Return a fair cycle of ways from *start*: a short one, though not always the shortest."""
     ways: list[Way] = []
     here, left_out = start, _possible(states[start.state])
     while left_out:
-        for step in _path(
+        for edge in _path(
             inside,
             here,
-            lambda step, out=left_out: bool(  # type: ignore[misc]
-                out - _possible(states[step.to.state]) or _fair(step.way.action) in out
+            lambda edge, out=left_out: bool(  # type: ignore[misc]
+                out - _possible(states[edge.to.state]) or _fair_key(edge.way.action) in out
             ),
         ):
-            ways.append(step.way)
-            here = step.to
-            left_out = (left_out & _possible(states[here.state])) - {_fair(step.way.action)}
+            ways.append(edge.way)
+            here = edge.to
+            left_out = (left_out & _possible(states[here.state])) - {_fair_key(edge.way.action)}
     if here != start:
-        ways += [step.way for step in _path(inside, here, lambda step: step.to == start)]
+        ways += [edge.way for edge in _path(inside, here, lambda edge: edge.to == start)]
     return ways
 
 
@@ -179,13 +182,13 @@ def _path(inside: Graph, start: _Node, is_wanted: Callable[[_Edge], bool]) -> li
     nodes = deque([start])
     while True:
         node = nodes.popleft()
-        for step in inside[node]:
-            if is_wanted(step):
-                path = [step]
+        for edge in inside[node]:
+            if is_wanted(edge):
+                path = [edge]
                 while node != start:
                     node, before = reached_by[node]
                     path.append(before)
                 return path[::-1]
-            if step.to not in reached_by:
-                reached_by[step.to] = node, step
-                nodes.append(step.to)
+            if edge.to not in reached_by:
+                reached_by[edge.to] = node, edge
+                nodes.append(edge.to)

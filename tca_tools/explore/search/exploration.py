@@ -141,12 +141,7 @@ class _Exploration:
             violation = self._judge_cycles(states)
         if is_complete:
             _check_message_names(self.scenario, self.properties, self.used_messages)
-        vacuous = (
-            [self.properties[number] for number in sorted(self.without_case)] if is_complete else []
-        )
-        vacuous_properties = tuple(
-            f"'{prop}': '{words_of(prop.case)}' is never true" for prop in vacuous
-        )
+        vacuous = (self.properties[number] for number in sorted(self.without_case) if is_complete)
         return Result(
             self.scenario,
             len(self.known),
@@ -155,7 +150,7 @@ class _Exploration:
             longest,
             is_complete,
             violation,
-            vacuous_properties,
+            tuple(f"'{prop}': '{words_of(prop.case)}' is never true" for prop in vacuous),
             {key: state.actions() for key, state in self.outcomes.items()},
             self.branching.most(),
         )
@@ -184,10 +179,8 @@ class _Exploration:
         if len(actions) > 1:
             self._save(state, play)
         for action in actions:
-            violation = self._perform(
-                state, action, play if action is actions[-1] else self._play_of(state)
-            )
-            if violation is not None:
+            at_state = play if action is actions[-1] else self._play_of(state)
+            if violation := self._perform(state, action, at_state):
                 return violation
         if state.snapshot is not None:
             self.saved -= len(state.snapshot)
@@ -195,13 +188,12 @@ class _Exploration:
         return None
 
     def _play_of(self, state: SearchState) -> Play:
-        return (
-            self.snapshots.load(state.snapshot)
-            if state.snapshot is not None
-            else replayed(self.scenario, state)
-        )
+        if state.snapshot is None:
+            return replayed(self.scenario, state)
+        return self.snapshots.load(state.snapshot)
 
     def _perform(self, state: SearchState, action: Action, play: Play) -> Violation | None:
+        """Perform an action in *play*, which is in *state*."""
         self.steps += 1
         waited = waiters(play) if self.detail.names else []
         try:
@@ -218,9 +210,8 @@ class _Exploration:
         waited: Sequence[Waiter] = (),
     ) -> Violation | None:
         """Check a state that was reached, and store it if it is new."""
-        state = SearchState(
-            before, action, before.memories if before else (0,) * len(self.properties)
-        )
+        memories = before.memories if before else (0,) * len(self.properties)
+        state = SearchState(before, action, memories)
         if play.broken:
             return Violation("what central promises", play.broken, state.actions())
         if violation := self._judge(state, play, before.order if before else ()):
@@ -247,6 +238,7 @@ class _Exploration:
         return None
 
     def _save(self, state: SearchState, play: Play) -> None:
+        """Store a snapshot of a state, if there is room and it has none."""
         if state.snapshot is None and self.saved < SNAPSHOT_BYTES:
             state.snapshot = self.snapshots.save(play)
             self.saved += len(state.snapshot)
@@ -298,7 +290,7 @@ def _longest_run(states: list[SearchState]) -> int | None:
     ways_in = Counter(id(way.to) for state in states for way in state.ways)
     length = dict.fromkeys(map(id, states), 0)
     ready = states[:1]
-    for state in ready:  # grows while it is walked
+    for state in ready:  # the list grows during the loop
         for way in state.ways:
             length[id(way.to)] = max(length[id(way.to)], length[id(state)] + 1)
             ways_in[id(way.to)] -= 1
@@ -307,7 +299,7 @@ def _longest_run(states: list[SearchState]) -> int | None:
     return max(length.values()) if len(ready) == len(states) else None
 
 
-# --- names: every property of a misspelt name would hold, and its mistake would go unnoticed ------
+# --- names: a property with a misspelt name would hold, and the mistake would go unnoticed --------
 
 
 def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> None:
@@ -317,8 +309,7 @@ def _check_module_names(scenario: Scenario, properties: Iterable[Property]) -> N
             if named.module and named.module.partition("#")[0] not in scenario.modules:
                 raise ScenarioError(
                     f"property '{prop}': scenario '{scenario.title}' has no module "
-                    f"'{named.module}'; "
-                    f"{nearest_or_all(named.module, scenario.modules)}"
+                    f"'{named.module}'; {nearest_or_all(named.module, scenario.modules)}"
                 )
 
 

@@ -179,9 +179,11 @@ class _Walk:
         self._out += plain
 
     def number_of_name(self, name: int) -> int:
+        """Return the number of an identifier."""
         return self._names.setdefault((type(name), int(name)), len(self._names))
 
     def knows_name(self, name: int) -> bool:
+        """Whether an identifier has a number already."""
         return (type(name), int(name)) in self._names
 
     def number_of(self, thing: object) -> int:
@@ -285,11 +287,9 @@ class _Walk:
     def add_phase(self, watch: Any, since: float) -> None:
         """Add the part of a monitor's period that is over."""
         period = watch.options.period
-        passed = (
-            round((self._now - since) % period, _DIGITS)
-            if watch.watching_since is not None and period
-            else 0.0
-        )
+        passed = 0.0
+        if watch.watching_since is not None and period:
+            passed = round((self._now - since) % period, _DIGITS)
         self.add(0.0 if passed == round(period, _DIGITS) else passed)
 
     def add_attachment(self, _: object, attached: Any) -> None:
@@ -299,19 +299,20 @@ class _Walk:
         self._out.append(sum(other.id < attached.id for other in place.attached))
 
     def digest(self) -> bytes:
+        """Return a digest of all that was written, with the ranks of arrivals filled in."""
         for ranks in self._ranks.values():
             for rank, (arrival, place) in enumerate(sorted(ranks), start=1):
                 self._out[place] = rank if arrival else 0
         try:
             written = msgspec.msgpack.encode(self._out)
         except OverflowError:  # MessagePack has no longer integers
-            written = msgspec.msgpack.encode(
-                [
-                    hex(value) if type(value) is int and value.bit_length() > _WIDEST else value
-                    for value in self._out
-                ]
-            )
+            written = msgspec.msgpack.encode([*map(_narrow, self._out)])
         return blake2b(written, digest_size=16).digest()
+
+
+def _narrow(value: Any) -> Any:
+    """Return an integer that is too wide for MessagePack as text, anything else unchanged."""
+    return hex(value) if type(value) is int and value.bit_length() > _WIDEST else value
 
 
 _LIST, _DICT, _NAME, _THING, _KNOWN, _END = (msgspec.msgpack.Ext(code, b"") for code in range(6))
@@ -418,30 +419,20 @@ def _attributes(
 def _add_modules(walk: _Walk, play: Play, detail: Detail) -> None:
     for name in sorted(play.runs):
         run = play.runs[name]
-        walk.add([name, run.steps_joined, len(run.first), run.is_alive, run.is_leaving])
+        walk.add([name, run.steps_joined, len(run.first_programs), run.is_alive, run.is_leaving])
         connections = play.central.registry.connections
         lines = [
             (walk.number_of(connections[connection_of(line.name)]), line) for line in run.lines
         ]
         for number, line in sorted(lines, key=itemgetter(0)):
-            walk.add(
-                [
-                    number,
-                    line.name if detail.names or play.scenario.has_prefetch else len(line.actors),
-                ]
-            )
+            is_named = detail.names or play.scenario.has_prefetch
+            walk.add([number, line.name if is_named else len(line.actors)])
             for actor in line.actors:
                 _add_actor(walk, actor, has_begun=actor in line.stack)
             if line.inbox is not None:
                 walk.add(line.inbox.state)
-    walk.add(
-        [
-            *play.losses.values(),
-            *play.kills.values(),
-            *play.suspensions.values(),
-            *play.suspended.values(),
-        ]
-    )
+    chances = play.losses, play.kills, play.suspensions, play.suspended
+    walk.add([value for each in chances for value in each.values()])
     walk.add(sorted(play.digests.items()))
 
 
@@ -461,7 +452,7 @@ def _add_actor(walk: _Walk, actor: Actor, *, has_begun: bool) -> None:
             actor.knows_of_module_end,
             actor.suspended[-1],
             len(set(actor.suspended)),
-            *actor.known,
+            *actor.known_ids,
             list(actor.reply_uses),
         ]
     )

@@ -32,17 +32,11 @@ def report(result: Result) -> str:
         most = ", ".join(result.branching)
         advice = f"\n  commonest alternatives: {most}; leave out those that you need least"
         return line + (advice if most else "")
-    longest = (
-        "some runs may never end"
-        if result.longest is None
-        else f"at most {result.longest} actions a run"
-    )
-    return "\n".join(
-        [
-            f"{title}: good, {size}, {longest}",
-            *(f"  holds vacuously: {text}" for text in result.vacuous),
-        ]
-    )
+    longest = "some runs may never end"
+    if result.longest is not None:
+        longest = f"at most {result.longest} actions a run"
+    vacuous = (f"  holds vacuously: {text}" for text in result.vacuous)
+    return "\n".join([f"{title}: good, {size}, {longest}", *vacuous])
 
 
 def _story(result: Result, violation: Violation) -> list[str]:

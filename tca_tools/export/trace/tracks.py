@@ -61,7 +61,7 @@ def of_task(run: Run, task: Task) -> Details:
 
 
 def of_handling(run: Run, handling: Handling) -> Details:
-    """Return the details of a handler run; the last run has the results of the message, too."""
+    """Return the details of a handling; a message's last one also has the message's results."""
     message = run.messages.get(handling.message_id)
     details: Details = {"directly from": handling.direct_from or None} | (
         of_message(run, message) if message else {}
@@ -100,7 +100,7 @@ def add_modules(trace: Trace) -> None:
     outside = [name for name in sent if isinstance(name, str)]
     for name in dict.fromkeys([*run.modules, *outside, *(module for module, _ in places)]):
         group = trace.add(name or "(no handler)")
-        group.events = _connected(group)
+        group.events = _connection_slices(group)
         resources = [resource for module, resource in places if module == name]
         ranks = count(1)
         for resource in sorted(resources, key=lambda resource: resource not in ("", name)):
@@ -114,17 +114,16 @@ def _places(trace: Trace) -> "dict[tuple[str, str], _Place]":
     for module in trace.run.modules.values():
         for resource in module.resources:
             places[module.name, resource]  # creates it, even if it stays empty
-    for run in trace.run.handlings:
-        places[run.module, run.resource].handlings.append((trace.span(run.start, run.end), run))
-    for wait in trace.run.queueings:
-        places[wait.module, wait.resource].queueings.append(
-            (trace.span(wait.start, wait.end), wait)
-        )
+    for handling in trace.run.handlings:
+        span = trace.span(handling.start, handling.end)
+        places[handling.module, handling.resource].handlings.append((span, handling))
+    for queueing in trace.run.queueings:
+        span = trace.span(queueing.start, queueing.end)
+        places[queueing.module, queueing.resource].queueings.append((span, queueing))
     for claim in trace.run.claims.values():
         if claim.granted is not None:
-            places[claim.module, claim.resource].claims.append(
-                (trace.span(claim.granted, claim.end), claim)
-            )
+            span = trace.span(claim.granted, claim.end)
+            places[claim.module, claim.resource].claims.append((span, claim))
     return places
 
 
@@ -142,37 +141,37 @@ class _Place:
         further: Waits = []
         for lane in in_lanes(self.handlings):
             track = trace.add(name, group, rank)
-            runs = []
+            slices = []
             for span, handling in lane:
                 first, *others = in_lanes(_waits(trace, span, handling)) or [[]]
                 further += chain.from_iterable(others)
-                runs.append(_run(track, span, handling, first, sent.get(id(handling), [])))
-            track.events = chain.from_iterable(runs)
-        _add_lanes(group, next(ranks), f"further waits of {name}", further, _waiting)
-        _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claimed)
+                slices.append(_handling(track, span, handling, first, sent.get(id(handling), [])))
+            track.events = chain.from_iterable(slices)
+        _add_lanes(group, next(ranks), f"further waits of {name}", further, _wait_slice)
+        _add_lanes(group, next(ranks), f"locks of {name}", self.claims, _claim_slice)
         if self.queueings:
             length = trace.add(f"queue length of {name}", group, next(ranks), is_counter=True)
             length.events = length.counter([span for span, _ in self.queueings])
-        _add_lanes(group, next(ranks), f"queue of {name}", self.queueings, _queued)
+        _add_lanes(group, next(ranks), f"queue of {name}", self.queueings, _queue_slice)
 
 
 Begin = Callable[[Track, TraceSpan, Any], Event]
 
 
 def _add_lanes(
-    group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], of: Begin
+    group: Track, rank: int, name: str, spans: Iterable[tuple[TraceSpan, Any]], begin: Begin
 ) -> None:
     """Add as many tracks of one name as the spans need."""
     for lane in in_lanes(spans):
         track = group.trace.add(name, group, rank)
-        track.events = _slices(track, lane, of)
+        track.events = _slices(track, lane, begin)
 
 
-def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], of: Begin) -> Iterator[Event]:
-    return track.slices((span, of(track, span, thing)) for span, thing in spans)
+def _slices(track: Track, spans: Iterable[tuple[TraceSpan, Any]], begin: Begin) -> Iterator[Event]:
+    return track.slices((span, begin(track, span, thing)) for span, thing in spans)
 
 
-def _run(
+def _handling(
     track: Track, span: TraceSpan, handling: Handling, waits: Waits, sent: list[Message]
 ) -> Iterator[Event]:
     """Yield a handling with its waits, its sent messages, and its failure."""
@@ -183,7 +182,7 @@ def _run(
     if handling.outcome is Outcome.FAILED and span.end is not None:
         failed = [track.instant(span.end, "failed", "failure", _failure(run, handling))]
     yield from track.within(
-        span, outer, _sending(track, sent), failed, _slices(track, waits, _waiting)
+        span, outer, _sending(track, sent), failed, _slices(track, waits, _wait_slice)
     )
 
 
@@ -192,7 +191,9 @@ def _failure(run: Run, handling: Handling) -> Details:
     message = run.messages.get(handling.message_id)
     end = handling.until
     failure = (
-        message.was("failure", end) if message and message.written("failure", end) == end else None
+        message.value_at("failure", end)
+        if message and message.written_at("failure", end) == end
+        else None
     )
     return {"failure": failure, "handled": run_continued_after(run, handling)}
 
@@ -227,7 +228,7 @@ def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
         flows = [
             flow
             for message in sent
-            for flow in dict.fromkeys(_flow(message, run.delivery) for run in message.handlings)
+            for flow in dict.fromkeys(_flow(message, one.delivery) for one in message.handlings)
         ]
         flows += [message.id for message in sent if message.queueings and not message.handlings]
         if len(sent) == 1:
@@ -245,31 +246,31 @@ def _add_outside(group: Track, rank: int, sent: list[Message]) -> None:
     waits = [(trace.span(wait.start, wait.end), wait) for wait in module.waits] if module else []
     for lane in in_lanes(waits) or ([[]] if sent else []):
         track = trace.add("outside of handlers" if module else "sent", group, rank)
-        track.events = in_order(_sending(track, sent), _slices(track, lane, _waiting))
+        track.events = in_order(_sending(track, sent), _slices(track, lane, _wait_slice))
         sent = []
 
 
-def _connected(group: Track) -> Iterator[Event]:
+def _connection_slices(group: Track) -> Iterator[Event]:
     """Yield the spans in which a module was connected, for the track of its group."""
     module = group.trace.run.modules.get(group.name)
     spans = [group.trace.span(start, end) for start, end in module.joined] if module else []
     return group.slices((span, group.begin(span, "connected", "module")) for span in spans)
 
 
-def _waiting(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
+def _wait_slice(track: Track, span: TraceSpan, wait: HandlerWait) -> Event:
     run = track.trace.run
     name = "a lock" if wait.awaited in run.claims else run.name(wait.awaited)
     return track.begin(span, f"waits for {name}", "waiting", of_wait(run, wait))
 
 
-def _queued(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
+def _queue_slice(track: Track, span: TraceSpan, queueing: Queueing) -> Event:
     run, number = track.trace.run, queueing.message_id
     return track.begin(
         span, run.name(number), "queued", {"id": number}, _flow(run.messages.get(number))
     )
 
 
-def _claimed(track: Track, span: TraceSpan, claim: Claim) -> Event:
+def _claim_slice(track: Track, span: TraceSpan, claim: Claim) -> Event:
     name = f"{'reserved' if claim.is_reserved else 'locked'} by {claim.sender}"
     return track.begin(span, name, "lock", {"id": claim.id, "ended": claim.ended or None})
 
@@ -328,8 +329,8 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
         for time, text in task.failures
     ]
     moments += [
-        (time, "killed", "failure", {"why": why, "by": task.was("killed_by", time) or None})
-        for time, why in task.became("killed")
+        (time, "killed", "failure", {"why": why, "by": task.value_at("killed_by", time) or None})
+        for time, why in task.new_values("killed")
         if why is not None
     ]
     for change in task.life:
