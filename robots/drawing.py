@@ -12,9 +12,9 @@ Place = Sequence[float]
 class View:
     """A part of a picture in which y points up.
 
-    Lengths are in the world's unit, which is *scale* pixels long. *left* and *zero* are the pixels
-    of the world's origin. Each shape has a look, which is a class of the picture's style; *more*
-    are further SVG attributes by name.
+    Lengths are in the world's unit, which is *scale* pixels long. The world's origin is *left*
+    pixels from the left and *zero* pixels from the top. Coordinates have *digits* decimals. The
+    look of a shape is a class of the picture's style. *more* are further SVG attributes by name.
     """
 
     left: float

@@ -60,7 +60,7 @@ class BulletWorld:
         infos = [self._engine.getJointInfo(self._robot, joint) for joint in range(count)]
         return {info[1].decode(): info[0] for info in infos}
 
-    def _frame(
+    def _render(
         self, camera: Camera, size: tuple[int, int], ground_bodies: Sequence[int]
     ) -> Rendering:
         """The image of a camera: colours, depths, and masks of the ground and of objects on it."""

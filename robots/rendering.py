@@ -14,18 +14,19 @@ Mask = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 
 SIZE = (960, 600)
-RENDERED = (2 * SIZE[0], 2 * SIZE[1])
-"""Twice as large; the mean of four pixels then smooths the renderer's hard edges."""
+RENDERED_SIZE = (2 * SIZE[0], 2 * SIZE[1])
+"""The size of renderings, twice that of pictures: ``halve`` smooths the renderer's hard edges."""
 
 SHADOW = 0.58
+"""The brightness of ground in shadow, where sunlit ground has 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
     """A camera: place, target, vertical angle of view in degrees, and the distances it shows."""
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
+    eye: Triple
+    target: Triple
     angle: float
     near: float
     far: float
@@ -48,17 +49,12 @@ class Rendering:
 def camera_in_the_sun(
     sun: Triple, distance: float, target: Triple, angle: float, depth: float
 ) -> Camera:
-    """A camera in the direction *sun* from the target. Ground that a robot hides from it lies in
-    shadow.
+    """A camera in the direction *sun* from the target. Ground that it does not see lies in shadow.
 
-    *depth* is how many metres before and behind the target the camera shows.
+    It shows everything up to *depth* metres before and behind the target.
     """
-    eye = [
-        here + distance * part / math.hypot(*sun) for here, part in zip(target, sun, strict=True)
-    ]
-    return Camera(
-        (eye[0], eye[1], eye[2]), target, angle, near=distance - depth, far=distance + depth
-    )
+    x, y, z = (a + distance * b / math.hypot(*sun) for a, b in zip(target, sun, strict=True))
+    return Camera((x, y, z), target, angle, near=distance - depth, far=distance + depth)
 
 
 def ground_places(frame: Rendering) -> Array:
@@ -79,24 +75,23 @@ def near_multiple(values: Array, step: float, width: float) -> Mask:
 
 
 def shadow(places: Array, from_sun: Rendering) -> Array:
-    """Brightness: SHADOW where the sun sees an object instead of the ground, with soft edges."""
+    """The brightness of places of the ground: SHADOW where an object hides them from the sun.
+
+    Shadows have soft edges. Places outside the sun's rendering are lit.
+    """
     height, width = from_sun.objects.shape
     x, y, _, w = from_sun.to_screen @ np.vstack([places.T, np.ones(len(places))])
-    column, row = (
-        ((x / w + 1) / 2 * width).astype(np.intp),
-        ((1 - y / w) / 2 * height).astype(np.intp),
-    )
-    lit = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    hidden = _softened(from_sun.objects)[row.clip(0, height - 1), column.clip(0, width - 1)]
-    return np.where(lit, 1 - (1 - SHADOW) * hidden, 1.0)
+    column = ((x / w + 1) / 2 * width).astype(np.intp)
+    row = ((1 - y / w) / 2 * height).astype(np.intp)
+    is_rendered = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    hidden = _blurred(from_sun.objects)[row.clip(0, height - 1), column.clip(0, width - 1)]
+    return np.where(is_rendered, 1 - (1 - SHADOW) * hidden, 1.0)
 
 
-def _softened(cells: Mask) -> Array:
+def _blurred(cells: Mask) -> Array:
     """The mean over 5 by 5 cells."""
-    return (
-        np.asarray(Image.fromarray(255 * cells.astype(np.uint8)).filter(ImageFilter.BoxBlur(2)))
-        / 255
-    )
+    image = Image.fromarray(255 * cells.astype(np.uint8))
+    return np.asarray(image.filter(ImageFilter.BoxBlur(2))) / 255
 
 
 def halve(image: Array) -> Pixels:

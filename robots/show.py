@@ -35,8 +35,9 @@ def run_show(parser: argparse.ArgumentParser, show: Callable[[argparse.Namespace
 
 
 def draw_history(folder: Path, warn: Callable[[str], object] = print) -> Iterator[Path]:
-    """Draw the task tree and the Gantt chart of the run. The error of a failed drawing goes to
-    *warn*.
+    """Draw the task tree and the Gantt chart of the run. Yields each file written.
+
+    *warn* is called with the error of a failed drawing.
     """
     tools: dict[str, Command] = {"tree.svg": tree, "gantt.svg": gantt}
     for name, tool in tools.items():
@@ -50,11 +51,13 @@ def draw_history(folder: Path, warn: Callable[[str], object] = print) -> Iterato
 
 def save_picture(path: Path, svg: str) -> list[Path]:
     """Write the picture as .svg and, where possible, as .png. Returns the files written."""
-    made = [path.with_suffix(".svg"), path.with_suffix(".png")]
-    made[0].write_text(svg)
+    written = [path.with_suffix(".svg")]
+    written[0].write_text(svg)
     try:
-        made[1].write_bytes(convert_svg(svg, "png"))
+        png = convert_svg(svg, "png")
     except NoPicture as error:
         print(error, file=sys.stderr)
-        del made[1]
-    return made
+        return written
+    written.append(path.with_suffix(".png"))
+    written[1].write_bytes(png)
+    return written

@@ -23,7 +23,9 @@ def link(
     *,
     centre: Triple = (0, 0, 0),
 ) -> str:
-    """A link with the inertia of a box of this size; *looks*: visuals, *solid*: collision shape."""
+    """A link with the inertia of a box of this size, its visuals *looks* and its collision shape
+    *solid*.
+    """
     x, y, z = (side * side * mass / 12 for side in size)
     moments = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
     inertia = f'<inertial>{_place(centre)}<mass value="{mass}"/><inertia {moments}/></inertial>'

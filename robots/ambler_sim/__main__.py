@@ -24,19 +24,19 @@ def main() -> int:
 
 
 def _walk(options: argparse.Namespace) -> int:
-    if options.gui and (missing := without_physics(options) or why_no_window()):
-        raise SystemExit(f"ambler: --gui: {missing}")
-    if options.film and (missing := without_physics(options) or why_no_film(options.film)):
-        raise SystemExit(f"ambler: --film: {missing}")
-    console.print(f"The Ambler walks {options.metres:g} m {_how(options)}.")
+    if options.gui and (reason := why_no_physics(options) or why_no_window()):
+        raise SystemExit(f"ambler: --gui: {reason}")
+    if options.film and (reason := why_no_physics(options) or why_no_film(options.film)):
+        raise SystemExit(f"ambler: --film: {reason}")
+    console.print(f"The Ambler walks {options.metres:g} m {_simulation_and_pace(options)}.")
     began = time.monotonic()
-    walk = Walk(options, sys.argv[1:], _fresh(options.out))
+    walk = Walk(options, sys.argv[1:], _prepared_folder(options.out))
     tca = "tca" if shutil.which("tca") else Path(sys.executable).with_name("tca")
     view = f"{tca} view {walk.folder}/journal"
     console.print(f"Watch it in the browser: [bold]{view}[/bold]", soft_wrap=True)
     code = walk.run()
     console.print(f"{'Ended' if code else 'Done'} after {time.monotonic() - began:.0f} s:")
-    for line in walk.judge().lines():
+    for line in walk.save_figures().lines():
         console.print(f"  {line}", soft_wrap=True)
     for title, path in walk.outputs:
         console.print(f"  {title:12} {path}", soft_wrap=True)
@@ -44,16 +44,17 @@ def _walk(options: argparse.Namespace) -> int:
     return code
 
 
-def _how(options: argparse.Namespace) -> str:
-    pace = f"{options.pace:g} times as fast as in reality" if options.pace else "as fast as can be"
+def _simulation_and_pace(options: argparse.Namespace) -> str:
+    times = f"{options.pace:g} times as fast as in reality"
+    pace = times if options.pace else "as fast as possible"
     if options.backend not in WITHOUT_PHYSICS and pybullet_is_installed():
         return f"with PyBullet's physics, {pace}"
     missing = "" if pybullet_is_installed() else " (no PyBullet here)"
     return f"kinematically, without physics{missing}, {pace}"
 
 
-def _fresh(folder: Path) -> Path:
-    """Empty a folder of an earlier walk, and lock it until this process ends. Returns its path."""
+def _prepared_folder(folder: Path) -> Path:
+    """Empty a walk's folder, and lock it until this process ends. Returns its absolute path."""
     marker = folder / MARKER
     if folder.exists() and any(folder.iterdir()) and not marker.exists():
         raise SystemExit(
@@ -77,8 +78,8 @@ def _fresh(folder: Path) -> Path:
     return folder.resolve()
 
 
-def without_physics(options: argparse.Namespace) -> str:
-    """Why this walk has no camera and no window; empty if it has physics, which offers both."""
+def why_no_physics(options: argparse.Namespace) -> str:
+    """Why this walk has no physics, and so no camera and no window; empty if it has physics."""
     if options.backend in WITHOUT_PHYSICS:
         return f"the {options.backend} backend has no physics to look at: leave --backend out"
     return "" if pybullet_is_installed() else "it needs PyBullet, which is not installed here"

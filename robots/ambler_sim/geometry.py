@@ -60,7 +60,10 @@ class Mechanism:
 AMBLER = Mechanism()
 GRAVITY = 9.81
 BODY_HEIGHT = 2.7
+"""The height (m) at which the body is carried over the feet."""
+
 TRACK = 2.3
+"""The distance (m) of ideal footholds from the body's middle line."""
 
 SHAFT_Y: Array = np.array([AMBLER.shaft_offset] * 3 + [-AMBLER.shaft_offset] * 3)
 SHOULDER_Z: Array = np.array(AMBLER.shoulder_heights)
@@ -87,7 +90,7 @@ def circulation(leg: int) -> int:
 
 
 def unwrap(angle: float, near: float) -> float:
-    """The direction *angle*, in the turn nearest to *near*."""
+    """The angle nearest to *near* that differs from *angle* by whole turns."""
     return near + math.remainder(angle - near, math.tau)
 
 
@@ -120,11 +123,11 @@ def seen_by(pose: Pose, place: Pose | Foot | Rock) -> tuple[float, float]:
 
 def rigid_motion(before: Array, after: Array) -> tuple[float, Array]:
     """The turn, then the shift, that fit points *before* (n, 2) onto *after* (least squares)."""
-    middle, there = before.mean(axis=0), after.mean(axis=0)
-    a, b = before - middle, after - there
+    middle_before, middle_after = before.mean(axis=0), after.mean(axis=0)
+    a, b = before - middle_before, after - middle_after
     turn = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
     cos, sin = math.cos(turn), math.sin(turn)
-    shift: Array = there - np.array([[cos, -sin], [sin, cos]]) @ middle
+    shift: Array = middle_after - np.array([[cos, -sin], [sin, cos]]) @ middle_before
     return turn, shift
 
 
@@ -139,8 +142,9 @@ def feet_of(joints: Array, legs: Sequence[int] = LEGS) -> Array:
 
 
 def joints_of(feet: Array, near: Array | None = None, legs: Sequence[int] = LEGS) -> Array:
-    """Inverse kinematics: body-frame feet to (angle, reach, drop) rows, each angle in the turn
-    nearest to *near*.
+    """Inverse kinematics: body-frame feet to (angle, reach, drop) rows.
+
+    With *near* each angle is unwrapped: it is within half a turn of its angle in *near*.
     """
     index = list(legs)
     x, y = feet[:, 0], feet[:, 1] - SHAFT_Y[index]
@@ -177,8 +181,7 @@ def circulating_angle(pose: Pose, foot: Foot) -> float:
     """How far a leg has turned from straight ahead in its own sense, 0 to 2 pi. The rear-most leg
     of a side has turned furthest.
 
-    A leg that was stopped half way through its recovery counts as rear-most until it has passed the
-    nose.
+    A leg that was stopped on its way to the front counts as rear-most until it has passed the nose.
     """
     angle, _, _ = leg_joints(pose, foot)
     return (circulation(foot.leg) * angle) % math.tau

@@ -49,8 +49,8 @@ class WayWalked:
 
 @dataclass(frozen=True, slots=True)
 class Ahead:
-    """The rest of an arc, its foreseen (not measured) first stance, and its first footstep's
-    number.
+    """The rest of an arc, the stance foreseen at its start (not measured), and the number of its
+    first footstep.
     """
 
     arc: Arc
@@ -76,7 +76,7 @@ class Placing:
 
 @dataclass(frozen=True, slots=True)
 class Reset:
-    """A request to switch on a leg's amplifier or free its joint, or have an *operator* do it."""
+    """A request to switch on a leg's amplifier or to free its joint, with *operator* by hand."""
 
     leg: int
     operator: bool = False
@@ -103,13 +103,13 @@ ACHIEVED_POSITION = PointMonitor(
     "achieved position?", StepEnd, condition=POSITION_REACHED, action=WALKED
 )
 
-# Questions of the planners.
+# Queries of and to the planners.
 ELEVATION_MAP = Query("elevation map", Window, reply=ElevationMap)
 PLAN_FOOTFALL = Query("plan footfall", Step, reply=Foot)
 PLAN_LEG_RECOVERY = Query("plan leg recovery", Placing, reply=LegMove)
 PLAN_BODY_MOVE = Query("plan body move", Placing, reply=BodyMove)
 
-# Questions to the controller.
+# Queries to the controller.
 STANCE = Query("stance", reply=Stance)
 READINGS = Query("readings", reply=Readings)
 PICTURE = Query("picture", str, reply=str)

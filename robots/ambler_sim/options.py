@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from robots.ambler_sim.vocabulary import KINDS, TERRAINS
-from robots.options import between, parser_of
+from robots.options import add_without, number_between, show_parser
 
 FARTHEST = 1500.0
 """The longest walk in metres; hills reach a little further."""
@@ -31,13 +31,13 @@ class Mode(StrEnum):
 
 
 def walk_options(program: str = "", description: str | None = None) -> argparse.ArgumentParser:
-    """The command line of a walk or, with *program*, of that program in this package."""
-    parser = parser_of(f"ambler_sim{program}", description, out="walk")
+    """The parser of a walk's options or, with *program*, of the same options for that program."""
+    parser = show_parser(f"ambler_sim{program}", description, out="walk")
     add = parser.add_argument
     add(
         "--distance",
         dest="metres",
-        type=between(0.1, FARTHEST, "the distance"),
+        type=number_between(0.1, FARTHEST, "the distance"),
         default=6.0,
         metavar="METRES",
         help="how far to walk",
@@ -73,27 +73,20 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
     )
     add(
         "--faults",
-        type=kinds_of,
+        type=parse_kinds,
         default=(),
         metavar="all|KIND,...",
         help=f"faults that occur at random: {', '.join(KINDS)}",
     )
     add(
         "--fault",
-        type=fault_at,
+        type=parse_fault,
         action="append",
         default=[],
         metavar="KIND@STEP",
         help="one fault with that leg move (1, 2, ...); may be repeated",
     )
-    add(
-        "--without",
-        action="append",
-        default=[],
-        choices=LAYERS,
-        metavar="LAYER",
-        help=f"leave out a layer: {', '.join(LAYERS)}",
-    )
+    add_without(parser, LAYERS)
     add("--bare", action="store_true", help="without layers and without error recovery")
     add(
         "--film",
@@ -103,25 +96,27 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
     )
     add("--film-from", type=int, default=0, metavar="STEP", help="film from that footstep on")
     add(
-        "--between-arcs",
+        "--number_between-arcs",
         choices=("swap", "ask"),
         help="swap: stop the controller and start another; ask: wait for Enter",
     )
-    add("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
+    add(
+        "--swap-to", choices=BACKENDS[1:], help="the other controller of --number_between-arcs swap"
+    )
     return parser
 
 
-def kinds_of(text: str) -> tuple[str, ...]:
+def parse_kinds(text: str) -> tuple[str, ...]:
     """Parse "all" or a list with commas. Raises ArgumentTypeError for an unknown kind."""
     kinds = KINDS if text == "all" else tuple(filter(None, text.split(",")))
-    if wrong := [kind for kind in kinds if kind not in KINDS]:
+    if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise argparse.ArgumentTypeError(
-            f"unknown kind of fault {wrong[0]!r}: use {', '.join(KINDS)}"
+            f"unknown kind of fault {unknown[0]!r}: use {', '.join(KINDS)}"
         )
     return kinds
 
 
-def fault_at(text: str) -> tuple[str, int]:
+def parse_fault(text: str) -> tuple[str, int]:
     """Parse KIND@STEP: a kind of fault, and the number of the leg move with which it comes."""
     kind, _, number = text.partition("@")
     if kind not in KINDS or not number.isdecimal():

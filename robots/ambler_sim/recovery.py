@@ -1,5 +1,5 @@
-"""Parts of the layers: the exception handlers of the error recovery module, by the names under
-which layers attach them. The modules that walk do not know them.
+"""The exception handlers of the error recovery module, to be attached by layers, and a function
+that makes a layer. The modules that walk do not know them.
 """
 
 from robots.ambler_sim.vocabulary import Contact

@@ -119,11 +119,11 @@ class Footfall:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A moving leg met something: the place of its foot, the force (N) that stopped it, and its
-    direction.
+    """A contact of a moving leg: the place of its foot, the force (N) that stopped it, and the
+    direction of its move.
 
-    The direction is a unit vector; it is zero if the leg went down. Leg -1 is the body; the place
-    is then that of its front.
+    The direction is a unit vector; it is zero if the leg went down. Leg -1 stands for the body, and
+    the place is then that of its front.
     """
 
     leg: int
@@ -199,7 +199,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """The body's attitude, and (angle, reach, drop) of each leg. Angles count whole turns."""
+    """The body's attitude, and (angle, reach, drop) of each leg. Angles may exceed a turn."""
 
     attitude: Attitude
     joints: tuple[tuple[float, float, float], ...]
@@ -264,8 +264,7 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Footstep:
-    """One line of the scorer's record, made after each body move: the robot's belief beside the
-    truth.
+    """One line of the walk's record, made after each body move: the robot's belief and the truth.
 
     *slope* is that of the ground under the body, rise per run. *tilt* (rad) is the greatest since
     the last footstep. *margin* (m) is the distance of the centre of gravity from the edge of the

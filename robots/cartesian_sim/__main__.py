@@ -14,7 +14,7 @@ from pathlib import Path
 
 from robots.cartesian_sim.messages import CLEAN, ENABLE, MOVE_TO, REFERENCE, SET_SPEED, WallPoint
 from robots.cartesian_sim.robot import NAME, CleaningRobot
-from robots.options import parser_of
+from robots.options import show_parser
 from robots.show import run_show, save_picture
 from tca_behaviours.activities import Application
 from tca_behaviours.activities.manager import ActivityMove, ApplicationMessages
@@ -23,7 +23,7 @@ from tca_module import Client, SentTask, TcaError, connect
 from tca_tools.supervise.programs import START_TIME, central_in
 from tca_wire.text.measures import duration
 
-CHANGES = 2.0
+REALLOCATION_PERIOD = 2.0
 """Seconds between two allocations while the robot cleans."""
 
 POLICIES = ("one_each", "automatic", "one_for_all")
@@ -35,10 +35,10 @@ class CleaningShow:
     def __init__(self, robot: CleaningRobot, address: str) -> None:
         self._robot, self._central = robot, address
         self._began = time.monotonic()
-        self.changes: list[str] = []
+        self.transitions: list[str] = []
         for component in robot.components.all:
             for region in component.regions.values():
-                region.on_transition(lambda change: self.changes.append(self._stamped(change)))
+                region.on_transition(lambda change: self.transitions.append(self._stamped(change)))
 
     def _stamped(self, text: object) -> str:
         return f"{time.monotonic() - self._began:7.3f} s  {text}"
@@ -62,14 +62,14 @@ class CleaningShow:
         self._carry_out("reference", operator.command(REFERENCE))
         operator.inform(SET_SPEED, 0.8)
         self._carry_out("move to (1.5, 0.9)", operator.command(MOVE_TO, WallPoint(1.5, 0.9)))
-        is_clean = threading.Event()
-        changing = threading.Thread(target=self._keep_changing, args=[is_clean])
-        changing.start()
+        is_over = threading.Event()
+        reallocating = threading.Thread(target=self._keep_reallocating, args=[is_over])
+        reallocating.start()
         try:
             self._carry_out("clean", operator.command(CLEAN))
         finally:
-            is_clean.set()
-            changing.join()
+            is_over.set()
+            reallocating.join()
         self.say(describe_ticks(self._robot.application))
 
     def _carry_out(self, text: str, sent: SentTask[None]) -> None:
@@ -77,11 +77,11 @@ class CleaningShow:
         sent.result()
         self.say(f"{text}: done")
 
-    def _keep_changing(self, is_over: threading.Event) -> None:
-        """Set one policy after the other, and move one activity by hand, while the robot cleans."""
+    def _keep_reallocating(self, is_over: threading.Event) -> None:
+        """Until *is_over* is set, set one policy after the other, and move an activity by hand."""
         messages, policies = ApplicationMessages(NAME), itertools.cycle(POLICIES)
         with connect("allocator", self._central) as allocator:
-            while not is_over.wait(CHANGES):
+            while not is_over.wait(REALLOCATION_PERIOD):
                 policy = next(policies)
                 allocator.command(messages.set_policy, policy).result()
                 allocator.command(
@@ -92,10 +92,10 @@ class CleaningShow:
 
 
 def describe_ticks(application: Application) -> str:
-    """Describe how many ticks were due, made and left out. Each activity has one per period."""
+    """Describe how many ticks of activities were due, made and left out."""
     figures, processors = application.figures(), application.allocation().processors
     periods = [activity.period for processor in processors for activity in processor.activities]
-    # The first tick of each activity is due at once.
+    # A tick is due once in each period of its activity, the first one at once.
     due = sum(int(figures.running_for / period) + 1 for period in periods)
     ticks = sum(activity.ticks for activity in figures.activities)
     late = sum(activity.overruns for activity in figures.activities)
@@ -108,9 +108,9 @@ def describe_ticks(application: Application) -> str:
     )
 
 
-def _save(robot: CleaningRobot, changes: list[str], folder: Path) -> None:
+def _save(robot: CleaningRobot, transitions: list[str], folder: Path) -> None:
     """Write a picture of the wall, and the transitions of all regions."""
-    (folder / "transitions.txt").write_text("".join(f"{change}\n" for change in changes))
+    (folder / "transitions.txt").write_text("".join(f"{each}\n" for each in transitions))
     made = ", ".join(path.name for path in save_picture(folder / "wall", robot.picture()))
     print(f"made {made} and transitions.txt in {folder}; 'tca view {folder}/journal' shows the run")
 
@@ -130,13 +130,13 @@ def _show(options: argparse.Namespace) -> int:
             code = 0
         else:
             code = show.run()
-        _save(robot, show.changes, options.out)
+        _save(robot, show.transitions, options.out)
     return code
 
 
 def main() -> int:
     """Run the command line. Returns the exit code."""
-    parser = parser_of("cartesian_sim", __doc__, out="runs/cartesian")
+    parser = show_parser("cartesian_sim", __doc__, out="runs/cartesian")
     parser.add_argument(
         "--page", action="store_true", help="open 'tca activities', and stay until Ctrl-C"
     )

@@ -7,14 +7,18 @@ from robots.cartesian_sim.messages import WallPoint
 
 LEFT, RIGHT = 0.4, 1.6
 LANES = (0.3, 0.45, 0.6, 0.75, 0.9)
+"""The part of the wall that is cleaned: the ends of its lanes in x, and the y of each lane (m)."""
+
 PATTERN = [
     WallPoint(x, y)
     for lane, y in enumerate(LANES)
     for x in ((LEFT, RIGHT) if lane % 2 == 0 else (RIGHT, LEFT))
 ]
-"""The corners of the way that cleans."""
+"""The corners of the tool's way along the lanes."""
 
 TOOL_OUT = 0.19
+"""The position (m) of the tool when it is pressed to the wall."""
+
 TOOL_SPEED = 0.3
 NEAR = 0.001
 """The distance (m) from a point at which it is reached."""
@@ -36,7 +40,7 @@ class Guide(GuideBase):
         self.post("go")
 
     def take_speed(self, value: float) -> None:
-        """Set the speed from now on."""
+        """Set the speed of later moves."""
         self.data.speed = value
 
     def take_x(self, value: float) -> None:
@@ -84,7 +88,7 @@ class Guide(GuideBase):
         self.target_tool.set(JointTarget(0.0, TOOL_SPEED))
 
     def follow(self) -> None:
-        """At each corner set out for the next one."""
+        """Follow the pattern: at each corner set out for the next one."""
         if self.is_there():
             self.data.passed += 1
             if not self.is_pattern_done():

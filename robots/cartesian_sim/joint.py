@@ -8,7 +8,8 @@ from robots.cartesian_sim.generated import JointBase, JointTarget, MotorOrder
 from robots.cartesian_sim.mechanism import Sensed
 
 SEEKING = 0.15
-"""The speed (m/s) of a movement without a reference: slow enough for the brake to stop it in time.
+"""The greatest speed (m/s) without a reference: slow enough to stop between a limit switch and the
+hard stop behind it.
 """
 
 LEAVING = 0.01
@@ -18,7 +19,7 @@ DECELERATION = 1.0
 """The planned deceleration, less than the motor's, so that the joint does not overshoot."""
 
 LAG = 0.06
-"""Seconds by which the movement lags behind the wanted speed."""
+"""Seconds by which the real speed lags behind the wanted one."""
 
 EXACT = 0.0005
 """The distance (m) from a target at which it is reached."""
@@ -35,12 +36,9 @@ class Joint(JointBase):
     def take_sensed(self, value: Sensed) -> None:
         """Store the sensor values, and publish the position."""
         data = self.data
-        data.reading, data.measured_speed, data.is_powered = (
-            value.reading,
-            value.speed,
-            value.is_powered,
-        )
+        data.reading, data.measured_speed = value.reading, value.speed
         data.at_low, data.at_high = value.at_low, value.at_high
+        data.is_powered = value.is_powered
         self.position.set(self._position())
 
     def take_command(self, value: str) -> None:
@@ -107,14 +105,14 @@ class Joint(JointBase):
     def approach(self) -> None:
         """Move towards the target."""
         left = self.data.target - self._position()
-        self._drive(math.copysign(min(self.data.speed, _safe(abs(left))), left))
+        self._drive(math.copysign(min(self.data.speed, _safe_speed(abs(left))), left))
 
     def keep_speed(self) -> None:
         """Move at the wanted speed, but slowly near the end of the range or without a reference."""
         data, fastest = self.data, SEEKING
         if self.referencing.is_in("referenced"):
             left = data.length - self._position() if data.speed > 0 else self._position()
-            fastest = max(_safe(max(left, 0.0)), LEAVING)
+            fastest = max(_safe_speed(max(left, 0.0)), LEAVING)
         self._drive(math.copysign(min(abs(data.speed), fastest), data.speed))
 
     def halt(self) -> None:
@@ -123,12 +121,8 @@ class Joint(JointBase):
 
     def may_jog(self) -> bool:
         """Whether there is room ahead and the joint does not search for its reference."""
-        is_searching = self.referencing.is_in("searching")
-        return not (
-            is_searching
-            or (self.data.at_low and self.goes_down())
-            or (self.data.at_high and self.goes_up())
-        )
+        at_end = (self.data.at_low and self.goes_down()) or (self.data.at_high and self.goes_up())
+        return not (at_end or self.referencing.is_in("searching"))
 
     def goes_down(self) -> bool:
         """Whether the wanted speed leads to the lower switch."""
@@ -149,7 +143,7 @@ class Joint(JointBase):
         """Whether the axis has stopped."""
         return abs(self.data.measured_speed) <= STILL
 
-    # --- what they share --------------------------------------------------------------------------
+    # --- shared by the regions --------------------------------------------------------------------
 
     def _position(self) -> float:
         return self.data.reading - self.data.zero
@@ -158,6 +152,6 @@ class Joint(JointBase):
         self.drive.set(MotorOrder(self.data.is_on, speed))
 
 
-def _safe(left: float) -> float:
+def _safe_speed(left: float) -> float:
     """The speed from which a joint stops within *left* metres."""
     return min(math.sqrt(2 * DECELERATION * left), left / LAG)

@@ -22,7 +22,7 @@ APART = 0.004
 
 @dataclass(frozen=True)
 class Sensed:
-    """The sensor values of an axis. The reading counts from the axis's place at the start."""
+    """The sensor values of an axis. *reading* is the distance from its place at the start."""
 
     reading: float
     speed: float
@@ -102,23 +102,16 @@ class CleaningMechanism:
         """Let time pass."""
         for axis in self.axes.values():
             axis.advance(seconds)
-        if self._touches():
+        tool = self.axes["tool"]
+        if tool.position >= TOUCHES * tool.length:
             self._wipe((self.axes["x"].position, self.axes["y"].position))
-        else:
-            self._lift()
+        elif self._strokes and self._strokes[-1]:
+            self._strokes.append(())  # the next stroke begins when the tool touches the wall again
 
     def scene(self) -> Scene:
         """The visible state."""
         x, y, tool = (axis.position for axis in self.axes.values())
         return Scene(x, y, tool, tuple(stroke for stroke in self._strokes if stroke))
-
-    def _touches(self) -> bool:
-        tool = self.axes["tool"]
-        return tool.position >= TOUCHES * tool.length
-
-    def _lift(self) -> None:
-        if self._strokes and self._strokes[-1]:
-            self._strokes.append(())
 
     def _wipe(self, here: tuple[float, float]) -> None:
         """Extend the stroke. A point between two others on a straight line is left out."""

@@ -65,7 +65,7 @@ class Operator:
     def enable(self, task: Task) -> None:
         """Enable all joints."""
         self._command_joints("enable")
-        self._wait(task, lambda: self._all("enabling", "enabled"), lambda: False)
+        self._wait(task, lambda: self._all_are("enabling", "enabled"), lambda: False)
 
     def disable(self, task: Task) -> None:
         """Stop, and close all brakes."""
@@ -76,27 +76,31 @@ class Operator:
         """Let all joints find their zero."""
         self._check_ready("enabling.enabled", "movement.standing")
         self._command_joints("reference")
-        self._wait_for_start(task, lambda: self._any("searching") and not self._any("unreferenced"))
+        self._wait_for_start(
+            task, lambda: self._any_is("searching") and not self._any_is("unreferenced")
+        )
         self._wait(
-            task, lambda: self._all("referencing", "referenced"), lambda: self._any("unreferenced")
+            task,
+            lambda: self._all_are("referencing", "referenced"),
+            lambda: self._any_is("unreferenced"),
         )
 
     def move_to(self, task: Task, point: WallPoint) -> None:
         """Go to a point of the wall."""
-        self._check_free()
+        self._check_movable()
         self.parts.guide.goal.put(point)
         self._wait_for_rest(task, self.parts.guide.travel, "resting")
 
     def move_joint(self, task: Task, move: JointMove) -> None:
         """Move one joint to a position."""
         joint = self._joint(move.joint)
-        self._check_free()
+        self._check_movable()
         joint.target.put(JointTarget(move.position, move.speed))
         self._wait_for_rest(task, joint.movement, "standing")
 
     def clean(self, task: Task) -> None:
         """Clean the wall."""
-        self._check_free()
+        self._check_movable()
         self.parts.guide.command.put("clean")
         self._wait_for_rest(task, self.parts.guide.cleaning, "idle")
 
@@ -122,14 +126,14 @@ class Operator:
         else:
             joint.command.put("stop")
 
-    # --- what they share --------------------------------------------------------------------------
+    # --- shared by the commands -------------------------------------------------------------------
 
-    def _all(self, region: str, state: str) -> bool:
-        """Whether this region of each joint is in this state."""
+    def _all_are(self, region: str, state: str) -> bool:
+        """Whether this region of all joints is in this state."""
         return all(joint.regions[region].is_in(state) for joint in self.joints.values())
 
-    def _any(self, state: str) -> bool:
-        """Whether the referencing region of a joint is in this state."""
+    def _any_is(self, state: str) -> bool:
+        """Whether the referencing region of any joint is in this state."""
         return any(joint.referencing.is_in(state) for joint in self.joints.values())
 
     def _command_joints(self, command: str) -> None:
@@ -141,7 +145,7 @@ class Operator:
             raise NO_SUCH_JOINT(name, f"there is no joint '{name}': use one of {', '.join(JOINTS)}")
         return self.joints[name]
 
-    def _check_free(self) -> None:
+    def _check_movable(self) -> None:
         self._check_ready("enabling.enabled", "referencing.referenced")
 
     def _check_ready(self, *states: str) -> None:
@@ -160,7 +164,7 @@ class Operator:
         self._wait(
             task,
             lambda: region.is_in(rest),
-            lambda: self._stopped or not self._all("enabling", "enabled"),
+            lambda: self._stopped or not self._all_are("enabling", "enabled"),
         )
 
     def _wait_for_start(self, task: Task, has_started: Callable[[], bool]) -> None:
@@ -169,15 +173,17 @@ class Operator:
         while not has_started() and task.time() < deadline:
             task.sleep(CHECK_PERIOD / 5)
 
-    def _wait(self, task: Task, is_done: Callable[[], bool], is_lost: Callable[[], bool]) -> None:
-        """Wait until it is done. If the wait is interrupted, as by a kill, the robot stops."""
+    def _wait(
+        self, task: Task, is_done: Callable[[], bool], is_interrupted: Callable[[], bool]
+    ) -> None:
+        """Wait for the end of a command. Raises INTERRUPTED. A kill of the task stops the robot."""
         try:
-            while not is_done() and not is_lost():
+            while not is_done() and not is_interrupted():
                 task.sleep(CHECK_PERIOD)
         except BaseException:
             self.stop(task)
             raise
-        if is_lost():
+        if is_interrupted():
             raise INTERRUPTED(text="the robot was stopped, or a joint disabled")
 
 
@@ -186,7 +192,7 @@ class Operator:
 LENGTHS = {"x": WIDTH, "y": HEIGHT, "tool": 0.2}
 
 
-def _of_joint(joint: str, length: float) -> list[Control]:
+def _controls_of(joint: str, length: float) -> list[Control]:
     group = f"joint {joint}"
     position = ControlField("position", length / 2, "m", 0.0, length)
     speed = ControlField("speed", 0.1, "m/s", -0.8, 0.8)
@@ -211,5 +217,5 @@ CONTROLS = [
         "set speed", SET_SPEED.name, group="position",
         fields=[ControlField("", 0.5, "m/s", 0.01, 0.8)],
     ),
-    *(control for joint, length in LENGTHS.items() for control in _of_joint(joint, length)),
+    *(control for joint, length in LENGTHS.items() for control in _controls_of(joint, length)),
 ]  # fmt: skip

@@ -22,14 +22,14 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.vocabulary import CupState, LabScene
-from robots.options import between, forwarded_arguments, parser_of
+from robots.options import add_number, add_without, forwarded_arguments, show_parser
 from robots.show import draw_history, run_show, save_picture
 from tca_module import Client, Message, SentTask, connect
 from tca_tools.supervise.programs import START_TIME, Programs, central_in
 
 ProgramTable = dict[str, Message[Any, Any]]
-"""The programs of the robot, each with one message that it handles. Once that has a handler, all
-that the program attaches is in force.
+"""Programs of the robot, each with one message that it handles. Once that message has a handler,
+all that the program attaches is in force.
 """
 
 MODULES: ProgramTable = {
@@ -46,36 +46,19 @@ PATIENCE = 900.0
 
 def main() -> int:
     """Run the command line. Returns the exit code."""
-    parser = parser_of("office_sim", __doc__, out="runs/office")
+    parser = show_parser("office_sim", __doc__, out="runs/office")
     parser.add_argument(
         "--seed", type=int, default=1, help="seed of the lab, the cups and the people (%(default)s)"
     )
-    parser.add_argument(
-        "--pace",
-        type=between(0.1, 100.0, "the pace"),
-        default=16.0,
-        help="how fast the lab's time passes (%(default)s)",
-    )
-    parser.add_argument(
-        "--shift",
-        type=between(1.0, 36000.0, "the shift"),
-        default=240.0,
-        help="seconds in which cups fall (%(default)s)",
-    )
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        choices=LAYERS,
-        metavar="LAYER",
-        help=f"leave out a layer: {', '.join(LAYERS)}",
-    )
+    add_number(parser, "pace", (0.1, 100.0), 16.0, "how fast the lab's time passes")
+    add_number(parser, "shift", (1.0, 36000.0), 240.0, "seconds in which cups fall")
+    add_without(parser, LAYERS)
     return run_show(parser, _show)
 
 
 def _show(options: argparse.Namespace) -> int:
     title, folder = f"seed {options.seed}", options.out
-    scene, keeping = _shift(options)
+    scene, keeping = _run_shift(options)
     print(f"{title}: {describe_result(scene)}")
     for path in (*save_picture(folder / "lab", draw(scene, title)), *draw_history(folder)):
         print("made", path)
@@ -83,29 +66,27 @@ def _show(options: argparse.Namespace) -> int:
     return 0
 
 
-def _shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
+def _run_shift(options: argparse.Namespace) -> tuple[LabScene, SentTask[None]]:
     """Run the shift, each program as a process. Returns the lab at the end, and the ended goal."""
     layers = {name: handled for name, handled in LAYERS.items() if name not in options.without}
     pace = forwarded_arguments(options, "pace")
     with central_in(options.out) as (address, programs):
         world = forwarded_arguments(options, "seed", "shift")
         programs.start_module("simulator", "robots.office_sim.modules.simulator", *pace, *world)
-        for name in MODULES:
-            programs.start_module(
-                name, f"robots.office_sim.modules.{name.replace(' ', '_')}", *pace
-            )
-        for name in layers:
-            programs.start_module(
-                f"{name} layer", f"robots.office_sim.layers.{name.replace(' ', '_')}", *pace
-            )
+        started = {name: f"modules.{name}" for name in MODULES}
+        started |= {f"{name} layer": f"layers.{name}" for name in layers}
+        for name, module in started.items():
+            programs.start_module(name, f"robots.office_sim.{module.replace(' ', '_')}", *pace)
         with connect("user", address, START_TIME) as user:
             programs.wait_until_handled(user, OPEN_LAB, *MODULES.values(), *layers.values())
             user.inform(OPEN_LAB)
             return _watch(user, programs, options.shift + PATIENCE)
 
 
-def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, SentTask[None]]:
-    """Print the events, and send CALL_IT_A_DAY when all cups have fallen and none is left."""
+def _watch(user: Client, programs: Programs, last_call: float) -> tuple[LabScene, SentTask[None]]:
+    """Print the events until the goal ends. Sends CALL_IT_A_DAY when no cup is left or to come, at
+    the latest at the lab's time *last_call*.
+    """
     keeping = user.goal(KEEP_FLOOR_FREE)
     printed, has_called = 0, False
     for is_over in programs.watch(keeping):
@@ -113,8 +94,8 @@ def _watch(user: Client, programs: Programs, latest: float) -> tuple[LabScene, S
         for line in scene.happened[printed:]:
             print(line, flush=True)
         printed = len(scene.happened)
-        is_free = all(cup.state in (CupState.BIN, CupState.TAKEN) for cup in scene.cups)
-        if not (is_over or has_called) and (is_free or scene.time > latest):
+        is_done = all(cup.state in (CupState.BIN, CupState.TAKEN) for cup in scene.cups)
+        if not (is_over or has_called) and (is_done or scene.time > last_call):
             user.inform(CALL_IT_A_DAY)
             has_called = True
     return scene, keeping

@@ -8,7 +8,7 @@ REACH = 0.45
 
 # Goals.
 KEEP_FLOOR_FREE = Goal("keep floor free")
-"""Lasts until CALL_IT_A_DAY and until all its goals are done."""
+"""It lasts until CALL_IT_A_DAY has come and all goals under it are done."""
 CALL_IT_A_DAY = Inform("call it a day")
 COLLECT_CUP = Goal("collect cup", Cup)
 NAVIGATE = Goal("navigate", Approach)
@@ -39,7 +39,7 @@ LEAVE_ALONE = Inform("leave alone", int)
 # Failures.
 NO_WAY = Failure("no way", Approach)
 STUCK = Failure("stuck", float)
-"""The distance (m) that is missing to the end of the path."""
+"""Its data is the distance (m) from the end of the path."""
 CUP_SLIPPED = Failure("cup slipped", Cup)
 NO_CUP_THERE = Failure("no cup there", Cup)
 NOT_AT_CHARGER = Failure("not at charger")

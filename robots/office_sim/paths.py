@@ -9,7 +9,7 @@ RADIUS = 0.3
 """The radius (m) of the robot."""
 
 CLEARANCE = 0.02
-"""The distance (m) at which it passes corners."""
+"""The distance (m) at which the robot passes corners."""
 
 
 class NoPath(Exception):
@@ -29,7 +29,7 @@ def path_to(floor: FloorPlan, start: Spot, wanted: Approach) -> list[Spot]:
 
 
 def is_clear(start: Spot, end: Spot, block: Block) -> bool:
-    """Whether a straight way passes a block, so that no part of it lies inside the block."""
+    """Whether no part of a straight way lies inside a block."""
     first, last = 0.0, 1.0
     for begin, goal, low, high in (
         (start.x, end.x, block.left, block.right),
@@ -51,14 +51,14 @@ def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
     known, queue = {start: 0.0}, [(0.0, 0, start)]
     order = itertools.count(1)
     while queue:
-        far, _, here = heapq.heappop(queue)
+        distance, _, here = heapq.heappop(queue)
         if here == goal:
             way = [goal]
             while way[-1] in before:
                 way.append(before[way[-1]])
             return way[-2::-1]
         for there in spots:
-            length = far + here.to(there)
+            length = distance + here.to(there)
             if length < known.get(there, float("inf")) and all(
                 is_clear(here, there, block) for block in blocks
             ):
@@ -68,7 +68,7 @@ def _shortest(spots: list[Spot], blocks: list[Block]) -> list[Spot]:
 
 
 def _cut(way: list[Spot], within: float) -> list[Spot]:
-    """The way after its first point, up to where it is *within* metres of its goal."""
+    """The points of a way after its first, up to the place that is *within* metres of the goal."""
     *middle, goal = way
     far = list(itertools.takewhile(lambda spot: spot.to(goal) > within, middle))
     if len(far) < len(middle):

@@ -22,13 +22,16 @@ DRIVING, STANDING, CHARGING = 0.006, 0.0006, 0.03
 """The share of the battery that a second uses or, at the charger, adds."""
 
 FULL = 0.9999
+"""The charge at which the battery counts as full."""
 
 BETWEEN_CUPS = 20.0
 """Mean seconds between two cups."""
 
 TAKEN = 0.35
-"""The share of the cups that people pick up; TAKEN_AFTER is how many seconds after they fell."""
+"""The share of the cups that people pick up."""
+
 TAKEN_AFTER = (4.0, 60.0)
+"""The least and the greatest number of seconds after which they are picked up."""
 
 SLIPS = (0, 0, 0, 1, 1, 4)
 """How often a cup may slip out of the fingers."""
@@ -37,6 +40,8 @@ ROOM = 0.36
 """The distance (m) of a cup from walls and tables."""
 
 APART, FROM_BIN = 0.4, 1.5
+"""The least distance (m) between two cups, and of a cup from the bin."""
+
 TOLERANCE = 0.12
 """The allowed position error (m) of the hand."""
 
@@ -61,7 +66,7 @@ class OfficeWorld:
         self.time = 0.0
         self.floor = make_floor(rng)
         self._cups = list(self._make_cups(rng, shift))
-        self._eyes = random.Random(seed)  # noqa: S311
+        self._camera_random = random.Random(seed)  # noqa: S311
         self.robot = Spot(self.floor.charger.x - 0.6, self.floor.charger.y + 0.3)
         self._way: list[Spot] = []
         self.battery, self._charges, self._is_docked = battery, 0, False
@@ -97,39 +102,46 @@ class OfficeWorld:
     def _move_cups(self) -> None:
         for cup in self._cups:
             if cup.state is CupState.TO_COME and self.time >= cup.falls:
-                self._becomes(cup, CupState.FLOOR)
+                self._set_state(cup, CupState.FLOOR)
             if cup.state is CupState.FLOOR and self.time >= cup.taken:
-                self._becomes(cup, CupState.TAKEN)
+                self._set_state(cup, CupState.TAKEN)
 
     def _drive_on(self, seconds: float) -> None:
-        left = SPEED * seconds if self.battery > 0 else 0.0
-        is_moving = bool(self._way) and left > 0
-        while self._way and left > 0:
+        remaining = SPEED * seconds if self.battery > 0 else 0.0
+        is_moving = bool(self._way) and remaining > 0
+        while self._way and remaining > 0:
             ahead = self.robot.to(self._way[0])
-            if ahead <= left:
+            if ahead <= remaining:
                 self.robot = self._way.pop(0)
                 self._trail[-1].points.append(self.robot)
             else:
-                self.robot = self.robot.towards(self._way[0], left)
-            left -= ahead
+                self.robot = self.robot.towards(self._way[0], remaining)
+            remaining -= ahead
         power = CHARGING if self._is_docked else -(DRIVING if is_moving else STANDING)
         self.battery = min(max(self.battery + power * seconds, 0.0), 1.0)
         if self._is_docked and self.battery >= FULL:
             self._is_docked = False
-            self._happens("the battery is full")
+            self._log_event("the battery is full")
 
-    def _becomes(self, cup: WorldCup, state: CupState) -> None:
+    def _set_state(self, cup: WorldCup, state: CupState) -> None:
         cup.state = state
-        self._happens(f"cup {cup.number} is {state}")
+        self._log_event(f"cup {cup.number} is {state}")
 
-    def _happens(self, what: str) -> None:
+    def _log_event(self, what: str) -> None:
         self._happened.append(f"{self.time:6.1f} s  {what}")
 
     def seen_spots(self) -> list[Spot]:
         """The cups that the camera on the ceiling sees. It misses some and is not exact."""
-        seen = [cup.spot for cup in self._cups_in(CupState.FLOOR) if self._eyes.random() >= MISSED]
+        seen = [
+            cup.spot
+            for cup in self._cups_in(CupState.FLOOR)
+            if self._camera_random.random() >= MISSED
+        ]
         return [
-            Spot(spot.x + self._eyes.gauss(0, BLUR), spot.y + self._eyes.gauss(0, BLUR))
+            Spot(
+                spot.x + self._camera_random.gauss(0, BLUR),
+                spot.y + self._camera_random.gauss(0, BLUR),
+            )
             for spot in seen
         ]
 
@@ -158,9 +170,9 @@ class OfficeWorld:
         cup = near[0]
         if cup.slips:
             cup.slips -= 1
-            self._happens(f"cup {cup.number} slips")
+            self._log_event(f"cup {cup.number} slips")
             return Grasped.SLIPPED
-        self._becomes(cup, CupState.HAND)
+        self._set_state(cup, CupState.HAND)
         self._trail.append(Stretch(with_cup=True, points=[self.robot]))
         return Grasped.CUP
 
@@ -169,10 +181,10 @@ class OfficeWorld:
         held = self._cups_in(CupState.HAND)
         for cup in held:
             if self._reaches(self.floor.bin):
-                self._becomes(cup, CupState.BIN)
+                self._set_state(cup, CupState.BIN)
             else:
                 cup.spot = self.robot
-                self._becomes(cup, CupState.FLOOR)
+                self._set_state(cup, CupState.FLOOR)
             self._trail.append(Stretch(with_cup=False, points=[self.robot]))
         return bool(held)
 
@@ -182,7 +194,7 @@ class OfficeWorld:
             return None
         self._is_docked = True
         self._charges += 1
-        self._happens(f"the battery is being charged, from {self.battery:.0%}")
+        self._log_event(f"the battery is being charged, from {self.battery:.0%}")
         return (1.0 - self.battery) / CHARGING
 
     def _cups_in(self, state: CupState) -> list[WorldCup]:

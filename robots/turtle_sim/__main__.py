@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from robots.options import between, parser_of
+from robots.options import add_number, show_parser
 from robots.show import run_show, save_picture
 from robots.turtle_sim.drawing import draw
 from robots.turtle_sim.missions.background import background
@@ -26,7 +26,7 @@ from tca_behaviours.missions import ConditionVerified, Mission
 from tca_module.link.opening import CentralAddress
 from tca_tools.supervise.programs import central_in
 
-ENOUGH = 15.0
+TIME_LIMIT = 15.0
 """Seconds after which the show ends an endless mission."""
 
 
@@ -42,8 +42,8 @@ class TimeIsUp:
 
 
 def for_some_time(mission: Mission, endless: Callable[[Mission], object]) -> None:
-    """Run an endless mission for ENOUGH seconds."""
-    time_is_up = TimeIsUp(ENOUGH)
+    """Run an endless mission for TIME_LIMIT seconds."""
+    time_is_up = TimeIsUp(TIME_LIMIT)
     mission.add_condition(time_is_up)
     try:
         endless(mission)
@@ -66,8 +66,10 @@ SHOWS: dict[str, Missions] = {
 }
 
 STARTS = {"turtle2": Pose(4.0, 4.0), "turtle3": Pose(7.0, 7.0)}
+"""The start of each turtle that does not start in the centre."""
+
 PENS = {"turtle2": Pen(200, 60, 40), "turtle3": Pen(40, 90, 170)}
-"""The start and the pen of each turtle that does not start in the centre with a black pen."""
+"""The pen of each turtle that does not have a black one."""
 
 RATE = 10.0
 """Iterations of a task per second of the turtle's time."""
@@ -76,31 +78,31 @@ RATE = 10.0
 class ShowIsOver:
     """A condition of all missions of a show: one has failed, or the user has pressed Ctrl-C."""
 
-    why = ""
+    reason = ""
 
     def __str__(self) -> str:
-        return self.why
+        return self.reason
 
     def is_verified(self) -> bool:
         """Whether the show is over."""
-        return bool(self.why)
+        return bool(self.reason)
 
 
 class ShownMission(Mission):
     """A mission that prints each of its tasks, and ends with the show."""
 
     def __init__(
-        self, server: str, central: CentralAddress, began: float, is_over: ShowIsOver
+        self, server: str, central: CentralAddress, began: float, show_is_over: ShowIsOver
     ) -> None:
         super().__init__(server, name=f"show of {server}", central=central, patience=60.0)
         self._began = began
-        self._is_over = is_over
+        self._show_is_over = show_is_over
         self.clear_conditions()
 
     def clear_conditions(self) -> None:
-        """Clear all conditions but the end of the show."""
+        """Clear all conditions except the end of the show."""
         super().clear_conditions()
-        self.add_condition(self._is_over)
+        self.add_condition(self._show_is_over)
 
     def run(self, name: str, /, **parameters: Any) -> Any:
         """Print the task's name and parameters, and run it."""
@@ -125,7 +127,7 @@ class Show:
             self._world.set_pen(name, PENS.get(name, Pen()))
         self._simulator = Simulator(self._world, pace)
         self._began = time.monotonic()
-        self._is_over = ShowIsOver()
+        self._show_is_over = ShowIsOver()
 
     def run(self) -> None:
         """Run the missions, each in a thread. Raises the error of the first one that fails."""
@@ -145,11 +147,13 @@ class Show:
                     ):
                         future.result()
                 except BaseException as error:
-                    self._is_over.why = f"{type(error).__name__} has ended the show"
+                    self._show_is_over.reason = f"{type(error).__name__} has ended the show"
                     raise
 
     def _servers(self) -> dict[str, list[str]]:
-        """The Python module and arguments of each turtle's task server. One turtle has no link."""
+        """The Python module and arguments of each turtle's task server. A single turtle needs no
+        link to partners.
+        """
         names, rate = list(self._missions), ["--rate", str(RATE * self._pace)]
         if len(names) == 1:
             return {name: ["robots.turtle_sim.task_server", name, *rate] for name in names}
@@ -159,7 +163,7 @@ class Show:
         return {name: ["robots.turtle_sim.sync.task_server", name, *link, *rate] for name in names}
 
     def _carry_out(self, name: str, address: str) -> None:
-        with ShownMission(name, address, self._began, self._is_over) as mission:
+        with ShownMission(name, address, self._began, self._show_is_over) as mission:
             self._missions[name](mission)
 
     def draw(self, title: str) -> list[Path]:
@@ -169,7 +173,7 @@ class Show:
 
 def main() -> int:
     """Show the mission that the command line names. Returns the exit code."""
-    parser = parser_of("turtle_sim", __doc__, out="runs/turtle")
+    parser = show_parser("turtle_sim", __doc__, out="runs/turtle")
     parser.add_argument(
         "show",
         nargs="?",
@@ -177,18 +181,9 @@ def main() -> int:
         choices=SHOWS,
         help="the mission (default: %(default)s)",
     )
-    parser.add_argument(
-        "--pace",
-        type=between(0.01, 100.0, "the pace"),
-        default=8.0,
-        help="how fast the turtles' time passes (%(default)s)",
-    )
-    parser.add_argument(
-        "--loss",
-        type=between(0.0, 0.99, "the loss"),
-        default=0.5,
-        help="share of the datagrams between turtles that is lost (%(default)s)",
-    )
+    add_number(parser, "pace", (0.01, 100.0), 8.0, "how fast the turtles' time passes")
+    loss = "share of the datagrams between turtles that is lost"
+    add_number(parser, "loss", (0.0, 0.99), 0.5, loss)
     return run_show(parser, _show)
 
 

@@ -29,8 +29,8 @@ MOVE_BASE_SIMPLE = Inform("move base simple", Target)
 
 
 class MoveBase(OnceTask[TurtleEnvironment]):
-    """Have the navigator bring the turtle to a pose. Failures and stops of the navigator's goal and
-    of this task are shared.
+    """Have the navigator bring the turtle to a pose. The task fails if the navigator's goal fails,
+    and stops the goal when it is stopped itself.
     """
 
     goal_x: float = parameter(0.0, "X coordinate of the goal")
@@ -52,10 +52,10 @@ class MoveGoal(PeriodicTask[TurtleEnvironment]):
     goal_y: float = parameter(0.0, "Y coordinate of the goal")
     goal_yaw: float = parameter(0.0, "Where to look there, in radians")
     wait_completion: bool = parameter(True, "Whether to wait until the turtle is there")
-    linear_threshold: float = parameter(0.2, "Distance at which it is", minimum=0)
-    angular_threshold: float = parameter(0.2, "Radians at which it looks there", minimum=0)
+    linear_threshold: float = parameter(0.2, "Distance within which it is there", minimum=0)
+    angular_threshold: float = parameter(0.2, "Radians within which it looks there", minimum=0)
     resend_period: float = parameter(
-        0.0, "Seconds after which the goal is told again; 0: never", minimum=0
+        0.0, "Seconds after which the goal is sent again; 0: never", minimum=0
     )
 
     def initialise(self) -> None:

@@ -34,18 +34,16 @@ class Simulator:
         """The visible state of the sheet."""
         with self._lock:
             strokes = [Stroke(stroke.pen, stroke.points[:]) for stroke in self._world.strokes]
+            turtles = self._world.turtles.items()
             return Sheet(
-                strokes,
-                {
-                    name: SeenTurtle(turtle.pose, turtle.pen)
-                    for name, turtle in self._world.turtles.items()
-                },
+                strokes, {name: SeenTurtle(turtle.pose, turtle.pen) for name, turtle in turtles}
             )
 
     def module(self, name: str, central: CentralAddress = None) -> Module:
         """The module that moves the turtle of this name. Raises NoSuchTurtle."""
-        world, lock, simulator = self._world, self._lock, Module(f"{name} simulator", central)
-        world.turtle(name)
+        world, lock = self._world, self._lock
+        simulator = Module(f"{name} simulator", central)
+        world.turtle(name)  # raises NoSuchTurtle
 
         published: list[Pose] = []
 

@@ -20,7 +20,7 @@ COMMAND_LIFE = 1.0
 """Seconds after which a turtle without a new command stops, as in turtlesim."""
 
 FASTEST = 50.0
-"""Units, or radians, a second. Faster commands are limited to this."""
+"""The greatest speed of a command, in units or radians a second. Faster ones are limited to it."""
 
 STRAIGHT = 1e-9
 """Radians a second below which a turtle moves straight ahead."""
@@ -68,15 +68,15 @@ class Stroke:
 class Turtle:
     """One turtle.
 
-    *command_left* is for how many seconds more it follows its last command. *owed* are seconds that
-    have passed but do not yet make a whole step.
+    *command_left* is how many seconds more it follows its last command. *unstepped* is the time
+    since its last whole step.
     """
 
     pose: Pose
     pen: Pen = field(default_factory=Pen)
     command_left: float = 0.0
     time: float = 0.0
-    owed: float = 0.0
+    unstepped: float = 0.0
     stroke: Stroke | None = None
 
 
@@ -101,7 +101,7 @@ class TurtleWorld:
         """Move (units a second) and turn (radians a second), for at most ``COMMAND_LIFE``."""
         turtle = self.turtle(name)
         turtle.pose = replace(
-            turtle.pose, linear_velocity=_possible(linear), angular_velocity=_possible(angular)
+            turtle.pose, linear_velocity=_limited(linear), angular_velocity=_limited(angular)
         )
         turtle.command_left = COMMAND_LIFE
 
@@ -133,9 +133,9 @@ class TurtleWorld:
         a separate time.
         """
         for turtle in map(self.turtle, names or self.turtles):
-            turtle.owed += seconds
-            for _ in range(int(turtle.owed / STEP + 1e-9)):
-                turtle.owed -= STEP
+            turtle.unstepped += seconds
+            for _ in range(int(turtle.unstepped / STEP + 1e-9)):
+                turtle.unstepped -= STEP
                 turtle.time += STEP
                 self._step(turtle)
 
@@ -181,7 +181,7 @@ def moved(pose: Pose, seconds: float) -> Pose:
     return replace(pose, x=x, y=y, theta=theta)
 
 
-def _possible(speed: float) -> float:
+def _limited(speed: float) -> float:
     """Limit a commanded speed; NaN is 0."""
     return 0.0 if math.isnan(speed) else min(max(speed, -FASTEST), FASTEST)
 
@@ -196,6 +196,5 @@ def _is_between(
     """Whether *middle* is on the straight line between the others, to a millionth."""
     (ax, ay), (bx, by), (cx, cy) = start, middle, end
     along = (bx - ax) * (cx - bx) + (by - ay) * (cy - by)
-    return along > 0.0 and abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-6 * math.hypot(
-        cx - ax, cy - ay
-    )
+    area = abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    return along > 0.0 and area < 1e-6 * math.hypot(cx - ax, cy - ay)

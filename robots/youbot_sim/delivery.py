@@ -1,9 +1,9 @@
 """The machine of the case study: an object is carried to the box at B or, if B is not free, to the
 one at C.
 
-Only the arm's move to its box can be done ahead, while the base still drives. The needs of the
-other activities prevent theirs. The gripper opens only when the arm has arrived. The arm is tucked
-only when the object is released. The base drives back only with a tucked arm.
+Only the arm's move to its box can be done ahead, while the base still drives. The other activities
+need something that is not yet so. The gripper opens only when the arm has arrived. The arm is
+tucked only when the object is released. The base drives back only with a tucked arm.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, MOVE_ARM, MOVE_BASE, MOVE_GRIPPER
@@ -14,8 +14,10 @@ GIVEN, ENOUGH = "object given", "enough"
 """The events that the user posts."""
 
 WAITING = "waiting"
+"""The state in which the robot waits for an object."""
+
 ARM_COST = 0.3
-"""The cost of an arm move in vain, where the gain of an early one is 1."""
+"""The cost of an arm move in vain, in units of the gain of an early one that is needed."""
 
 BASE, ARM, GRIPPER = Agent("base"), Agent("arm"), Agent("gripper")
 
@@ -71,7 +73,7 @@ def _reach(pose: str) -> Activity:
         needs={"holding": True},
         makes={"arm": pose},
         cost=ARM_COST,
-        adapt=_slowly,
+        adapt=_slowed,
     )
 
 
@@ -80,5 +82,5 @@ def _drop(place: str) -> Activity:
     return Activity(Do(MOVE_GRIPPER, Move("open"), GRIPPER), needs=needs, makes={"holding": False})
 
 
-def _slowly(move: Move, share: float, _rank: int) -> Move:
+def _slowed(move: Move, share: float, _rank: int) -> Move:
     return Move(move.to, share)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from robots.drawing import View
 from robots.plane import world_place
 from robots.youbot_sim.kinematics import MOUNT, chain, tip_in_world
-from robots.youbot_sim.places import BOXES, POSES
+from robots.youbot_sim.places import BOX_B, BOXES, POSES
 from robots.youbot_sim.vocabulary import JointReadings, Joints, ObjectPlace
 from tca_tools.drawing.svg import document
 
@@ -36,9 +36,9 @@ def _map(robot: JointReadings, *, is_covered: bool) -> Iterable[str]:
         yield _block("place", place, LENGTH, BREADTH)
         yield MAP.words(name, place, right=-4, down=5)
     for box in BOXES:
-        is_closed = is_covered and box.place is ObjectPlace.BOX_B
-        side, place = box.size + 2 * box.wall, (box.x, box.y, box.heading)
-        yield _block("lid" if is_closed else "box", place, side, side)
+        look = "lid" if is_covered and box is BOX_B else "box"
+        place = box.x, box.y, box.heading
+        yield _block(look, place, box.side, box.side)
         if box.place is robot.object:
             yield _block("object", place, OBJECT, OBJECT)
     x, y, heading = robot.base

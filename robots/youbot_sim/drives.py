@@ -27,10 +27,10 @@ class Drives:
         }
 
     def drive(self, drive: Drive, now: float) -> Motion:
-        """Move to a goal. If it is the present goal, the speed changes at once; otherwise the
-        joints first come to rest. Returns the motion.
+        """Move to a goal, and return the motion. If the joints already move to that goal, only the
+        speed changes, at once. Otherwise they first come to rest.
         """
-        motion, began = self._at(drive.group, now)
+        motion, began = self._motion_at(drive.group, now)
         if motion.goal == drive.goal:
             planned = change_speed(motion, now - began, drive)
             self._motions[drive.group] = [(planned, now)]
@@ -44,19 +44,19 @@ class Drives:
 
     def halt(self, group: Group, now: float) -> Motion:
         """Bring a group to rest. Returns the motion."""
-        motion, began = self._at(group, now)
+        motion, began = self._motion_at(group, now)
         halted = halt(motion, now - began, group)
         self._motions[group] = [(halted, now)]
         return halted
 
     def joints(self, group: Group, now: float) -> Joints:
         """The wanted joint values."""
-        motion, began = self._at(group, now)
+        motion, began = self._motion_at(group, now)
         return motion.joints(now - began)
 
     def rates(self, group: Group, now: float) -> Joints:
         """The wanted joint speeds."""
-        motion, began = self._at(group, now)
+        motion, began = self._motion_at(group, now)
         return motion.rates(now - began)
 
     def is_moving(self, group: Group, now: float) -> bool:
@@ -64,7 +64,7 @@ class Drives:
         motion, began = self._motions[group][-1]
         return now - began < motion.seconds
 
-    def _at(self, group: Group, now: float) -> tuple[Motion, float]:
+    def _motion_at(self, group: Group, now: float) -> tuple[Motion, float]:
         """The motion at that time, and its start time."""
         motions = self._motions[group]
         return next((item for item in reversed(motions) if item[1] <= now), motions[0])

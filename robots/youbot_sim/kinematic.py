@@ -8,12 +8,12 @@ from pathlib import Path
 from robots.youbot_sim.drawing import draw
 from robots.youbot_sim.drives import START, Drives
 from robots.youbot_sim.kinematics import tip_in_world
-from robots.youbot_sim.places import BOXES, OBJECT
+from robots.youbot_sim.places import BOX_B, BOXES, OBJECT
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings, Joints, ObjectPlace
 
 
 class KinematicManipulator:
-    """A manipulator that is exact at any time and needs no steps."""
+    """A manipulator without physics. Its joints are where the drives want them at any time."""
 
     name = "kinematic"
 
@@ -24,15 +24,14 @@ class KinematicManipulator:
     def follow(self, drives: Drives, now: float) -> None:
         """Set the joints, and let the fingers grip or release the object."""
         base, arm, (gap,) = (drives.joints(group, now) for group in GROUPS)
-        thing = self._readings.object
-        if thing is ObjectPlace.OFFERED and gap <= OBJECT[0]:
-            thing = ObjectPlace.HELD
-        elif thing is ObjectPlace.HELD and gap > OBJECT[0]:
-            thing = self._below(base, arm)
-        is_between = thing in (ObjectPlace.OFFERED, ObjectPlace.HELD)
-        self._readings = JointReadings(
-            base, arm, (max(gap, OBJECT[0]) if is_between else gap,), thing
-        )
+        place, width = self._readings.object, OBJECT[0]
+        if place is ObjectPlace.OFFERED and gap <= width:
+            place = ObjectPlace.HELD
+        elif place is ObjectPlace.HELD and gap > width:
+            place = self._landing_place(base, arm)
+        if place in (ObjectPlace.OFFERED, ObjectPlace.HELD):
+            gap = max(gap, width)
+        self._readings = JointReadings(base, arm, (gap,), place)
 
     def measured(self) -> JointReadings:
         """The joints as set by the drives, and the object."""
@@ -59,11 +58,10 @@ class KinematicManipulator:
     def close(self) -> None:
         """Nothing to free."""
 
-    def _below(self, base: Joints, arm: Joints) -> ObjectPlace:
+    def _landing_place(self, base: Joints, arm: Joints) -> ObjectPlace:
         """The place to which a released object falls."""
         x, y, _ = tip_in_world(base, arm)
         for box in BOXES:
-            is_closed = box.place is ObjectPlace.BOX_B and self._is_covered
-            if box.holds(x, y) and not is_closed:
+            if box.holds(x, y) and not (box is BOX_B and self._is_covered):
                 return box.place
         return ObjectPlace.FLOOR

@@ -15,14 +15,14 @@ REST = 1e-9
 
 
 def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
-    """Plan the motion to the goal from the present joint values. *rate* is the present speed, in
-    shares of this way per second.
+    """Plan the motion to the goal from the joint values *start*. *rate* is the present speed, in
+    shares of that way per second.
     """
     way = [abs(b - a) for a, b in zip(start, drive.goal, strict=True)]
     if max(way) < REST:
         return Motion(start, drive.goal, ())
-    fastest = drive.speed * _least(way, SPEEDS[drive.group])
-    strongest = _least(way, ACCELERATIONS[drive.group])
+    fastest = drive.speed * _lowest_limit(way, SPEEDS[drive.group])
+    strongest = _lowest_limit(way, ACCELERATIONS[drive.group])
     if rate > fastest:  # the speed was reduced on the way
         peak, first = fastest, ((rate - fastest) / strongest, -strongest)
     else:
@@ -34,7 +34,7 @@ def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
 
 
 def change_speed(motion: Motion, seconds: float, drive: Drive) -> Motion:
-    """Continue a motion to the same goal with another speed."""
+    """The motion that continues *motion* to the same goal with the speed of *drive*."""
     share = motion.share(seconds)
     return plan(
         drive, motion.joints(seconds), motion.rate(seconds) / (1 - share) if share < 1 else 0.0
@@ -42,12 +42,12 @@ def change_speed(motion: Motion, seconds: float, drive: Drive) -> Motion:
 
 
 def halt(motion: Motion, seconds: float, group: Group) -> Motion:
-    """Come to rest on the way, as quickly as is allowed."""
+    """The motion that brings the joints to rest on their way, as quickly as is allowed."""
     rate, start = motion.rate(seconds), motion.joints(seconds)
     if not rate:
         return Motion(start, start, ())
     way = [abs(b - a) for a, b in zip(motion.start, motion.goal, strict=True)]
-    seconds_left = rate / _least(way, ACCELERATIONS[group])
+    seconds_left = rate / _lowest_limit(way, ACCELERATIONS[group])
     braking_way = rate * seconds_left / 2
     goal = tuple(
         a + braking_way * (b - c) for a, b, c in zip(start, motion.goal, motion.start, strict=True)
@@ -55,8 +55,8 @@ def halt(motion: Motion, seconds: float, group: Group) -> Motion:
     return Motion(start, goal, (Phase(seconds_left, -2 / seconds_left**2, 0.0, 2 / seconds_left),))
 
 
-def _least(way: Iterable[float], limits: Joints) -> float:
-    """The limit of the slowest joint, in shares of the way."""
+def _lowest_limit(way: Iterable[float], limits: Joints) -> float:
+    """The limit of the joint that needs the longest, in shares of the way."""
     return min(limit / length for length, limit in zip(way, limits, strict=True) if length > REST)
 
 

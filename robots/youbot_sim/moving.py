@@ -21,7 +21,7 @@ from tca_module import Module, Task
 MOVES = {"base": MOVE_BASE, "arm": MOVE_ARM, "gripper": MOVE_GRIPPER}
 
 REPORTS = 20
-"""How often a move reports its progress."""
+"""The number of reports of progress in a move."""
 
 TOLERANCE: dict[Group, float] = {"base": 0.02, "arm": 0.03, "gripper": 0.03}
 """The allowed distance from the goal. For the gripper it includes the width of a held object."""
@@ -33,18 +33,18 @@ SETTLING = 0.05
 """Seconds between two measurements of joints that lag behind."""
 
 PATIENCE = 20
-"""How often they are measured."""
+"""The greatest number of such measurements."""
 
 
 def make_module(group: Group) -> Module:
-    """The module that moves *group*."""
+    """Make the module that moves *group*."""
     module = Module(group)
 
     @module.handles(MOVES[group], takes=["update", "cancel"])
     def move(task: Task, wanted: Move) -> None:
-        goal = _goal(group, wanted)
+        goal = _joints_of_goal(group, wanted)
         try:
-            if _arrives(task, wanted.to, Drive(group, goal, wanted.speed)):
+            if _drive_to(task, wanted.to, Drive(group, goal, wanted.speed)):
                 _settle(task, group, goal)
                 return
         except BaseException:
@@ -57,7 +57,7 @@ def make_module(group: Group) -> Module:
     return module
 
 
-def _goal(group: Group, wanted: Move) -> Joints:
+def _joints_of_goal(group: Group, wanted: Move) -> Joints:
     if wanted.to not in POSES[group]:
         raise UNKNOWN_POSE(
             wanted.to, f"the {group} knows {', '.join(POSES[group])}, not '{wanted.to}'"
@@ -65,8 +65,8 @@ def _goal(group: Group, wanted: Move) -> Joints:
     return POSES[group][wanted.to]
 
 
-def _arrives(task: Task, to: str, drive: Drive) -> bool:
-    """Drive to the goal, report progress, handle requests. Returns False if a client cancels."""
+def _drive_to(task: Task, to: str, drive: Drive) -> bool:
+    """Drive to the goal, report progress and handle requests. Returns False if a client cancels."""
     motion, began, done = task.query(DRIVE, drive), task.time(), 0.0
     task.report(0.0)
     while (left := began + motion.seconds - task.time()) > INSTANT:
@@ -80,24 +80,20 @@ def _arrives(task: Task, to: str, drive: Drive) -> bool:
             request.reject(f"the move goes to '{to}': cancel it first")
         else:
             request.accept()
-            motion, began, done = (
-                task.query(DRIVE, replace(drive, speed=request.goal.speed)),
-                task.time(),
-                share,
-            )
+            motion = task.query(DRIVE, replace(drive, speed=request.goal.speed))
+            began, done = task.time(), share
     return True
 
 
 def _settle(task: Task, group: Group, goal: Joints) -> None:
     """Wait until the joints are at the goal."""
     for _ in range(PATIENCE):
-        missed = max(
-            abs(a - b) for a, b in zip(task.query(MEASURE).joints(group), goal, strict=True)
-        )
-        if missed <= TOLERANCE[group]:
+        joints = task.query(MEASURE).joints(group)
+        missing = max(abs(a - b) for a, b in zip(joints, goal, strict=True))
+        if missing <= TOLERANCE[group]:
             return
         task.sleep(SETTLING)
-    raise DID_NOT_ARRIVE(missed, f"the {group} is {missed:.3f} away from its goal")
+    raise DID_NOT_ARRIVE(missing, f"the {group} is {missing:.3f} away from its goal")
 
 
 if __name__ == "__main__":

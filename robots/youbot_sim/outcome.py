@@ -1,4 +1,4 @@
-"""The outcome of a delivery from its journal: each agent's work, and which was ahead or in vain."""
+"""The outcome of a delivery from its journal: each task of an agent, with its roles."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from tca_wire.life_cycles import Effect
 
 @dataclass(frozen=True, slots=True)
 class DoneTask:
-    """An agent's task: start and end in seconds since the object was given, and roles in the
-    machine.
+    """An agent's task: its start and end in seconds since the object was given, and its successive
+    roles in the machine.
     """
 
     agent: str
@@ -57,7 +57,7 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
     ]
     known = [(time, report) for time, report in reports if report is not None]
     given = next(time for time, report in known if report.taken == GIVEN)
-    waits = next(
+    waiting_again = next(
         time for time, report in known if time > given and labels[report.current] == WAITING
     )
     tasks = []
@@ -67,4 +67,4 @@ def read_delivery(entries: Iterable[Entry]) -> CarriedObject:
         # The report of the start arrives a little after the start.
         start, end = max(start - given, 0.0), max(end - given, 0.0)
         tasks.append(DoneTask(task.agent, task.state, start, end, roles))
-    return CarriedObject(waits - given, tuple(tasks))
+    return CarriedObject(waiting_again - given, tuple(tasks))

@@ -1,6 +1,6 @@
 """Perception: looks into box B, and publishes how sure it is that the box is free.
 
-It does not change its mind at once: each look moves its belief half-way to what it sees.
+Its confidence does not change at once: each look moves it half-way to the observed state.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, LOOK
@@ -9,14 +9,14 @@ from tca_module import Callback, Module
 PERIOD = 0.2
 """Seconds between two looks."""
 
-SURE = 0.05
-"""The distance from certainty below which a belief counts as certain."""
+CERTAIN = 0.05
+"""The distance from 0 or 1 below which a confidence becomes 0 or 1."""
 
 
 def updated_confidence(confidence: float | None, *, is_free: bool) -> float:
     """The confidence after a look; *confidence* is None before the first one."""
     seen = float(is_free)
-    if confidence is None or abs(seen - confidence) / 2 < SURE:
+    if confidence is None or abs(seen - confidence) / 2 < CERTAIN:
         return seen
     return (confidence + seen) / 2
 

@@ -25,17 +25,12 @@ def camera_at(x: float, y: float, heading: float) -> Camera:
     """A camera to the right of the robot and a little ahead."""
     around = heading - 0.95
     eye = (x + 0.15 + 1.8 * math.cos(around), y + 1.8 * math.sin(around), 1.0)
-    return Camera(
-        eye,
-        (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2),
-        36.0,
-        near=0.2,
-        far=40.0,
-    )
+    target = (x + 0.2 * math.cos(heading), y + 0.2 * math.sin(heading), 0.2)
+    return Camera(eye, target, 36.0, near=0.2, far=40.0)
 
 
 def sun_over(x: float, y: float) -> Camera:
-    """A camera at the sun: what the robot hides from it lies in shadow."""
+    """A camera at the sun. Ground that it does not see lies in shadow."""
     return camera_in_the_sun(SUN, SUN_DISTANCE, (x, y, 0.0), angle=4.5, depth=5.0)
 
 
@@ -43,13 +38,10 @@ def develop(frame: Rendering, from_sun: Rendering) -> Pixels:
     """Make the finished picture, at half the size. Floor and background are painted here."""
     image = frame.colours.astype(np.float64)
     places = ground_places(frame)
-    lines = near_multiple(places[:, 0], 0.5, 0.004) | near_multiple(places[:, 1], 0.5, 0.004)
+    lines = near_multiple(places[:, :2], 0.5, 0.004).any(axis=1)
     light = np.where(lines, 0.9, 1.0) * shadow(places, from_sun)
-    far = np.clip(
-        np.hypot(places[:, 0] - frame.camera.eye[0], places[:, 1] - frame.camera.eye[1]) / 9.0,
-        0.0,
-        1.0,
-    )[:, None]
+    away = np.hypot(*(places[:, :2] - frame.camera.eye[:2]).T)
+    far = np.clip(away / 9.0, 0.0, 1.0)[:, None]
     image[frame.ground] = FLOOR * light[:, None] * (1 - far) + WALL * far
     image[~(frame.ground | frame.objects)] = WALL
     return halve(image)

@@ -7,12 +7,12 @@ import pybullet
 
 from robots.engine import BulletWorld
 from robots.plane import world_place
-from robots.rendering import RENDERED, write_png
+from robots.rendering import RENDERED_SIZE, write_png
 from robots.urdf import Triple
 from robots.youbot_sim import photograph
 from robots.youbot_sim.drives import START, Drives
 from robots.youbot_sim.kinematics import tip_in_world
-from robots.youbot_sim.places import BOXES, OBJECT, DropBox
+from robots.youbot_sim.places import BOX_B, BOXES, OBJECT, DropBox
 from robots.youbot_sim.urdf import EFFORT, youbot_urdf
 from robots.youbot_sim.vocabulary import GROUPS, Group, JointReadings, Joints, ObjectPlace
 
@@ -30,7 +30,11 @@ MOTORS: dict[Group, tuple[str, ...]] = {
     "arm": ("arm1", "arm2", "arm3", "arm4", "arm5"),
     "gripper": ("finger1", "finger2"),
 }
-WALLS, LID, OBJECT_COLOUR = (0.42, 0.56, 0.72, 1), (0.35, 0.38, 0.42, 1), (0.16, 0.62, 0.34, 1)
+BOX_COLOUR: Quadruple = (0.42, 0.56, 0.72, 1)
+"""The colour of the boxes; the floor has it too, but photographs paint it over."""
+
+LID_COLOUR: Quadruple = (0.35, 0.38, 0.42, 1)
+OBJECT_COLOUR: Quadruple = (0.16, 0.62, 0.34, 1)
 
 
 class BulletManipulator(BulletWorld):
@@ -41,7 +45,7 @@ class BulletManipulator(BulletWorld):
 
     def __init__(self) -> None:
         super().__init__(TICK)
-        self._floor = self._make_body((60.0, 60.0, 0.2), (0.0, 0.0, -0.1), WALLS)
+        self._floor = self._make_body((60.0, 60.0, 0.2), (0.0, 0.0, -0.1), BOX_COLOUR)
         for box in BOXES:
             self._make_box(box)
         self._robot = self._load(youbot_urdf(), is_fixed=True)
@@ -49,7 +53,7 @@ class BulletManipulator(BulletWorld):
         self._time: float | None = None
         self._lid: int | None = None
         self._object: int | None = None
-        self._hand: int | None = None  # the constraint that holds an offered object
+        self._holder: int | None = None  # the constraint that holds an offered object
         self.assume(START)
 
     def follow(self, drives: Drives, now: float) -> None:
@@ -61,9 +65,13 @@ class BulletManipulator(BulletWorld):
             for group in GROUPS:
                 self._command(group, drives, self._time)
             self._engine.stepSimulation()
-        if self._hand is not None and self._has_gripped() and not drives.is_moving("gripper", now):
-            self._engine.removeConstraint(self._hand)
-            self._hand = None
+        if (
+            self._holder is not None
+            and self._has_gripped()
+            and not drives.is_moving("gripper", now)
+        ):
+            self._engine.removeConstraint(self._holder)
+            self._holder = None
 
     def measured(self) -> JointReadings:
         """The values of the encoders, and the true place of the object."""
@@ -83,16 +91,9 @@ class BulletManipulator(BulletWorld):
     def offer(self) -> None:
         """Create an object that is held in place until the fingers grip it."""
         self._object, place, turn = self._make_object(self.measured())
-        self._hand = self._engine.createConstraint(
-            self._object,
-            -1,
-            -1,
-            -1,
-            pybullet.JOINT_FIXED,
-            (0, 0, 0),
-            (0, 0, 0),
-            place,
-            childFrameOrientation=turn,
+        to_world, origin = (self._object, -1, -1, -1), (0, 0, 0)
+        self._holder = self._engine.createConstraint(
+            *to_world, pybullet.JOINT_FIXED, origin, origin, place, childFrameOrientation=turn
         )
 
     def _make_object(self, readings: JointReadings) -> tuple[int, Triple, Quadruple]:
@@ -107,12 +108,8 @@ class BulletManipulator(BulletWorld):
     def cover(self, *, is_covered: bool) -> None:
         """Put a lid on box B, or take it off."""
         if is_covered and self._lid is None:
-            box = BOXES[0]
-            side = box.size + 2 * box.wall
-            turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
-            self._lid = self._make_body(
-                (side, side, 0.012), (box.x, box.y, box.height + 0.006), LID, turn=turn
-            )
+            size, above = (BOX_B.side, BOX_B.side, 0.012), (0.0, 0.0, BOX_B.height + 0.006)
+            self._lid = self._make_part(BOX_B, size, above, LID_COLOUR)
         elif not is_covered and self._lid is not None:
             self._engine.removeBody(self._lid)
             self._lid = None
@@ -120,8 +117,8 @@ class BulletManipulator(BulletWorld):
     def picture(self, path: Path) -> Path:
         """A photograph from the side and above, as PNG."""
         x, y, heading = self._positions("base")
-        frame = self._frame(photograph.camera_at(x, y, heading), RENDERED, [self._floor])
-        from_sun = self._frame(photograph.sun_over(x, y), photograph.SHADOW_SIZE, [self._floor])
+        frame = self._render(photograph.camera_at(x, y, heading), RENDERED_SIZE, [self._floor])
+        from_sun = self._render(photograph.sun_over(x, y), photograph.SHADOW_SIZE, [self._floor])
         written = path.with_suffix(".png")
         write_png(written, photograph.develop(frame, from_sun))
         return written
@@ -157,7 +154,7 @@ class BulletManipulator(BulletWorld):
     def _object_place(self, base: Joints, arm: Joints) -> ObjectPlace:
         if self._object is None:
             return ObjectPlace.NOWHERE
-        if self._hand is not None:
+        if self._holder is not None:
             return ObjectPlace.OFFERED
         place, _ = self._engine.getBasePositionAndOrientation(self._object)
         if math.dist(place, tip_in_world(base, arm)) < NEAR:
@@ -187,16 +184,20 @@ class BulletManipulator(BulletWorld):
 
     def _make_box(self, box: DropBox) -> None:
         """Make a box of a bottom and four walls."""
-        turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
-        across, thick = box.size + 2 * box.wall, box.wall
+        across, thick = box.side, box.wall
         offset, middle = (box.size + thick) / 2, box.height / 2
         parts = [((across, across, thick), (0.0, 0.0, thick / 2))]
         parts += [((thick, across, box.height), (side * offset, 0.0, middle)) for side in (1, -1)]
         parts += [((across, thick, box.height), (0.0, side * offset, middle)) for side in (1, -1)]
-        for size, (ahead, left, up) in parts:
-            self._make_body(
-                size, (*world_place(box.x, box.y, box.heading, ahead, left), up), WALLS, turn=turn
-            )
+        for size, place in parts:
+            self._make_part(box, size, place, BOX_COLOUR)
+
+    def _make_part(self, box: DropBox, size: Triple, place: Triple, colour: Quadruple) -> int:
+        """Make a part of a box, at a place relative to the box."""
+        ahead, left, up = place
+        turn = pybullet.getQuaternionFromEuler((0, 0, box.heading))
+        world = (*world_place(box.x, box.y, box.heading, ahead, left), up)
+        return self._make_body(size, world, colour, turn=turn)
 
 
 def _per_motor(group: Group, joints: Joints) -> list[float]:

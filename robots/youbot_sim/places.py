@@ -7,7 +7,7 @@ from robots.youbot_sim.kinematics import Grip, joints_for
 from robots.youbot_sim.vocabulary import Group, Joints, ObjectPlace
 
 OBJECT = (0.040, 0.040, 0.060)
-"""The size of the object; it is as wide as the gap of the fingers that hold it."""
+"""The size of the object (m). Its width is the gap of the fingers that hold it."""
 
 POSES: dict[Group, dict[str, Joints]] = {
     "base": {"A": (0.0, 0.0, 0.0), "B": (2.4, 0.7, 0.4), "C": (1.5, -1.4, -0.9)},
@@ -38,8 +38,11 @@ class DropBox:
         """Whether an object released above this point falls into the box."""
         return max(map(abs, seen_from(self.x, self.y, self.heading, x, y))) < self.size / 2
 
+    @property
+    def side(self) -> float:
+        """The outer side of the bottom."""
+        return self.size + 2 * self.wall
 
-BOXES = (
-    DropBox(ObjectPlace.BOX_B, 2.885, 0.905, 0.4),
-    DropBox(ObjectPlace.BOX_C, 1.468, -1.928, -0.9),
-)
+
+BOX_B = DropBox(ObjectPlace.BOX_B, 2.885, 0.905, 0.4)
+BOXES = (BOX_B, DropBox(ObjectPlace.BOX_C, 1.468, -1.928, -0.9))

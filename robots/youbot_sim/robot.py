@@ -9,8 +9,8 @@ from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.kinematic import KinematicManipulator
 from robots.youbot_sim.vocabulary import JointReadings
 
-Physics = Literal["auto", "pybullet", "kinematic"]
-BACKENDS: tuple[Physics, ...] = get_args(Physics)
+Backend = Literal["auto", "pybullet", "kinematic"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 
 class MobileManipulator(Protocol):
@@ -40,11 +40,10 @@ class MobileManipulator(Protocol):
         """Free the resources of the simulator."""
 
 
-def make_robot(backend: Physics = "auto") -> MobileManipulator:
+def make_robot(backend: Backend = "auto") -> MobileManipulator:
     """Make a robot at place A. "auto" is PyBullet if installed, else the kinematic backend."""
-    if backend == "kinematic" or (
-        backend == "auto" and importlib.util.find_spec("pybullet") is None
-    ):
+    is_installed = importlib.util.find_spec("pybullet") is not None
+    if backend == "kinematic" or (backend == "auto" and not is_installed):
         return KinematicManipulator()
     physics = importlib.import_module("robots.youbot_sim.physics")
     robot: MobileManipulator = physics.BulletManipulator()

@@ -18,12 +18,12 @@ from tca_wire.coordination import TaskRole
 SHORTEST, LONGEST = 1.0, 8.0
 """Seconds between two changes of box B."""
 
-UNTIL = 12.0
-"""Seconds after which the robot has passed box B."""
+AT_BOX_B = 12.0
+"""Seconds within which the robot comes to box B. Later changes of the box would have no effect."""
 
 
 @dataclass(frozen=True, slots=True)
-class SeedRow:
+class Comparison:
     """The same delivery with and without a preview."""
 
     seed: int
@@ -31,7 +31,7 @@ class SeedRow:
     plain: CarriedObject
     preview: CarriedObject
     foreseen: CarriedObject
-    """With a preview and a box B that was from the start as the robot found it."""
+    """The delivery with a preview, if box B is from the start as the robot will find it."""
 
     @property
     def speed_up(self) -> float:
@@ -44,22 +44,22 @@ class SeedRow:
         return self.preview.seconds - self.foreseen.seconds
 
 
-def lid_of(seed: int) -> Lid:
+def random_lid(seed: int) -> Lid:
     """A lid that is put on and taken off at random times."""
     dice = random.Random(seed)  # noqa: S311 - not for secrets
     starts_covered, changes, time = dice.random() < 0.5, [], 0.0
-    while (time := time + dice.uniform(SHORTEST, LONGEST)) < UNTIL:
+    while (time := time + dice.uniform(SHORTEST, LONGEST)) < AT_BOX_B:
         changes.append(round(time, 1))
     return Lid(tuple(changes), starts_covered)
 
 
-def compare(seeds: int) -> Iterator[SeedRow]:
+def compare(seeds: int) -> Iterator[Comparison]:
     """Run the deliveries, seed by seed."""
     for seed in range(1, seeds + 1):
-        lid = lid_of(seed)
+        lid = random_lid(seed)
         plain, preview = (_delivered(lid, has_preview=has_preview) for has_preview in (False, True))
         to_c = any(task.state == "going to C" for task in plain.tasks)
-        yield SeedRow(
+        yield Comparison(
             seed, lid, plain, preview, _delivered(Lid(starts_covered=to_c), has_preview=True)
         )
 
@@ -68,30 +68,31 @@ def _delivered(lid: Lid, *, has_preview: bool) -> CarriedObject:
     return read_delivery(deliver(lid, make_coordinator(has_preview=has_preview)).entries)
 
 
-HEAD = (
+TABLE_HEAD = (
     "| seed | box B, seconds after the object was given | plain | preview | speed-up | arm ahead "
     "| in vain | delay |\n|---:|---|---:|---:|---:|---|---:|---:|"
 )
 
 
-def row(seed: SeedRow) -> str:
+def row(comparison: Comparison) -> str:
     """Format a row of the table."""
-    kept, wasted = (len(seed.preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
+    plain, preview = comparison.plain, comparison.preview
+    kept, wasted = (len(preview.with_role(role)) for role in (TaskRole.KEPT, TaskRole.WASTED))
     ahead = ", ".join([f"{kept} kept"] * bool(kept) + [f"{wasted} wasted"] * bool(wasted)) or "none"
     return (
-        f"| {seed.seed} | {seed.lid} | {seed.plain.seconds:.1f} s | {seed.preview.seconds:.1f} s "
-        f"| {seed.speed_up:.2f} | {ahead} | {seed.preview.seconds_in_vain:.1f} s "
-        f"| {seed.delay:.1f} s |"
+        f"| {comparison.seed} | {comparison.lid} | {plain.seconds:.1f} s | {preview.seconds:.1f} s "
+        f"| {comparison.speed_up:.2f} | {ahead} | {preview.seconds_in_vain:.1f} s "
+        f"| {comparison.delay:.1f} s |"
     )
 
 
-def summary(rows: list[SeedRow]) -> str:
+def summary(rows: list[Comparison]) -> str:
     """Summarise the table."""
-    speed_ups = [seed.speed_up for seed in rows]
-    wrong = [seed for seed in rows if seed.preview.with_role(TaskRole.WASTED)]
-    vain = sum(seed.preview.seconds_in_vain for seed in rows)
-    late = sum(seed.delay for seed in rows)
-    saved = sum(seed.plain.seconds - seed.preview.seconds for seed in rows)
+    speed_ups = [each.speed_up for each in rows]
+    wrong = [each for each in rows if each.preview.with_role(TaskRole.WASTED)]
+    vain = sum(each.preview.seconds_in_vain for each in rows)
+    late = sum(each.delay for each in rows)
+    saved = sum(each.plain.seconds - each.preview.seconds for each in rows)
     return (
         f"Speed-up {geometric_mean(speed_ups):.2f} (geometric mean),"
         f" from {min(speed_ups):.2f} to {max(speed_ups):.2f}: {saved:.1f} s saved."

@@ -8,7 +8,7 @@ from pathlib import Path
 from robots.youbot_sim.messages import CARRY_OBJECTS, LOOK, MEASURE, MOVE_GRIPPER, OFFER_OBJECT
 from robots.youbot_sim.moving import MOVES
 from robots.youbot_sim.outcome import CarriedObject, read_delivery
-from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.robot import Backend, make_robot
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.vocabulary import GROUPS, JointReadings
 from tca_module import Client, connect
@@ -34,26 +34,26 @@ SCHEDULES = {
 }
 
 
-def show(schedule: ShownDelivery, folder: Path, backend: Physics) -> tuple[CarriedObject, Path]:
-    """Run the delivery and replace the files of an earlier one. Returns its outcome, and a picture
+def show(delivery: ShownDelivery, folder: Path, backend: Backend) -> tuple[CarriedObject, Path]:
+    """Run the delivery, and replace the files of an earlier one. Returns the outcome, and a picture
     of the robot over the box.
     """
-    simulator = ["--backend", backend, *(["--covered"] * schedule.lid.starts_covered)]
-    for change in schedule.lid.changes:
+    simulator = ["--backend", backend, *(["--covered"] * delivery.lid.starts_covered)]
+    for change in delivery.lid.changes:
         simulator += ["--change", str(change)]
     with central_in(folder) as (address, programs):
         programs.start_module("simulator", "robots.youbot_sim.simulator", *simulator)
         for group in GROUPS:
             programs.start_module(group, "robots.youbot_sim.moving", group)
         programs.start_module("perception", "robots.youbot_sim.perception")
-        plain = [] if schedule.has_preview else ["--plain"]
+        plain = [] if delivery.has_preview else ["--plain"]
         programs.start_module("coordinator", "robots.youbot_sim.coordination", *plain)
         programs.start_module("user", "robots.youbot_sim.user")
         with connect("show", address, START_TIME) as client:
             seen = _watch(client, programs)
     robot = make_robot(backend)
     robot.assume(seen)
-    robot.cover(is_covered=schedule.lid != Lid())
+    robot.cover(is_covered=delivery.lid != Lid())
     picture = robot.picture(folder / "robot")
     robot.close()
     return read_delivery(open_log(folder / "journal")), picture

@@ -1,9 +1,9 @@
 """The simulated robot and its boxes, as a module and as a program."""
 
-import argparse
 from dataclasses import dataclass
 from typing import cast
 
+from robots.options import program_parser
 from robots.youbot_sim.drives import Drives
 from robots.youbot_sim.messages import DRIVE, HALT, LOOK, MEASURE, OFFER_OBJECT
 from robots.youbot_sim.robot import BACKENDS, MobileManipulator, make_robot
@@ -16,25 +16,21 @@ STEP = 1 / 30
 
 @dataclass(frozen=True, slots=True)
 class Lid:
-    """The lid of box B: on at first if it *starts covered*, otherwise off. It changes at each of
-    the *changes*, in seconds after the object was offered.
+    """The lid of box B. With *starts_covered* it is on at first. It is put on or taken off at each
+    of the *changes*, in seconds after the object was offered.
     """
 
     changes: tuple[float, ...] = ()
     starts_covered: bool = False
 
     def is_on(self, passed: float) -> bool:
-        """Whether it covers the box *passed* seconds after the object was offered."""
+        """Whether the lid covers the box *passed* seconds after the object was offered."""
         return self.starts_covered != bool(sum(change <= passed for change in self.changes) % 2)
 
     def __str__(self) -> str:
-        turns = [
-            (0.0, self.starts_covered),
-            *((change, self.is_on(change)) for change in self.changes),
-        ]
-        return ", ".join(
-            ("covered" if is_on else "free") + f" {time:.1f}" * (time > 0) for time, is_on in turns
-        )
+        changes = ((self.is_on(change), f" {change:.1f}") for change in self.changes)
+        states = [(self.starts_covered, ""), *changes]
+        return ", ".join(("covered" if is_on else "free") + since for is_on, since in states)
 
 
 class SimulatedRobot:
@@ -66,7 +62,7 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
     simulator = Module("simulator")
 
     def now(sender: Task | Callback) -> SimulatedRobot:
-        """The robot at the present time."""
+        """The robot, advanced to the present time."""
         simulated.follow(sender.time())
         return simulated
 
@@ -84,9 +80,7 @@ def make_module(simulated: SimulatedRobot, *, has_steps: bool) -> Module:
 
 def main() -> None:
     """Run the simulator."""
-    parser = argparse.ArgumentParser(
-        prog="python -m robots.youbot_sim.simulator", description=__doc__
-    )
+    parser = program_parser("youbot_sim.simulator", __doc__)
     parser.add_argument("--backend", choices=BACKENDS, default="auto")
     parser.add_argument("--covered", action="store_true", help="box B has its lid on at first")
     parser.add_argument(

@@ -12,17 +12,18 @@ from tca_behaviours.coordination import Coordinator
 from tca_module import Module, connect
 from tca_module.testing import LocalCentral
 
-SETTLED = 1.0
+SETTLING = 1.0
 """Seconds that perception gets before an object is given."""
 
 STRIDE = 1.0
+"""Seconds between two checks whether the object has been delivered."""
 
 
 @contextmanager
 def running(
     robot: SimulatedRobot, *modules: Module, has_steps: bool = False
 ) -> Iterator[LocalCentral]:
-    """Run these modules, the robot's movers and perception. The caller steps their clock."""
+    """Run the simulator, the movers, perception and these modules. The caller steps their clock."""
     movers = [moving.make_module(group) for group in GROUPS]
     simulated = simulator.make_module(robot, has_steps=has_steps)
     with ExitStack() as stack:
@@ -44,9 +45,9 @@ def robot(lid: Lid, coordinator: Coordinator) -> Iterator[LocalCentral]:
 
 
 def deliver(lid: Lid, coordinator: Coordinator) -> LocalCentral:
-    """Have one object carried. Returns central, which has the journal."""
+    """Have one object carried. Returns the ended central, which has the journal."""
     with robot(lid, coordinator) as central, connect("requester", central) as requester:
-        central.advance(SETTLED)
+        central.advance(SETTLING)
         carrying = requester.command(CARRY_OBJECTS, 1)
         central.advance(STRIDE)
         while carrying.state == "running":

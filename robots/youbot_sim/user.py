@@ -1,4 +1,4 @@
-"""The user: starts the robot's machine, gives it one object after the other, and posts the end."""
+"""The user: starts the machine, gives the robot one object after the other, and posts the end."""
 
 from collections.abc import Iterator
 
@@ -32,12 +32,12 @@ def make_module(coordinator: Coordinator) -> Module:
 
 
 def _entries(reports: Iterator[CoordinationReport], state: int) -> Iterator[None]:
-    """Yield each time that the machine enters a state."""
-    before = -1
+    """Yield each time that the machine enters this state."""
+    previous = -1
     for report in reports:
-        if report.current == state != before:
+        if report.current == state != previous:
             yield
-        before = report.current
+        previous = report.current
 
 
 if __name__ == "__main__":

@@ -82,11 +82,11 @@ class Motion:
 
     def share(self, seconds: float) -> float:
         """The share of the way done *seconds* after its start."""
-        return self._now(seconds)[0]
+        return self._share_and_rate(seconds)[0]
 
     def rate(self, seconds: float) -> float:
         """The speed of the share at that time, per second."""
-        return self._now(seconds)[1]
+        return self._share_and_rate(seconds)[1]
 
     def joints(self, seconds: float) -> Joints:
         """The joint values at that time."""
@@ -98,8 +98,8 @@ class Motion:
         rate = self.rate(seconds)
         return tuple(rate * (b - a) for a, b in zip(self.start, self.goal, strict=True))
 
-    def _now(self, seconds: float) -> tuple[float, float]:
-        """Share and rate."""
+    def _share_and_rate(self, seconds: float) -> tuple[float, float]:
+        """The share of the way done *seconds* after the start, and its speed."""
         if not self.phases:
             return 1.0, 0.0
         begins = list(accumulate((phase.seconds for phase in self.phases), initial=0.0))

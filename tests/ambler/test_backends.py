@@ -69,7 +69,7 @@ def test_pace_limits_simulated_time_to_a_multiple_of_real_time(clock: FakeClock)
 
 
 def test_pace_zero_never_waits(clock: FakeClock) -> None:
-    Pacer(0.0).passed(1000.0)
+    Pacer(0.0).wait(1000.0)
     assert clock.now == 0.0
 
 
@@ -77,15 +77,15 @@ def test_pacer_does_not_catch_up_idle_time(clock: FakeClock) -> None:
     pacer = Pacer(1.0)
     clock.now = 100.0
     pacer.restart()
-    pacer.passed(2.0)
+    pacer.wait(2.0)
     assert clock.now == 102.0
 
 
 def test_move_listener_is_not_called_again_after_stop() -> None:
     answers = iter([False])
     watch = MoveWatch(lambda: next(answers))
-    watch.ticked()
-    watch.ticked()
+    watch.tick()
+    watch.tick()
     assert watch.stopped
 
 

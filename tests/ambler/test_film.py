@@ -7,7 +7,13 @@ import pytest
 
 from robots.ambler_sim.machine.making import make_robot
 from robots.ambler_sim.machine.robot import Robot
-from robots.ambler_sim.pictures.film import EVERY, FRAMES_PER_SECOND, SIZE, FilmCamera, join_frames
+from robots.ambler_sim.pictures.film import (
+    FRAME_PERIOD,
+    FRAMES_PER_SECOND,
+    SIZE,
+    FilmCamera,
+    join_frames,
+)
 from robots.rendering import write_png
 
 PIL_IMAGE = pytest.importorskip("PIL.Image")
@@ -34,7 +40,7 @@ def test_film_frames_follow_robot_time_from_first_footstep(robot: Robot, tmp_pat
     robot.footsteps = 2
     for _ in range(5):
         camera.tick()
-        robot.time += EVERY / 2
+        robot.time += FRAME_PERIOD / 2
     frames = sorted((tmp_path / "frames").iterdir())
     assert [frame.name for frame in frames] == [
         "0000005000.png",

@@ -53,7 +53,7 @@ def test_terrain_height_does_not_depend_on_earlier_queries(x: float, y: float) -
 
 def test_soft_terrain_has_some_soft_ground() -> None:
     x, y = np.meshgrid(np.linspace(10.0, 60.0, 100), np.linspace(-9.0, 9.0, 40))
-    soft = Terrain(TerrainSpec(kind="soft")).softness_at(x, y) < 1
+    soft = Terrain(TerrainSpec(kind="soft")).firmness_at(x, y) < 1
     assert 0.005 < soft.mean() < 0.2
 
 

@@ -114,7 +114,7 @@ def test_killed_leg_move_needs_no_footfall_check() -> None:
     story = begun()
     move = story.command("move leg", "gait planner")
     story.delivered(move, "controller").at(2.0).returned(move).say(
-        facts.Killed(TaskId(move), "planned anew")
+        facts.Killed(TaskId(move), "planned again")
     )
     assert FOOTFALL.count(story.reached(move, Moment.END_ACHIEVING).fold()).number == 0
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from explore.scenarios import NOTE, REST, STEP, WALK, WHERE, assert_good, counterexample, walking
-from explore.test_good import polled
+from explore.test_good_verdicts import polled
 
 import tca_tools.explore as tca
 from dev.invariants import check_invariants

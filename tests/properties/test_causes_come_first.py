@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from properties.blocking import Steps
 from properties.folded import FoldedPlayer
 from properties.life import Life, Operations, operations
-from properties.test_blocked_is_told import JournaledLife, steps
+from properties.test_recorded_waits import JournaledLife, steps
 from sampling import lives
 
 from tca_tools.analysis.failures import failures

@@ -35,7 +35,7 @@ def test_link_delivers_all_when_half_of_the_datagrams_are_lost() -> None:
 def test_link_ignores_strangers_and_noise() -> None:
     with links(loss=0.0) as made, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         for noise in (b"", b"noise", bytes(20_000)):
-            stranger.sendto(noise, made["a"]._own)
+            stranger.sendto(noise, made["a"]._own_address)
         for noise in (b"noise of a partner", b"\x93\xa4\x00\x00\x00\x80"):
             made["b"]._send("a", noise)
         made["b"].set_status(4)

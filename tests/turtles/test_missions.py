@@ -86,7 +86,7 @@ def test_end_of_a_show_ends_a_mission_with_conditions() -> None:
     def never_ends(mission: Mission) -> None:
         mission.clear_conditions()
         mission.Wait(foreground=False, duration=1.0)
-        is_over.why = "another has failed"
+        is_over.reason = "another has failed"
         mission.Wait(duration=1e6)
 
     with town() as there:

@@ -13,8 +13,8 @@ from robots.youbot_sim.coordination import likelihood, make_coordinator
 from robots.youbot_sim.delivery import make_delivery
 from robots.youbot_sim.messages import CARRY_OBJECTS, MEASURE, MOVE_ARM
 from robots.youbot_sim.outcome import CarriedObject, DoneTask, read_delivery
-from robots.youbot_sim.robot import Physics
-from robots.youbot_sim.seeds import HEAD, compare, row, summary
+from robots.youbot_sim.robot import Backend
+from robots.youbot_sim.seeds import TABLE_HEAD, compare, row, summary
 from robots.youbot_sim.show import SCHEDULES, show
 from robots.youbot_sim.simulator import Lid
 from robots.youbot_sim.stepped import deliver, robot
@@ -163,14 +163,14 @@ def test_table_of_seeds_is_reproducible(
 @pytest.mark.soak
 def test_docs_table_is_current_and_previews_never_cost_time() -> None:
     rows = list(compare(20))
-    assert "\n".join([HEAD, *map(row, rows), "", summary(rows)]) in PAGE
+    assert "\n".join([TABLE_HEAD, *map(row, rows), "", summary(rows)]) in PAGE
     assert all(one.speed_up > 1 for one in rows)
 
 
 @pytest.mark.slow
 @pytest.mark.soak
 @pytest.mark.parametrize("backend", ["auto", "kinematic"])
-def test_separate_programs_reach_the_same_schedule(backend: Physics, tmp_path: Path) -> None:
+def test_separate_programs_reach_the_same_schedule(backend: Backend, tmp_path: Path) -> None:
     found, picture = show(SCHEDULES["changed"], tmp_path, backend)
     assert {task.state: task.roles for task in found.tasks} == {
         task.state: task.roles for task in delivered("changed").tasks

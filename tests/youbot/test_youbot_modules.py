@@ -22,7 +22,7 @@ from robots.youbot_sim.messages import (
 from robots.youbot_sim.motion import plan
 from robots.youbot_sim.perception import updated_confidence
 from robots.youbot_sim.places import POSES
-from robots.youbot_sim.robot import Physics, make_robot
+from robots.youbot_sim.robot import Backend, make_robot
 from robots.youbot_sim.simulator import Lid, SimulatedRobot
 from robots.youbot_sim.stepped import running
 from robots.youbot_sim.vocabulary import Drive, JointReadings, Move, ObjectPlace
@@ -36,7 +36,7 @@ NO_PHYSICS = pytest.mark.skipif(
 
 @contextmanager
 def robot(
-    backend: Physics = "kinematic", lid: Lid | None = None
+    backend: Backend = "kinematic", lid: Lid | None = None
 ) -> Iterator[tuple[LocalCentral, Client]]:
     """Run simulator, base, arm, gripper and perception, and a client."""
     simulated = make_robot(backend)
@@ -106,7 +106,7 @@ def test_unknown_pose_fails_with_a_reason() -> None:
     assert failed.value.failure == UNKNOWN_POSE.name
 
 
-def carried(backend: Physics, to: str, lid: Lid | None = None) -> list[JointReadings]:
+def carried(backend: Backend, to: str, lid: Lid | None = None) -> list[JointReadings]:
     """Measurements after each move of a delivery."""
     found = []
     with robot(backend, lid) as (central, user):
@@ -162,7 +162,7 @@ def test_perception_gains_confidence_with_each_look() -> None:
 @pytest.mark.parametrize(
     "backend", ["kinematic", pytest.param("pybullet", marks=[NO_PHYSICS, pytest.mark.soak])]
 )
-def test_youbot_picture_is_drawn(backend: Physics, tmp_path: Path) -> None:
+def test_youbot_picture_is_drawn(backend: Backend, tmp_path: Path) -> None:
     simulated = make_robot(backend)
     made = simulated.picture(tmp_path / "robot")
     simulated.close()

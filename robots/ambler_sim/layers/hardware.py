@@ -38,8 +38,8 @@ def attach(module: Module) -> None:
     for move in (MOVE_LEG, MOVE_BODY):
         module.on_failure(AMPLIFIER_TRIPPED, SWITCH_ON, of=move, maximum=3)
         module.on_failure(JOINT_FAULT, FREE, of=move, maximum=3)
-    for care in (RESET, FREE_JOINT):
-        module.on_failure(NEEDS_OPERATOR, CALL_OPERATOR, of=care, maximum=1)
+    for repair in (RESET, FREE_JOINT):
+        module.on_failure(NEEDS_OPERATOR, CALL_OPERATOR, of=repair, maximum=1)
 
 
 @layer.handles(SWITCH_ON)
@@ -58,7 +58,7 @@ def free(task: Task, error: MotionError) -> None:
 
 @layer.handles(CALL_OPERATOR, resource="operator")
 def call_operator(task: Task, leg: int) -> None:
-    """Have an operator do it: retry the repair with *operator* set."""
+    """Retry the repair with an operator."""
     failing = task.trouble.failing
     failing.retry(RESET if failing.message == RESET.name else FREE_JOINT, Reset(leg, operator=True))
 

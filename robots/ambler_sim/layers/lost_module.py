@@ -1,4 +1,4 @@
-"""The layer for lost programs: the work that a module had when it died is done again."""
+"""The layer for lost modules: the work that a module had when it died is done again."""
 
 from robots.ambler_sim.messages import TRAVERSE_ARC
 from robots.ambler_sim.recovery import DO_AGAIN, make_layer

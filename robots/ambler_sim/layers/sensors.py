@@ -13,10 +13,11 @@ from robots.ambler_sim.messages import (
 from robots.ambler_sim.recovery import make_layer
 from tca_module import Command, Condition, ExceptionHandler, Module, Task
 
-LOOKED_AT_MOST = 3
+MOST_RETRIES = 3
+"""The greatest number of retries of one image."""
 
 LOOK_AGAIN = ExceptionHandler("look again", int)
-GO_ON_WITHOUT = ExceptionHandler("go on without image", int)
+GO_ON_WITHOUT_IMAGE = ExceptionHandler("go on without image", int)
 FORCE_CHECK = Command("force check")
 
 layer = make_layer("sensors")
@@ -27,8 +28,8 @@ def attach(module: Module) -> None:
     """Take a failed image again a few times, then continue the walk with the present map."""
     module.tap(Condition.BEFORE_HANDLING, MOVE_LEG, FORCE_CHECK)
     for failure in (NO_IMAGE, BAD_IMAGE):
-        module.on_failure(failure, GO_ON_WITHOUT, of=ACQUIRE_IMAGE)
-        module.on_failure(failure, LOOK_AGAIN, of=ACQUIRE_IMAGE, maximum=LOOKED_AT_MOST)
+        module.on_failure(failure, GO_ON_WITHOUT_IMAGE, of=ACQUIRE_IMAGE)
+        module.on_failure(failure, LOOK_AGAIN, of=ACQUIRE_IMAGE, maximum=MOST_RETRIES)
 
 
 @layer.handles(LOOK_AGAIN)
@@ -37,8 +38,8 @@ def look_again(task: Task, _: int) -> None:
     task.trouble.failing.retry()
 
 
-@layer.handles(GO_ON_WITHOUT)
-def go_on_without(task: Task, _: int) -> None:
+@layer.handles(GO_ON_WITHOUT_IMAGE)
+def go_on_without_image(task: Task, _: int) -> None:
     """Resolve the failure: the map reaches some metres beyond the next step."""
     task.trouble.resolved()
 

@@ -52,22 +52,22 @@ def steady(task: Task, _: float) -> None:
 def support_check(task: Task) -> None:
     """Hold a move until the robot is level on six feet or, at least, stable on the loaded feet."""
     readings = task.query(READINGS)
-    if not hanging(readings) and tilt(readings) <= MOST_TILT:
+    if not hanging_legs(readings) and tilt(readings) <= MOST_TILT:
         return
     task.command(LEVEL_BODY).wait()
-    readings, stance, move = task.query(READINGS), task.query(STANCE), task.tap_event.tapped
+    readings, stance = task.query(READINGS), task.query(STANCE)
+    move = task.tap_event.tapped
     assert move is not None
     lifted = {move.data(MOVE_LEG).leg} if move.message == MOVE_LEG.name else set()
-    margin = support_margin(stance, *lifted.union(hanging(readings)))
+    margin = support_margin(stance, *lifted.union(hanging_legs(readings)))
     if margin < LEAST_SUPPORT:
-        legs = ", ".join(map(str, hanging(readings)))
+        legs = ", ".join(map(str, hanging_legs(readings)))
         raise TIP_OVER_RISK(
-            tilt(readings),
-            f"{move} would leave {margin:.2f} m to the edge: these legs hang: {legs}",
+            tilt(readings), f"{move} would leave {margin:.2f} m to the edge; hanging legs: {legs}"
         )
 
 
-def hanging(readings: Readings) -> list[int]:
+def hanging_legs(readings: Readings) -> list[int]:
     """The legs that bear no load."""
     return [leg for leg, load in enumerate(readings.loads) if load < LEAST_LOAD]
 

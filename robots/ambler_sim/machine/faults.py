@@ -38,8 +38,10 @@ ROCK_RADIUS, ROCK_ROOM, ROCK_ABOVE = 0.2, 0.6, 0.15
 HIGHEST_ROCK = 1.0
 """The greatest height (m) of a rock above the ground around it."""
 
-SPARED = 0.5
-"""The support margin (m) needed without the legs that sink; with less the robot would rock."""
+LEAST_MARGIN_OF_OTHERS = 0.5
+"""The least support margin (m) without the legs whose ground gives way; with less the robot would
+rock.
+"""
 
 
 class FaultyPlant:
@@ -55,7 +57,7 @@ class FaultyPlant:
         """Faults that wait until they can begin."""
         self._begun: list[Fault] = []
 
-    # --- what goes wrong --------------------------------------------------------------------------
+    # --- faults -----------------------------------------------------------------------------------
 
     def arm(self, fault: Fault) -> None:
         """Add a fault, which begins when it can."""
@@ -82,7 +84,7 @@ class FaultyPlant:
         for fault in self._armed_of(*MACHINE_KINDS):
             self.faults.append(fault)
             self._begin(fault)
-        return any(map(self._gives_way, self._armed_of(SOFT_SPOT)[:1]))
+        return any(map(self._begin_soft_spot, self._armed_of(SOFT_SPOT)[:1]))
 
     def pop_begun_faults(self) -> list[Fault]:
         """Return the faults that have begun since the last call."""
@@ -90,14 +92,14 @@ class FaultyPlant:
         return begun
 
     def has(self, kind: str, leg: int) -> bool:
-        """Whether a leg has a fault of this kind."""
+        """Whether a leg has a present fault of this kind."""
         return any(fault.kind == kind and fault.leg == leg for fault in self.faults)
 
     def clear(self, leg: int, *kinds: str, operator: bool = False) -> bool:
         """Repair a leg's faults of these kinds. Returns False if one of them needs an operator."""
-        mine = [fault for fault in self.faults if fault.leg == leg and fault.kind in kinds]
-        remaining = [fault for fault in mine if fault.needs_operator and not operator]
-        self.faults = [fault for fault in self.faults if fault not in mine or fault in remaining]
+        found = [fault for fault in self.faults if fault.leg == leg and fault.kind in kinds]
+        remaining = [fault for fault in found if fault.needs_operator and not operator]
+        self.faults = [fault for fault in self.faults if fault not in found or fault in remaining]
         return not remaining
 
     def amplifiers(self) -> tuple[bool, ...]:
@@ -120,10 +122,8 @@ class FaultyPlant:
         joints, shares = joints - self._offsets(), self._mobility()
         if shares.min() < 1.0:
             now = self.plant.joints()
-            joints, rates = (
-                np.where(shares < 1.0, now + shares * (joints - now), joints),
-                shares * rates,
-            )
+            joints = np.where(shares < 1.0, now + shares * (joints - now), joints)
+            rates = shares * rates
         self.plant.drive(joints, rates)
 
     def joints(self) -> Array:
@@ -160,13 +160,18 @@ class FaultyPlant:
         self.armed.remove(fault)
         self._begun.append(fault)
 
-    def _gives_way(self, fault: Fault) -> bool:
-        """Let the ground fall in under the fault's leg, or the next one that can be spared."""
+    def _begin_soft_spot(self, fault: Fault) -> bool:
+        """Let the ground fall in under the fault's leg, or under the next one that the robot can
+        stand without. Returns False if there is none.
+        """
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):
             middle = stance.feet[leg]
-            falling = [foot.leg for foot in stance.feet if distance(middle, foot) < HOLE_RADIUS]
-            if not (loads < HANGING_LOAD).any() and support_margin(stance, *falling) > SPARED:
+            sinking = [foot.leg for foot in stance.feet if distance(middle, foot) < HOLE_RADIUS]
+            if (
+                not (loads < HANGING_LOAD).any()
+                and support_margin(stance, *sinking) > LEAST_MARGIN_OF_OTHERS
+            ):
                 self.plant.give_way(middle.x, middle.y)
                 self._begin(fault)
                 return True

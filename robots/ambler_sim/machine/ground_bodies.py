@@ -52,8 +52,8 @@ class GroundBodies:
     def __init__(self, engine: Engine, terrain: Terrain) -> None:
         self._engine, self._terrain = engine, terrain
         self._tiles: dict[tuple[int, int], Tile] = {}
-        self._spare: list[Tile] = []
-        self._around: tuple[int, int, int, int] | None = None
+        self._spare_tiles: list[Tile] = []
+        self._covered: tuple[int, int, int, int] | None = None
         for rock in terrain.spec.rocks:
             self._make_rock(rock)
         self._added: deque[int] = deque()
@@ -68,15 +68,14 @@ class GroundBodies:
         size = TILE * RESOLUTION
         first, last = int((x - NEAR) // size), int((x + NEAR) // size)
         lowest, highest = int((y - NEAR) // size), int((y + NEAR) // size)
-        if self._around == (first, last, lowest, highest):
+        if self._covered == (first, last, lowest, highest):
             return
-        self._around = first, last, lowest, highest
+        self._covered = first, last, lowest, highest
         near = {(i, j) for i in range(first, last + 1) for j in range(lowest, highest + 1)}
         for place in sorted(set(self._tiles) - near):
             self._retire(self._tiles.pop(place))
         for place in sorted(near - set(self._tiles)):
-            self._tiles[place] = self._another_tile()
-            self._shape(self._tiles[place], *place)
+            self._cover(place)
 
     def add(self, rock: Rock) -> None:
         """Put a rock onto the ground. Beyond MOST_ADDED the oldest added rock is removed."""
@@ -89,22 +88,27 @@ class GroundBodies:
         size = TILE * RESOLUTION
         corners = {(int((x + i) // size), int((y + j) // size)) for i in (-1, 1) for j in (-1, 1)}
         for place in sorted(corners & set(self._tiles)):
-            before, self._tiles[place] = self._tiles[place], self._another_tile()
-            self._shape(self._tiles[place], *place)
-            # With heights replaced in place, the feet would stay on the old ones.
-            self._retire(before)
+            # If the old tile got new heights where it is, the feet would stay on its old heights.
+            old_tile = self._tiles[place]
+            self._cover(place)
+            self._retire(old_tile)
 
     def _retire(self, tile: Tile) -> None:
         self._lay(tile, AWAY, AWAY)
-        self._spare.append(tile)
+        self._spare_tiles.append(tile)
 
-    def _another_tile(self) -> Tile:
-        return self._spare.pop() if self._spare else self._make_tile()
+    def _cover(self, place: tuple[int, int]) -> None:
+        """Lay a spare or new tile at a place, with the heights of the ground there."""
+        tile = self._spare_tiles.pop() if self._spare_tiles else self._make_tile()
+        heights = self._terrain.lattice(place[0] * TILE, place[1] * TILE, TILE + 1, TILE + 1)
+        self._height_field(heights, replaceHeightfieldIndex=tile.shape)
+        self._lay(tile, *place)
+        self._tiles[place] = tile
 
     def _make_tile(self) -> Tile:
-        """Make a flat tile with one peak and one pit at the limits of any ground.
+        """Make a flat tile with one peak and one pit, at the greatest heights of any ground.
 
-        The engine always searches for contacts within the range of the first heights.
+        The engine searches for contacts only within the range of a tile's first heights.
         """
         heights = np.zeros((TILE + 1, TILE + 1))
         heights[0, 0], heights[-1, -1] = -DEEPEST, DEEPEST
@@ -113,12 +117,6 @@ class GroundBodies:
         self._engine.changeDynamics(body, -1, lateralFriction=FRICTION)
         self._engine.changeVisualShape(body, -1, textureUniqueId=-1, rgbaColor=SOIL)
         return Tile(body, shape)
-
-    def _shape(self, tile: Tile, i: int, j: int) -> None:
-        """Set a tile's heights to those of a place, and lay it there."""
-        heights = self._terrain.lattice(i * TILE, j * TILE, TILE + 1, TILE + 1)
-        self._height_field(heights, replaceHeightfieldIndex=tile.shape)
-        self._lay(tile, i, j)
 
     def _lay(self, tile: Tile, i: int, j: int) -> None:
         middle = ((i + 0.5) * TILE * RESOLUTION, (j + 0.5) * TILE * RESOLUTION, 0.0)

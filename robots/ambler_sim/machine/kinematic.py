@@ -31,13 +31,13 @@ LEAST_FEET = 3
 
 NEWTON_STEPS = 40
 CLOSE_ENOUGH = 1e-9
-SOFT = 1e-6 * np.eye(3)
+REGULARISER = 1e-6 * np.eye(3)
 """Keeps the equations solvable while fewer than three feet touch the ground."""
 
 
 class KinematicPlant(Plant):
-    """A mechanism that is always in equilibrium. The backend "graphical" is the same, shown while
-    it moves.
+    """A mechanism that is always in equilibrium, for two backends: "kinematic", and "graphical",
+    which is shown while it moves.
     """
 
     tick = 0.025
@@ -74,11 +74,8 @@ class KinematicPlant(Plant):
         feet = to_world(self._pose, feet_of(self._joints))
         pushes = np.zeros(len(feet))
         for rock in self._terrain.rocks:
-            depth = (
-                rock.radius
-                + AMBLER.foot_radius
-                - np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
-            )
+            away = np.hypot(feet[:, 0] - rock.x, feet[:, 1] - rock.y)
+            depth = rock.radius + AMBLER.foot_radius - away
             beside = feet[:, 2] < self._terrain.top(rock) - STANDS_ON
             pushes = np.maximum(pushes, np.where(beside, AMBLER.foot_stiffness * depth, 0.0))
         return pushes
@@ -130,13 +127,13 @@ class KinematicPlant(Plant):
 
     def _stand(self, feet: Array) -> None:
         """Find the height, roll and pitch at which the springs of the feet bear the weight."""
-        spot = to_world(self._pose, feet)
-        spot[:, :2] = np.where((self._loads > 0)[:, None], self._anchors, spot[:, :2])
-        wanted = self._terrain.under(spot) - feet[:, 2]
+        places = to_world(self._pose, feet)
+        places[:, :2] = np.where((self._loads > 0)[:, None], self._anchors, places[:, :2])
+        wanted = self._terrain.under(places) - feet[:, 2]
         arms = np.stack([np.ones(len(feet)), feet[:, 1], -feet[:, 0]], axis=1)
         x, y, _ = centre_of_gravity(self._joints)
         pull = WEIGHT / AMBLER.foot_stiffness * np.array([1.0, y, -x])
-        firmness = self._terrain.softness_at(spot[:, 0], spot[:, 1])
+        firmness = self._terrain.firmness_at(places[:, 0], places[:, 1])
         now = np.array([self._pose.height, self._roll, self._pitch])
         height, self._roll, self._pitch = map(
             float, _equilibrium(arms, wanted, firmness, pull, now)
@@ -150,10 +147,8 @@ def _into_beams(joints: Array, tops: Array, radii: Array) -> list[float]:
     """How deep (m) each leg's beams are in the nearest rock that reaches them (body frame)."""
     depths = []
     for leg, (angle, reach, _) in enumerate(joints):
-        along, away = (
-            np.array([math.cos(angle), math.sin(angle)]),
-            tops[:, :2] - [0.0, SHAFT_Y[leg]],
-        )
+        along = np.array([math.cos(angle), math.sin(angle)])
+        away = tops[:, :2] - [0.0, SHAFT_Y[leg]]
         nearest = (away @ along).clip(0.0, reach)[:, None] * along
         depth = radii + AMBLER.beam_width / 2 - np.hypot(*(away - nearest).T)
         depths.append(
@@ -188,7 +183,7 @@ def _equilibrium(arms: Array, wanted: Array, firmness: Array, pull: Array, guess
         uphill = pull - stiff.T @ sunk[bears]
         if np.abs(uphill).max() < CLOSE_ENOUGH:
             break
-        change = np.linalg.solve(stiff.T @ held + SOFT, uphill)
+        change = np.linalg.solve(stiff.T @ held + REGULARISER, uphill)
         before = energy(guess)
         while energy(guess - change) > before and np.abs(change).max() > CLOSE_ENOUGH:
             change = change / 2

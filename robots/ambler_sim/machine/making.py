@@ -26,8 +26,8 @@ def make_robot(
     """Make a robot that stands at *start* on new ground, or where the snapshot *state* left it.
 
     Args:
-        backend: "auto" takes the backend of *state* if it is available. Otherwise it takes PyBullet
-            if that is installed, else the kinematic backend.
+        backend: "auto" takes the backend of *state* or, without *state*, PyBullet; but the
+            kinematic backend if PyBullet is needed and not installed.
         terrain: the ground; ignored with *state*, which has its own.
         pace: simulated time as a multiple of real time; 0 is as fast as possible.
         state: the snapshot of another process.
@@ -36,7 +36,7 @@ def make_robot(
     """
     ground = Terrain(state.terrain if state else terrain or TerrainSpec())
     posture = state.posture if state else standing_posture(ground, start)
-    plant = _make_plant(_chosen(backend, state), ground, posture, window=window)
+    plant = _make_plant(_chosen_backend(backend, state), ground, posture, window=window)
     return Robot(plant, ground, pace=pace, state=state)
 
 
@@ -52,7 +52,7 @@ def why_no_window() -> str:
     return ""
 
 
-def _chosen(backend: Backend, state: Snapshot | None) -> str:
+def _chosen_backend(backend: Backend, state: Snapshot | None) -> str:
     if backend != "auto":
         return backend
     wanted = state.backend if state else "pybullet"
@@ -65,6 +65,5 @@ def _make_plant(backend: str, terrain: Terrain, posture: Posture, *, window: boo
     # It imports PyBullet, which may not be installed.
     from robots.ambler_sim.machine import physics  # noqa: PLC0415
 
-    return (
-        physics.BulletWindow(terrain, posture) if window else physics.BulletPlant(terrain, posture)
-    )
+    kind = physics.BulletWindow if window else physics.BulletPlant
+    return kind(terrain, posture)

@@ -14,13 +14,19 @@ SPEEDS: Array = np.array([3.0, 1.2, 1.6])
 """Greatest speeds of angle (rad/s), reach and drop (m/s)."""
 
 ACCELERATIONS: Array = np.array([6.0, 6.0, 12.0])
-"""Greatest accelerations (rad/s2, m/s2). A jerked foot would feel forces as from an obstacle."""
+"""Greatest accelerations (rad/s2, m/s2). With more, a foot would feel its own inertia as an
+obstacle.
+"""
 
 SHORTEST = 0.1
+"""The least duration (s) of a segment."""
+
 GUARD = 0.15
+"""The height (m) above the expected ground from which a foot is lowered slowly."""
+
 GUARDED_SPEED = 0.25
 HURRIED_SPEED = 1.0
-"""The speed (m/s) at which a foot is lowered while the body tilts; otherwise GUARDED_SPEED."""
+"""The speed (m/s) at which a foot is lowered, and that while the body tilts."""
 
 TOUCH_LOAD = 1500.0
 """A foot with at least this vertical force (N) stands."""
@@ -97,10 +103,9 @@ def make_segment(start: Array, end: Array) -> Segment:
     A cosine profile peaks at pi/2 of its mean speed and pi^2/2 of its mean acceleration.
     """
     way = np.abs(end - start)
-    slowest, laziest = float((way / SPEEDS).max()), float((way / ACCELERATIONS).max())
-    return Segment(
-        start, end, max(slowest * math.pi / 2, math.pi * math.sqrt(laziest / 2), SHORTEST)
-    )
+    least_for_speed = math.pi / 2 * float((way / SPEEDS).max())
+    least_for_acceleration = math.pi * math.sqrt(float((way / ACCELERATIONS).max()) / 2)
+    return Segment(start, end, max(least_for_speed, least_for_acceleration, SHORTEST))
 
 
 def blend(start: Pose, goal: Pose, share: float) -> Pose:

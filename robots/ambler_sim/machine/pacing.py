@@ -17,11 +17,11 @@ class Pacer:
         self._due = 0.0
 
     def restart(self) -> None:
-        """Start counting from now: idle time is not caught up."""
+        """Count from now on, so that idle time is not caught up."""
         self._due = time.monotonic()
 
-    def passed(self, seconds: float) -> None:
-        """Wait until *seconds* of simulated time have passed in real time at this pace."""
+    def wait(self, seconds: float) -> None:
+        """Wait for the real time in which *seconds* of simulated time pass at this pace."""
         if self.pace <= 0:
             return
         self._due += seconds / self.pace
@@ -39,12 +39,12 @@ class MoveWatch:
         self.tilt = 0.0
         """The inclination (rad) of the body that stopped the move; 0 if none did."""
 
-    def ticked(self) -> None:
-        """Call the callback; after it has returned False it is not called again."""
+    def tick(self) -> None:
+        """Call the callback, unless the move should already stop."""
         if self._on_tick is not None and not self.stopped:
             self.stopped = not self._on_tick()
 
-    def tilted(self, tilt: float) -> None:
-        """Stop the move, because the body tilts too much."""
+    def stop_for_tilt(self, tilt: float) -> None:
+        """Have the move stopped, because the body tilts too much. The first tilt is stored."""
         if not self.tilt:
             self.tilt, self.stopped = tilt, True

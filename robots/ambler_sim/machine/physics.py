@@ -32,7 +32,7 @@ WINDOW = (
 AWAY, SIDEWAYS, DOWN = 9.0, 50.0, -16.0
 """The camera: metres from the robot, and degrees to the robot's direction and to the horizon."""
 
-BETWEEN_LOOKS = 0.04
+CAMERA_PERIOD = 0.04
 """Seconds between two moves of the camera."""
 
 
@@ -66,7 +66,7 @@ class BulletPlant(BulletWorld, Plant):
     def drive(self, joints: Array, rates: Array) -> None:
         """Run the motors for one tick. The *rates* are fed forward so that joints do not lag."""
         if self._terrain.has_soft_ground:
-            self._sink()
+            self._soften_feet()
         self._command(
             targetPositions=joints.ravel().tolist(), targetVelocities=rates.ravel().tolist()
         )
@@ -127,17 +127,17 @@ class BulletPlant(BulletWorld, Plant):
         """Photograph from ahead and above, rendered twice as large to smooth hard edges."""
         pose = self.attitude().pose
         ground = list(self._ground.tiles)
-        frame = self._frame(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
+        frame = self._render(photograph.camera_for(pose), (2 * size[0], 2 * size[1]), ground)
         shadows = photograph.SHADOW_SIZE * size[0] // SIZE[0]
-        from_sun = self._frame(photograph.sun_over(pose), (shadows, shadows), ground)
+        from_sun = self._render(photograph.sun_over(pose), (shadows, shadows), ground)
         write_png(path, photograph.develop(frame, from_sun, self._terrain, trail))
         return True
 
-    def _sink(self) -> None:
+    def _soften_feet(self) -> None:
         """Give feet on soft ground softer springs."""
         states = self._engine.getLinkStates(self._robot, self._feet)
         x, y, _ = np.array([state[0] for state in states]).T
-        firmness = self._terrain.softness_at(x, y)
+        firmness = self._terrain.firmness_at(x, y)
         for leg in np.flatnonzero(firmness != self._firmness):
             self._engine.changeDynamics(
                 self._robot,
@@ -191,7 +191,7 @@ class BulletWindow(BulletPlant):
     """The same in PyBullet's own window, for users with a screen. The camera follows the robot."""
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
-        self._looked_at = 0.0
+        self._aimed_at = 0.0
         super().__init__(terrain, posture)
         for panel in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_MOUSE_PICKING):
             self._engine.configureDebugVisualizer(panel, 0)
@@ -203,12 +203,12 @@ class BulletWindow(BulletPlant):
     def attitude(self) -> Attitude:
         """Position and inclination of the body. The camera follows them."""
         attitude = super().attitude()
-        if (now := time.monotonic()) > self._looked_at + BETWEEN_LOOKS:
-            self._looked_at = now
-            self._look_at(attitude.pose)
+        if (now := time.monotonic()) > self._aimed_at + CAMERA_PERIOD:
+            self._aimed_at = now
+            self._aim_at(attitude.pose)
         return attitude
 
-    def _look_at(self, pose: Pose) -> None:
+    def _aim_at(self, pose: Pose) -> None:
         """Aim the camera at the robot. The engine's yaw is 0 for a camera that looks along y."""
         yaw = math.degrees(pose.heading) + 90 + SIDEWAYS
         self._engine.resetDebugVisualizerCamera(

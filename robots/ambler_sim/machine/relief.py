@@ -3,8 +3,8 @@ of x and y.
 
 Hills are the sum of small waves and of two profiles, along axes at right angles to each other. A
 profile goes up and down in turn, in pieces of random length and steepness. Every second piece has
-the greatest steepness allowed. So no place is steeper than the given slope, but any longer walk
-passes places as steep as that.
+the greatest steepness allowed. No place is therefore steeper than the given slope, but any longer
+walk passes places of that slope.
 """
 
 import math
@@ -34,7 +34,7 @@ MAIN_SHARE = 0.95
 
 BOULDER_CELL, BOULDER_SHARE = 6.0, 0.5
 DITCH_SPACING, DITCH_DEPTH, DITCH_HALF_WIDTH, DITCH_SIDE = 19.0, 0.5, 0.35, 0.3
-SOFT_CELL, SOFT_SHARE, SOFTNESS = 5.0, 0.35, 0.35
+SOFT_CELL, SOFT_SHARE, SOFT_FIRMNESS = 5.0, 0.35, 0.35
 
 
 class Profile:
@@ -54,10 +54,8 @@ class Profile:
             if side > 0:
                 knots, slopes = knots + places, slopes + values
             else:
-                knots, slopes = (
-                    [-x for x in reversed(places[1:])] + knots,
-                    [-s for s in reversed(values[1:])] + slopes,
-                )
+                knots = [-x for x in reversed(places[1:])] + knots
+                slopes = [-s for s in reversed(values[1:])] + slopes
         self._knots, self._slopes = np.array(knots), np.array(slopes)
         rises = np.diff(self._knots) * (self._slopes[1:] + self._slopes[:-1]) / 2
         self._heights = np.concatenate([[0.0], np.cumsum(rises)])
@@ -102,12 +100,12 @@ class Relief:
             heights -= _ditches(x + 0.15 * y)
         return heights
 
-    def softness(self, x: Array, y: Array) -> Array:
+    def firmness(self, x: Array, y: Array) -> Array:
         """The factor of the feet's stiffness at these points: 1 on firm ground."""
         if self.kind != "soft":
             return np.ones(np.broadcast(x, y).shape)
         discs = self._discs("soft", SOFT_CELL, SOFT_SHARE, x, y)
-        return np.where(discs > 0, SOFTNESS, 1.0)
+        return np.where(discs > 0, SOFT_FIRMNESS, 1.0)
 
     def _boulders(self, x: Array, y: Array) -> Array:
         """Round humps of 0.25 to 0.5 m."""
@@ -136,11 +134,8 @@ class Relief:
 
 def _wave(random: Random, steepness: float) -> Callable[[Array, Array], Array]:
     """The heights of waves of one length and direction."""
-    length, direction, phase = (
-        random.uniform(2.5, 6.0),
-        random.uniform(0.0, math.pi),
-        random.uniform(0, math.tau),
-    )
+    length, direction = random.uniform(2.5, 6.0), random.uniform(0.0, math.pi)
+    phase = random.uniform(0, math.tau)
     number = math.tau / length
     along_x, along_y = number * math.cos(direction), number * math.sin(direction)
     return lambda x, y: steepness / number * np.sin(along_x * x + along_y * y + phase)

@@ -57,15 +57,16 @@ BALANCE_RATE = 2.0
 LEVEL_RATE = 3.0
 GREATEST_CORRECTION = 0.4
 LEAST_WAY = 1e-4
-"""A foot whose sideways way (m) is shorter has no direction."""
+"""The shortest way (m) that has a direction."""
 
 TRAIL = 60
 """The number of footholds remembered for pictures."""
 
-MOST_BEHIND = 0.12
-MOST_BEHIND_STANDING = 0.06
-"""How far (m or rad) a joint of a leg may lag: MOST_BEHIND while it swings, this while it stands.
-"""
+MOST_LAG = 0.12
+"""How far (m or rad) a joint of a swinging leg may lag."""
+
+MOST_LAG_STANDING = 0.06
+"""How far (m or rad) a joint of a standing leg may lag."""
 
 MOST_TILT = 0.03
 """The inclination (rad) at which a move is stopped, with its leg put down: 1.7 degrees.
@@ -73,8 +74,8 @@ MOST_TILT = 0.03
 A robot that stands safely on five springy feet may tilt by 1.3 degrees.
 """
 
-PUT_DOWN_AT_MOST = 3
-"""Times that a leg is lowered at the end of its move."""
+MOST_LOWERINGS = 3
+"""The greatest number of times that a leg is lowered at the end of its move."""
 
 LEVEL_ENOUGH = 0.005
 LEVEL_SECONDS = 6.0
@@ -93,9 +94,8 @@ class Robot:
         self.terrain = terrain
         self.backend = plant.name
         self._plant = plant
-        self._machine = (
-            FaultyPlant(plant, state.faults, state.armed) if state else FaultyPlant(plant)
-        )
+        faults = (state.faults, state.armed) if state else ()
+        self._machine = FaultyPlant(plant, *faults)
         self.pacer = Pacer(pace)
         self.time = state.time if state else 0.0
         """Simulated seconds since the walk began, in all processes that took part in it."""
@@ -106,12 +106,9 @@ class Robot:
         self._airborne: set[int] = set()
         self._command = plant.joints()
         pose = plant.attitude().pose
-        self._place, self._velocity, self._tilt = (
-            np.array([pose.x, pose.y, pose.height]),
-            np.zeros(3),
-            0.0,
-        )
-        self._odometry = Odometry(state.pose if state else plant.attitude().pose, self._command)
+        self._place = np.array([pose.x, pose.y, pose.height])
+        self._velocity, self._tilt = np.zeros(3), 0.0
+        self._odometry = Odometry(state.pose if state else pose, self._command)
         self.peak_tilt = 0.0
         """The greatest tilt (rad) of the body since the last footstep or since the start."""
         self._settle()
@@ -146,7 +143,7 @@ class Robot:
             self._machine.encoder_offsets(),
         )
 
-    # --- faults and their mending -----------------------------------------------------------------
+    # --- faults and repairs -----------------------------------------------------------------------
 
     def inject(self, fault: Fault) -> None:
         """Add a fault, which begins as soon as it can."""
@@ -164,7 +161,7 @@ class Robot:
             )
 
     def free_joint(self, leg: int, *, operator: bool = False) -> None:
-        """Move the joints of a leg until they are free. Raises NEEDS_OPERATOR if they stay so."""
+        """Move a leg's joints until they are free. Raises NEEDS_OPERATOR if they stay stuck."""
         is_free = self._machine.clear(leg, "stuck joint", "motion fault", operator=operator)
         self._rebase()
         if is_free and leg in self._airborne:
@@ -211,7 +208,7 @@ class Robot:
         contact = self._swing_over(move.leg, segments, watch)
         self._put_down(move.leg, watch)
         self._begin_faults()
-        footfall = self._landed(move.leg, reached=not watch.stopped and contact is None)
+        footfall = self._record_landing(move.leg, reached=not watch.stopped and contact is None)
         _require_undisturbed(contact, watch)
         return footfall
 
@@ -240,7 +237,7 @@ class Robot:
             self._follow(blend(start, move.goal, ease(share)), feet, watch)
             if contact := self._bump(start, move.goal):
                 break
-            self._require_following(*LEGS, most=MOST_BEHIND_STANDING)
+            self._require_following(*LEGS, most=MOST_LAG_STANDING)
             if watch.stopped:
                 speed -= self._plant.tick / STOP_SECONDS
         while contact is not None and share > 0.0:
@@ -259,7 +256,7 @@ class Robot:
     def scan(self) -> Array:
         """Points (n, 3) of one sweep of the range scanner, in the robot's believed world frame.
 
-        No time passes. During a body move the points are blurred as if it did.
+        No time passes. During a body move the points are blurred as if the sweep took time.
         """
         self._scans += 1
         attitude, seed = self._plant.attitude(), (self.terrain.spec.seed, self._scans)
@@ -328,7 +325,7 @@ class Robot:
         lift, *others = segments
         self._swing(leg, lift, watch)
         for segment in others:
-            share = self._swing(leg, segment, watch, feels=True)
+            share = self._swing(leg, segment, watch, stops_at_contact=True)
             if share < 1.0 and not watch.stopped:
                 contact = self._contact(leg, segment, share)
                 self._swing(leg, motion.back_off(segment, share), watch)
@@ -336,10 +333,10 @@ class Robot:
         return None
 
     def _swing(
-        self, leg: int, segment: motion.Segment, watch: MoveWatch, *, feels: bool = False
+        self, leg: int, segment: motion.Segment, watch: MoveWatch, *, stops_at_contact: bool = False
     ) -> float:
-        """Move a leg along a segment. Returns the share done before it was stopped or, with
-        *feels*, met something.
+        """Move a leg along a segment. Returns the share done before *watch* stopped it or, with
+        *stops_at_contact*, before it met something.
 
         Other legs hold still: levelling on five feet rocked the robot over in the physics backend.
         """
@@ -350,9 +347,9 @@ class Robot:
             joints = self._command.copy()
             joints[leg] = segment.at(number / ticks)
             self._drive(joints, watch)
-            if feels and self._feels_something(leg) and number < ticks:
+            if stops_at_contact and self._feels_contact(leg) and number < ticks:
                 return number / ticks
-            self._require_following(leg, most=MOST_BEHIND)
+            self._require_following(leg, most=MOST_LAG)
         return 1.0
 
     def _begin_faults(self) -> None:
@@ -367,18 +364,18 @@ class Robot:
                 raise AMPLIFIER_TRIPPED(leg, f"the amplifier of leg {leg} is off")
 
     def _require_following(self, *legs: int, most: float) -> None:
-        """Raise JOINT_FAULT, standing on the others, if a leg lags by more than *most*."""
-        behind = np.abs(self._command - self._machine.joints()).max(axis=1)
-        leg = max(legs, key=lambda each: behind[each])
-        if behind[leg] > most:
+        """Raise JOINT_FAULT, with the robot at rest, if one of *legs* lags by more than *most*."""
+        lags = np.abs(self._command - self._machine.joints()).max(axis=1)
+        leg = max(legs, key=lambda each: lags[each])
+        if lags[leg] > most:
             self._rebase()
             self._settle()
-            error = MotionError(leg, float(behind[leg]))
+            lag = float(lags[leg])
             raise JOINT_FAULT(
-                error, f"leg {leg} does not follow: it is {error.error:.2f} m or rad behind"
+                MotionError(leg, lag), f"leg {leg} does not follow: it is {lag:.2f} m or rad behind"
             )
 
-    def _feels_something(self, leg: int) -> bool:
+    def _feels_contact(self, leg: int) -> bool:
         felt = max(self._plant.pushes()[leg], self._plant.bumps()[leg])
         return bool(felt > motion.CONTACT_FORCE or self._machine.loads()[leg] > motion.TOUCH_LOAD)
 
@@ -406,7 +403,7 @@ class Robot:
 
     def _put_down(self, leg: int, watch: MoveWatch) -> None:
         """Lower a leg until it stands, and settle. Repeat if it then bears no load."""
-        for _ in range(PUT_DOWN_AT_MOST):
+        for _ in range(MOST_LOWERINGS):
             self._lower(leg, watch)
             self._rebase()
             self._settle()
@@ -418,17 +415,17 @@ class Robot:
         return bool(self._machine.loads()[leg] < motion.HANGING_LOAD)
 
     def _lower(self, leg: int, watch: MoveWatch) -> None:
-        """The guarded move: lower a leg slowly until its force sensor feels the ground, however far
-        down. A hanging leg must not count as standing.
+        """Lower a leg slowly until its force sensor feels the ground (a guarded move).
+
+        It goes down as far as necessary: a hanging leg must not count as standing.
         """
         self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)
         deepest = AMBLER.max_drop
         while self._machine.loads()[leg] < motion.TOUCH_LOAD and self._command[leg, 2] < deepest:
             joints = self._command.copy()
-            joints[leg, 2] += self._plant.tick * (
-                motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED
-            )
+            speed = motion.HURRIED_SPEED if watch.tilt else motion.GUARDED_SPEED
+            joints[leg, 2] += self._plant.tick * speed
             self._drive(joints, watch)
         if self._command[leg, 2] < deepest:
             self._odometry.fix(self._machine.joints(), self._airborne)
@@ -448,11 +445,11 @@ class Robot:
         self._velocity, self._place = (place - self._place) / tick, place
         self._tilt = math.hypot(attitude.roll, attitude.pitch)
         self.peak_tilt = max(self.peak_tilt, self._tilt)
-        self.pacer.passed(tick)
+        self.pacer.wait(tick)
         if watch is not None:
-            watch.ticked()
+            watch.tick()
             if self._tilt > MOST_TILT:
-                watch.tilted(self._tilt)
+                watch.stop_for_tilt(self._tilt)
 
     def _settle(self) -> None:
         """Stand still while loads and level even out."""
@@ -468,7 +465,8 @@ class Robot:
         Six stiff legs on the ground wobble like a table. Without this correction the robot would
         stand on two or three.
         """
-        tick, loads, attitude = self._plant.tick, self._machine.loads(), self._plant.attitude()
+        tick, attitude = self._plant.tick, self._plant.attitude()
+        loads = self._machine.loads()
         standing = [leg for leg in LEGS if leg not in self._airborne and math.isfinite(loads[leg])]
         feet, loads = feet_of(self._command)[standing], loads[standing]
         lacking = least_norm_loads(feet, loads) - loads
@@ -478,7 +476,7 @@ class Robot:
         corrections[standing] = change.clip(-GREATEST_CORRECTION * tick, GREATEST_CORRECTION * tick)
         return corrections
 
-    def _landed(self, leg: int, *, reached: bool) -> Footfall:
+    def _record_landing(self, leg: int, *, reached: bool) -> Footfall:
         """Record where the foot has landed. After a stopped move the same leg steps next."""
         foot = self.stance().feet[leg]
         self._trail.append(self.true_stance().feet[leg])
@@ -502,8 +500,6 @@ def _require_undisturbed(contact: Contact | None, watch: MoveWatch) -> None:
 def _direction(start: Sequence[float], end: Sequence[float]) -> tuple[float, float]:
     """The unit vector from one place to another; zero if they are the same."""
     way = math.dist(start, end)
-    return (
-        (float(end[0] - start[0]) / way, float(end[1] - start[1]) / way)
-        if way > LEAST_WAY
-        else (0.0, 0.0)
-    )
+    if way <= LEAST_WAY:
+        return 0.0, 0.0
+    return float(end[0] - start[0]) / way, float(end[1] - start[1]) / way

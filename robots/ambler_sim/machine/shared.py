@@ -19,7 +19,7 @@ _POLL_PERIOD = 0.02
 
 
 class Machine:
-    """A robot that can be scanned from while it moves."""
+    """A robot whose scanner can be used while it moves."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -30,7 +30,7 @@ class Machine:
 
     @contextmanager
     def moving(self, leg: int = NO_LEG) -> Iterator[None]:
-        """Reserve the robot for this thread's move. Call ``tick`` between control ticks."""
+        """Reserve the robot for this thread. During a move call ``tick`` between control ticks."""
         with self._moving:
             self._before, self._lifted = self.robot.stance(), leg
             try:

@@ -100,9 +100,9 @@ class Terrain:
         """Whether the ground is soft anywhere."""
         return self.spec.kind == "soft"
 
-    def softness_at(self, x: Array, y: Array) -> Array:
+    def firmness_at(self, x: Array, y: Array) -> Array:
         """The factor of the feet's stiffness at these points: 1 on firm ground."""
-        return self._relief.softness(x, y)
+        return self._relief.firmness(x, y)
 
     def add(self, rock: Rock) -> None:
         """Put a rock onto the ground."""

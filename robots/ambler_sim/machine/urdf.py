@@ -104,14 +104,14 @@ def _leg(leg: int) -> str:
 
 def _joints(leg: int) -> str:
     """The joints of a leg, from the body down to the foot."""
-    parts, nowhere, upright = AMBLER, (0, 0, 0), (0, 0, 1)
+    parts, no_offset, upright = AMBLER, (0, 0, 0), (0, 0, 1)
     shaft = (0.0, float(SHAFT_Y[leg]), float(SHOULDER_Z[leg]))
     extent, drop = (0.9, parts.max_reach + 0.1), (0.0, parts.max_drop)
     links = ["body", *(f"{part}{leg}_link" for part in PARTS)]
     motions = (
         ("continuous", shaft, upright, None),
-        ("prismatic", nowhere, (1, 0, 0), extent),
-        ("prismatic", nowhere, (0, 0, -1), drop),
+        ("prismatic", no_offset, (1, 0, 0), extent),
+        ("prismatic", no_offset, (0, 0, -1), drop),
         ("fixed", (0, 0, parts.foot_radius), upright, None),
     )
     return "".join(

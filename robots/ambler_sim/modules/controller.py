@@ -1,9 +1,9 @@
 """The real-time controller: owns the robot (here the simulator), moves it, and saves its state
 after every move.
 
-The machine makes one move at a time. Its range finder is a separate resource, so that the scanner
-can query it while it locks the moves. A new controller takes over the robot from the state file of
-the one before.
+The robot makes one move at a time. Its range finder is a separate resource, so that the scanner can
+query it while moves are locked. A new controller takes over the robot from the state file of the
+earlier one.
 """
 
 from collections.abc import Iterator
@@ -61,7 +61,9 @@ ROCK_HEIGHTS = (0.6, 0.8)
 
 
 class ControlledMachine(Machine):
-    """A machine that saves and films each task's changes, and broadcasts faults that have begun."""
+    """A machine that films moves, saves the robot after each change by a task, and broadcasts the
+    faults that have begun.
+    """
 
     def __init__(self, robot: Robot, folder: Path | None, camera: FilmCamera | None) -> None:
         super().__init__(robot)
@@ -82,7 +84,9 @@ class ControlledMachine(Machine):
 
     @contextmanager
     def changed_by(self, task: Task, leg: int = NO_LEG) -> Iterator[OnTick]:
-        """Reserve the robot for a task. Yields the function to call at each tick of a move."""
+        """Reserve the robot for a task that changes it. Yields the function to call at each tick of
+        a move.
+        """
         try:
             with self.moving(leg):
                 yield lambda: self._on_tick(task)

@@ -1,4 +1,4 @@
-"""The robot's picture, as a shared variable that is updated now and then."""
+"""The robot's picture, as a variable that is updated after footsteps, or also during moves."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ BETWEEN_PICTURES = 1.0
 """The least number of seconds between two pictures. Drawing one takes some milliseconds."""
 
 WHILE_MOVING = 0.2
-"""The same for a robot that is shown while it moves, both in its time and in real time."""
+"""The same for a robot that is shown while it moves, in real time and in the robot's time."""
 
 
 class Display:
@@ -22,12 +22,12 @@ class Display:
         self, robot: Robot, *, while_moving: bool, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._robot, self._while_moving, self._clock = robot, while_moving, clock
-        self._due = self._due_in_its_time = 0.0
+        self._due = self._due_in_robot_time = 0.0
 
     def tick(self, sender: Sender) -> None:
         """Draw at a tick of a move, if a picture is due."""
-        if self._while_moving and self._robot.time >= self._due_in_its_time:
-            self._due_in_its_time = self._robot.time + WHILE_MOVING
+        if self._while_moving and self._robot.time >= self._due_in_robot_time:
+            self._due_in_robot_time = self._robot.time + WHILE_MOVING
             self._show(sender, WHILE_MOVING)
 
     def after_footstep(self, sender: Sender) -> None:

@@ -46,17 +46,17 @@ from robots.ambler_sim.recovery import (
 from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Contact, ElevationMap, Stance
 from tca_module import Module, Scope, Task, TaskRef, Trouble
 
-REPLANNED_AT_MOST = 3
-"""Times that a step is planned again."""
+MOST_REPLANNINGS = 3
+"""How often a step is planned again, at most."""
 
-SHUFFLED_AT_MOST = 12
-"""Times in one arc that the feet are shuffled for a step without an alternative."""
+MOST_SHUFFLES = 12
+"""How often in one arc the feet are shuffled for a step without an alternative, at most."""
 
 FORGOTTEN_AFTER = 3
-"""Shuffles after which the obstacles that legs felt are no longer believed."""
+"""The number of shuffles after which the obstacles that legs felt are forgotten."""
 
-DONE_AT_MOST = 5
-"""Times that a handler may die of the same task before the task fails."""
+MOST_ATTEMPTS = 5
+"""The number of modules that may die of the same task before the task fails."""
 
 recovery = Module("error recovery")
 recovery.resource("steps", capacity=3)
@@ -67,7 +67,7 @@ recovery.resource("steps", capacity=3)
 def attach(module: Module) -> None:
     """Give up the walk after any other failure. Shuffle the feet where lower rungs are stuck."""
     module.on_failure(None, GIVE_UP, of=TRAVERSE_PATH, maximum=1)
-    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=SHUFFLED_AT_MOST)
+    module.on_failure(STUCK, SHUFFLE_FEET, of=TRAVERSE_ARC, maximum=MOST_SHUFFLES)
 
 
 @recovery.handles(RAISE_LEG)
@@ -93,10 +93,10 @@ def replan_move(task: Task, contact: Contact) -> None:
 def plan_otherwise(task: Task) -> None:
     """Replace a step that can't be planned or walked, once the step before it has been walked."""
     step_task = attachment(task.trouble)
-    before = step_task.parent()
-    if before is not None and before.message == TAKE_STEPS.name:
-        for moved in before.children(ACHIEVED_POSITION):
-            if not moved.wait().lets_successors_continue:
+    earlier_step = step_task.parent()
+    if earlier_step is not None and earlier_step.message == TAKE_STEPS.name:
+        for arrival in earlier_step.children(ACHIEVED_POSITION):
+            if not arrival.wait().lets_successors_continue:
                 # The earlier step is being recovered; that recovery plans all later steps.
                 task.trouble.resolved()
                 return
@@ -107,14 +107,14 @@ def plan_otherwise(task: Task) -> None:
 def take_another_step(task: Task, stance: Stance, leg: int) -> None:
     """Kill the planned step, take it another way, and have the rest of the arc planned again."""
     trouble, step_task = task.trouble, attachment(task.trouble)
-    if trouble.invocations > REPLANNED_AT_MOST or trouble.failing.ancestors(SHUFFLE_FEET):
+    if trouble.invocations > MOST_REPLANNINGS or trouble.failing.ancestors(SHUFFLE_FEET):
         raise STUCK(trouble.text, trouble.text)
     ahead = step_task.data(TAKE_STEPS)
     try:
         other = another_step(ground(task, stance), stance, ahead.arc, leg)
     except AmblerError as error:
         raise STUCK(str(error), f"{trouble.text}; and {error}") from error
-    abandon(trouble, "planned anew")
+    abandon(trouble, "planned again")
     with task.sequence():
         task.command(MOVE_LEG, other.leg_move)
         task.command(MOVE_BODY, other.body_move)
@@ -154,16 +154,16 @@ def shuffle_feet(task: Task) -> None:
 @recovery.handles(DO_AGAIN)
 def do_again(task: Task) -> None:
     """Have the work done again that a module had when it died. Moves begin where the robot stands,
-    so they can safely come twice.
+    so they can safely be repeated.
 
-    A planner that had ordered a part of its plan would order that part again. In that case the rest
-    of the arc begins again.
+    A gait planner that had ordered a part of its plan would order that part twice. In that case the
+    rest of the arc is begun again instead.
     """
     trouble, failing = task.trouble, task.trouble.failing
-    if trouble.attempts > DONE_AT_MOST:
+    if trouble.attempts > MOST_ATTEMPTS:
         raise trouble.reissue()
-    has_ordered = any(child.id != task.id for child in failing.children())
-    if failing.message != TAKE_STEPS.name or not has_ordered:
+    has_ordered_moves = any(child.id != task.id for child in failing.children())
+    if failing.message != TAKE_STEPS.name or not has_ordered_moves:
         failing.retry()
         return
     abandon(trouble, "begun again")

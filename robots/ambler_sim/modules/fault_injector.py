@@ -1,15 +1,15 @@
 """The fault injector: causes faults now and then, by a schedule or at random from a seed.
 
-It taps the leg moves. While it holds one, it causes the faults that are due with that footstep.
+It taps the leg moves. While it holds one of them, it causes the faults of that footstep.
 """
 
 from itertools import count
 from random import Random
 
-from robots.ambler_sim.geometry import offset
 from robots.ambler_sim.messages import FAULT_BEGAN, FELT, INJECT, LOSE_PROGRAM, MOVE_LEG, STANCE
 from robots.ambler_sim.options import walk_options
 from robots.ambler_sim.vocabulary import LEGS, Fault, LegMove, Obstacle
+from robots.plane import world_place
 from tca_module import Command, Condition, Module, Task
 
 RATE = 0.08
@@ -33,7 +33,7 @@ PROGRAMS = (
 )
 
 CENTRAL = "central"
-"""The program that is lost only by "lost central"."""
+"""The program that the fault "lost central" kills; "lost module" kills one of PROGRAMS."""
 
 MAKE_TROUBLE = Command("make trouble", LegMove)
 
@@ -72,12 +72,12 @@ def make_module(kinds: tuple[str, ...], schedule: list[tuple[str, int]], seed: i
         due = [kind for kind, at in schedule if at == number]
         for kind in (*due, *random_kinds(kinds, seed, number)):
             program_choice = Random(f"{seed} {number} program")  # noqa: S311
-            cause(task, make_fault(kind, seed, number), move, program_choice)
+            cause_fault(task, make_fault(kind, seed, number), move, program_choice)
 
     return injector
 
 
-def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
+def cause_fault(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
     """Make the fault happen."""
     match fault.kind:
         case "lost central":
@@ -85,10 +85,10 @@ def cause(task: Task, fault: Fault, move: LegMove, random: Random) -> None:
         case "lost module":
             task.command(LOSE_PROGRAM, random.choice(PROGRAMS)).wait()
         case "no footfall":
-            heading = task.query(STANCE).pose
-            x, y = offset(heading, 1.0, 0.0)
-            at_x, at_y = move.foothold.x + x - heading.x, move.foothold.y + y - heading.y
-            task.inform(FELT, Obstacle(at_x, at_y, move.foothold.z, 0.75, is_wall=False))
+            # An area a metre ahead of this foothold becomes unfit to stand on.
+            heading = task.query(STANCE).pose.heading
+            x, y = world_place(move.foothold.x, move.foothold.y, heading, 1.0, 0.0)
+            task.inform(FELT, Obstacle(x, y, move.foothold.z, 0.75, is_wall=False))
             task.broadcast(FAULT_BEGAN, fault)
         case _:
             task.command(INJECT, fault).wait()

@@ -5,8 +5,9 @@ Each "take steps" orders its own moves and then the next "take steps", which is 
 first is walked. Step n+1 is therefore planned while step n is walked; step n+2 is not. Every second
 step begins with an image of the ground ahead; the next step is planned after that image.
 
-Other modes are for comparison. ``--mode sequential`` plans each step after the one before. ``--mode
-ahead`` plans ahead, but finishes the map before the legs move.
+Other modes are for comparison. With ``--mode sequential`` each step is planned after the end of the
+step before. With ``--mode ahead`` steps are planned ahead, but the map is finished before the legs
+move.
 """
 
 from dataclasses import replace
@@ -65,8 +66,8 @@ class GaitMemory:
         self._measured = {number - 1: self._measured.get(number - 1, stance), number: stance}
 
     def corrected(self, ahead: Ahead) -> Stance:
-        """The foreseen stance, with the feet as measured before the footstep now walked. The foot
-        that this footstep moves stays as foreseen.
+        """The foreseen stance, with the feet as measured before the footstep that is being walked.
+        The foot that moves in this footstep stays as foreseen.
         """
         foreseen, measured = ahead.stance, self._measured.get(ahead.number - 2)
         if measured is None or foreseen.last_leg < 0:
@@ -100,17 +101,17 @@ def take_steps(task: Task, ahead: Ahead) -> None:
     leg_move = task.query(PLAN_LEG_RECOVERY, placing)
     body_move = task.query(PLAN_BODY_MOVE, placing)
     with task.sequence():
-        started: list[Constraint] = [task.achieving.start <= this.planning.start]
+        next_step_after: list[Constraint] = [task.achieving.start <= this.planning.start]
         if number % STEPS_PER_IMAGE:
-            started = order_image(task, number)
+            next_step_after = order_image(task, number)
         task.command(MOVE_LEG, leg_move)
         task.command(MOVE_BODY, body_move)
         achieved = task.monitor(ACHIEVED_POSITION, StepEnd(number, body_move.goal))
         if step.remaining >= TOLERANCE:
             rest = Ahead(ahead.arc, after_step(step, placing.foothold, body_move.goal), number + 1)
             if memory.mode is Mode.SEQUENTIAL:
-                started = [achieved.achieving.end <= this.planning.start]
-            task.goal(TAKE_STEPS, rest, constraints=started)
+                next_step_after = [achieved.achieving.end <= this.planning.start]
+            task.goal(TAKE_STEPS, rest, constraints=next_step_after)
         else:
             memory.number = number + 1
 
@@ -124,15 +125,14 @@ def order_image(task: Task, number: int) -> list[Constraint]:
 
 
 @planner.handles(POSITION_REACHED, resource="position check")
-def position_reached(task: Task, reached: StepEnd) -> Pose:
-    """Check that the step has brought the body to its goal. Returns its pose."""
-    stance, goal = task.query(STANCE), reached.goal
-    memory.record(reached.number, stance)
-    missing = distance(stance.pose, goal)
+def position_reached(task: Task, planned: StepEnd) -> Pose:
+    """Check that the step has brought the body to its goal. Returns the body's pose."""
+    stance = task.query(STANCE)
+    memory.record(planned.number, stance)
+    missing = distance(stance.pose, planned.goal)
     if missing > CLOSE_ENOUGH:
         raise NOT_THERE(
-            f"{missing:.2f} m",
-            f"the body is {missing:.2f} m from where the step should have brought it",
+            f"{missing:.2f} m", f"the body is {missing:.2f} m from the planned end of the step"
         )
     return stance.pose
 

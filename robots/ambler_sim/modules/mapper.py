@@ -56,7 +56,7 @@ def add_obstacle(_: Task, obstacle: Obstacle) -> None:
 
 @mapper.handles(FORGET_FELT)
 def forget_obstacles(_: Task) -> None:
-    """Forget the felt obstacles: they leave no way, so some of their places must be wrong."""
+    """Forget the felt obstacles. They leave no way, so some must be in the wrong place."""
     memory.obstacles.clear()
 
 

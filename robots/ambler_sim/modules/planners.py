@@ -1,7 +1,5 @@
 """The planners that answer queries, a program each: footfall, leg recovery and body planner."""
 
-import argparse
-
 from robots.ambler_sim.errors import AmblerError
 from robots.ambler_sim.messages import (
     ELEVATION_MAP,
@@ -17,6 +15,7 @@ from robots.ambler_sim.planning import leg_recovery
 from robots.ambler_sim.planning.footfall import choose_foothold, window_of
 from robots.ambler_sim.planning.gait import plan_body_move
 from robots.ambler_sim.vocabulary import BodyMove, Foot, LegMove, Step
+from robots.options import program_parser
 from tca_module import Module, Task
 
 footfall_planner = Module("footfall planner")
@@ -59,9 +58,7 @@ def plan_body(_: Task, placing: Placing) -> BodyMove:
 
 def main() -> None:
     """Run the planner that the command line names."""
-    parser = argparse.ArgumentParser(
-        prog="python -m robots.ambler_sim.modules.planners", description=__doc__
-    )
+    parser = program_parser("ambler_sim.modules.planners", __doc__)
     parser.add_argument("planner", choices=PLANNERS)
     PLANNERS[parser.parse_args().planner].run()
 

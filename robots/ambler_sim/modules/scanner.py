@@ -14,8 +14,8 @@ from robots.ambler_sim.planning.elevation import points_of
 from robots.ambler_sim.vocabulary import Image, Scan
 from tca_module import Module, Task
 
-KEPT = 6
-"""The number of images kept; a restarted mapper builds its map from these."""
+IMAGES_KEPT = 6
+"""The number of images kept. A restarted mapper builds its map from them."""
 
 LEAST_POINTS = 600
 """The least number of points in a good image; there are 6144 rays."""
@@ -26,7 +26,7 @@ FARTHEST_BELOW = 8.0
 scanner = Module("scanner")
 
 
-memory: deque[Image] = deque(maxlen=KEPT)
+memory: deque[Image] = deque(maxlen=IMAGES_KEPT)
 """The last images, oldest first."""
 
 
@@ -54,8 +54,8 @@ def fault_of(scan: Scan) -> str:
     if len(points) < LEAST_POINTS:
         return f"has only {len(points)} points"
     below = scan.stance.pose.height - points[:, 2]
-    astray = float(np.mean((below < 0.0) | (below > FARTHEST_BELOW)))
-    return f"has {astray:.0%} of its points where no ground can be" if astray > 0.05 else ""
+    share = float(np.mean((below < 0.0) | (below > FARTHEST_BELOW)))
+    return f"has {share:.0%} of its points where no ground can be" if share > 0.05 else ""
 
 
 if __name__ == "__main__":

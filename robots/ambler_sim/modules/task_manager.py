@@ -72,20 +72,21 @@ def make_module(
 
 
 def report_progress(task: Task, path: Path, arcs: list[SentTask[None]], odometer: Odometer) -> None:
-    """Report how far the robot has come, until it arrives. A goal's handler can report only while
-    it runs.
+    """Report how far the robot has come, until it arrives.
+
+    The goal's handler therefore runs during the whole walk: only a running handler can report.
     """
     length, reported = sum(bend.length for bend in path.bends), 0.0
     for arc in arcs:
-        while not is_over(arc):
+        while not wait_for_end(arc):
             if odometer.metres != reported:
                 reported = odometer.metres
                 share = round(min(reported / length, 1.0), 3)
                 task.report(WayWalked(f"{reported:.1f} of {length:.1f} m", share))
 
 
-def is_over(arc: SentTask[None]) -> bool:
-    """Wait a moment for the end of an arc. Returns whether it has ended."""
+def wait_for_end(arc: SentTask[None]) -> bool:
+    """Wait for the end of an arc, for BETWEEN_REPORTS seconds at most. Returns whether it came."""
     try:
         return arc.next_change(timeout=BETWEEN_REPORTS) is None
     except Timeout:

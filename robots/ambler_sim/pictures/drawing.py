@@ -44,30 +44,23 @@ STYLE = (
 
 def draw(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> str:
     """Draw the robot. Both views are along the robot's own axes, whatever its heading."""
-    body: list[str] = []
-    for name, view, title, parts in (
-        (
-            "side",
-            SIDE,
-            f"from the right, x = {stance.pose.x:.1f} m",
-            _from_the_side(stance, terrain),
-        ),
-        (
-            "above",
-            ABOVE,
-            "from above: support polygon, centre of gravity, footprints",
-            _from_above(stance, terrain, trail),
-        ),
-    ):
-        left = view.left - BEHIND * SCALE
-        clip = f'<rect x="{left:.1f}" y="30" width="{HALF:.1f}" height="{HEIGHT - 50}" rx="8"/>'
-        body += [
-            f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">',
-            *parts,
-            "</g>",
-        ]
-        body.append(f'<text x="{left + 6:.1f}" y="22">{title}</text>')
+    side_title = f"from the right, x = {stance.pose.x:.1f} m"
+    top_title = "from above: support polygon, centre of gravity, footprints"
+    body = [
+        *_panel("side", SIDE, side_title, _from_the_side(stance, terrain)),
+        *_panel("above", ABOVE, top_title, _from_above(stance, terrain, trail)),
+    ]
     return document(WIDTH, HEIGHT, "the Ambler, from the side and from above", STYLE, body)
+
+
+def _panel(name: str, view: View, title: str, parts: Iterable[str]) -> Iterable[str]:
+    """One half of the picture: the parts of a view, clipped, and its title."""
+    left = view.left - BEHIND * SCALE
+    clip = f'<rect x="{left:.1f}" y="30" width="{HALF:.1f}" height="{HEIGHT - 50}" rx="8"/>'
+    yield f'<clipPath id="{name}">{clip}</clipPath><g clip-path="url(#{name})">'
+    yield from parts
+    yield "</g>"
+    yield f'<text x="{left + 6:.1f}" y="22">{title}</text>'
 
 
 def _from_the_side(stance: Stance, terrain: Terrain) -> Iterable[str]:
@@ -134,10 +127,8 @@ def _from_above(stance: Stance, terrain: Terrain, trail: Sequence[Foot]) -> Iter
 
 def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
     """Strips of ground of one stratum each, row by row across the way; higher is lighter."""
-    rows, columns = (
-        np.arange(-BEHIND, AHEAD, CELL),
-        np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL),
-    )
+    rows = np.arange(-BEHIND, AHEAD, CELL)
+    columns = np.arange(-TOP_MIDDLE / SCALE, TOP_MIDDLE / SCALE, CELL)
     ahead, left = np.meshgrid(rows + CELL / 2, columns + CELL / 2, indexing="ij")
     heights = terrain.heights_at(*world_place(pose.x, pose.y, pose.heading, ahead, left))
     strata = np.floor((heights - heights.min()) / STRATUM).astype(int)
@@ -147,9 +138,7 @@ def _height_bands(pose: Pose, terrain: Terrain) -> list[str]:
         for start, end in zip(starts, [*starts[1:], len(levels)], strict=True):
             colour = _soil_colour(levels[start] / max(strata.max(), 1))
             strips.setdefault(colour, []).append(_strip(row, columns[start], CELL * (end - start)))
-    return [
-        f'<path fill="{colour}" d="{"".join(together)}"/>' for colour, together in strips.items()
-    ]
+    return [f'<path fill="{colour}" d="{"".join(each)}"/>' for colour, each in strips.items()]
 
 
 def _soil_colour(share: float) -> str:

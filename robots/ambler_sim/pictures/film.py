@@ -6,7 +6,7 @@ from pathlib import Path
 from robots.ambler_sim.machine.robot import Robot
 
 SIZE = (480, 300)
-EVERY = 0.25
+FRAME_PERIOD = 0.25
 """Seconds of the robot's time between two frames."""
 
 FRAMES_PER_SECOND = 25
@@ -30,7 +30,7 @@ class FilmCamera:
         """Take a photograph at a tick of a move, if one is due."""
         now = self._robot.time
         if self._robot.footsteps >= self._first and now >= self._due:
-            self._due = now + EVERY
+            self._due = now + FRAME_PERIOD
             self._folder.mkdir(exist_ok=True)
             self._robot.picture(self._folder / f"{round(now * 1000):010d}.png", SIZE)
 

@@ -35,7 +35,7 @@ def camera_for(pose: Pose) -> rendering.Camera:
 
 
 def sun_over(pose: Pose) -> rendering.Camera:
-    """A camera at the sun: what the robot hides from it lies in shadow."""
+    """A camera at the sun. Ground that it does not see lies in shadow."""
     return rendering.camera_in_the_sun(
         SUN, SUN_DISTANCE, (pose.x, pose.y, pose.height), angle=11.0, depth=15.0
     )
@@ -63,14 +63,13 @@ def develop(
     image[frame.ground] = SOIL * (light * (1 - far))[:, None] + SKY_HORIZON * far[:, None]
     sky = ~(frame.ground | frame.objects)
     rows = np.linspace(0, 1, image.shape[0])[:, None, None]
-    image[sky] = np.broadcast_to(SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows), image.shape)[
-        sky
-    ]
+    sky_colours = SKY_TOP + (SKY_HORIZON - SKY_TOP) * np.sqrt(rows)
+    image[sky] = np.broadcast_to(sky_colours, image.shape)[sky]
     return rendering.halve(image)
 
 
 def _sunlight(places: Array, terrain: Terrain) -> Array:
-    """Brightness of the ground, by its angle to the sun."""
+    """The brightness of places of the ground, by its angle to the sun."""
     x, y = places[:, 0], places[:, 1]
     dx = (terrain.heights_at(x + SMOOTH, y) - terrain.heights_at(x - SMOOTH, y)) / (2 * SMOOTH)
     dy = (terrain.heights_at(x, y + SMOOTH) - terrain.heights_at(x, y - SMOOTH)) / (2 * SMOOTH)
@@ -82,16 +81,14 @@ def _sunlight(places: Array, terrain: Terrain) -> Array:
 
 
 def _lines(places: Array) -> Array:
-    """Brightness: darker along contour lines and on the lines of a one-metre grid."""
+    """The brightness of places: darker on contour lines and on the lines of a one-metre grid."""
     contour = rendering.near_multiple(places[:, 2], CONTOUR_EVERY, 0.006)
-    grid = rendering.near_multiple(places[:, 0], 1.0, 0.012) | rendering.near_multiple(
-        places[:, 1], 1.0, 0.012
-    )
+    grid = rendering.near_multiple(places[:, :2], 1.0, 0.012).any(axis=1)
     return np.where(contour, 0.93, 1.0) * np.where(grid, 0.90, 1.0)
 
 
 def _footprints(places: Array, trail: Sequence[Foot]) -> Array:
-    """Brightness: dark rings and a trodden middle where feet have stood."""
+    """The brightness of places: dark rings and a trodden middle where feet have stood."""
     brightness = np.ones(len(places))
     x, y = places[:, 0], places[:, 1]
     for foot in trail:

@@ -8,16 +8,21 @@ from robots.ambler_sim.planning.stability import conservative_margin, energy_mar
 from robots.ambler_sim.vocabulary import BodyMove, LegMove, Readings, Stance
 
 LEAST_SUPPORT = 0.35
-"""Metres. With less, two springy feet bear nearly all, and the body tilts by over a degree."""
+"""The least support margin (m).
+
+With less, two springy feet bear nearly all, and the body tilts by over a degree.
+"""
 
 LEAST_CONSERVATIVE = -0.2
-"""Metres: below 0 the failure of one more leg could tip the robot.
+"""The least conservative margin (m). Below 0 the failure of one more leg could tip the robot.
 
 On slopes of 30 % the gait itself reaches -0.15.
 """
 
 LEAST_ENERGY = 0.018
-"""Metres: a little less than LEAST_SUPPORT gives on level ground. Downhill robots tip more easily.
+"""The least energy margin (m), a little less than that of LEAST_SUPPORT on level ground.
+
+Downhill, the same support margin leaves less energy.
 """
 
 LEAST_LOAD = 500.0
@@ -25,6 +30,7 @@ LEAST_LOAD = 500.0
 
 FARTHEST_ASIDE = 0.25
 FARTHEST_OFF_LEVEL = 0.35
+"""How far (m) a foot may stand from its foothold, seen from above and in height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,24 +56,23 @@ class Margins:
 def margins_of_leg_move(stance: Stance, move: LegMove) -> Margins:
     """The least margins while the leg is in the air.
 
-    They occur at either end of its way, because a leg weighs a tenth of the robot. The margin
-    without one more leg holds from when the leg stands on its foothold.
+    They occur at either end of its way, because a leg weighs only a tenth of the robot. The
+    conservative margin is that after the move, when the leg stands on its foothold.
     """
     after = with_foot(stance, move.foothold)
-    both = stance, after
+    ends = stance, after
     return Margins(
-        min(support_margin(each, move.leg) for each in both),
+        min(support_margin(end, move.leg) for end in ends),
         conservative_margin(after),
-        min(energy_margin(each, move.leg) for each in both),
+        min(energy_margin(end, move.leg) for end in ends),
     )
 
 
 def margins_of_body_move(stance: Stance, move: BodyMove) -> Margins:
-    """The least margins at either end of the move; between the ends they are no smaller, as support
-    polygons are convex.
+    """The least margins at either end of the move.
 
-    If the move leads to a better stance, its margins are those of its end. The robot already stands
-    at its start.
+    Between the ends they are no smaller, because support polygons are convex. If the move leads to
+    a better stance, the margins of its end count: the robot already stands at its start.
     """
     before, after = _margins(stance), _margins(replace(stance, pose=move.goal))
     least = Margins(*map(min, astuple(before), astuple(after)))

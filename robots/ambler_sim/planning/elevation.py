@@ -13,8 +13,13 @@ Mask = NDArray[np.bool_]
 
 RESOLUTION = 0.1
 SIZE = 10.0
+"""The length (m) of each side of a map."""
+
 AHEAD = 1.5
+"""How far (m) the middle of a map is ahead of the body."""
+
 FILL_REACH = 1.5
+"""How far (m) from measured cells unknown ones are filled in."""
 
 
 def make_map(x: float, y: float, heights: Array, known: Mask) -> ElevationMap:
@@ -70,12 +75,10 @@ def cut(ground: ElevationMap, window: Window) -> ElevationMap:
     column = round((window.y - window.reach - ground.y) / ground.resolution)
     heights, known = np.full((side, side), np.nan), np.zeros((side, side), dtype=bool)
     rows, columns = row + np.arange(side), column + np.arange(side)
-    on_rows, on_columns = (
-        (rows >= 0) & (rows < ground.rows),
-        (columns >= 0) & (columns < ground.columns),
-    )
-    here, there = np.ix_(on_rows, on_columns), np.ix_(rows[on_rows], columns[on_columns])
-    heights[here], known[here] = heights_of(ground)[there], known_cells(ground)[there]
+    is_row = (rows >= 0) & (rows < ground.rows)
+    is_column = (columns >= 0) & (columns < ground.columns)
+    target, source = np.ix_(is_row, is_column), np.ix_(rows[is_row], columns[is_column])
+    heights[target], known[target] = heights_of(ground)[source], known_cells(ground)[source]
     x, y = ground.x + row * ground.resolution, ground.y + column * ground.resolution
     return make_map(x, y, heights, known)
 

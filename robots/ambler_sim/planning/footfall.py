@@ -24,11 +24,19 @@ from robots.ambler_sim.planning.elevation import Mask, heights_of, known_cells
 from robots.ambler_sim.vocabulary import ElevationMap, Foot, Step, Window
 
 SEARCH_RADIUS = 0.5
+"""How far (m) from the ideal foothold cells are candidates."""
+
 PATCH = 5
+"""Cells on each side of the patch around a candidate."""
+
 STEEPEST = 0.6
 ROUGHEST = 0.08
+"""The greatest slope (rise per run) and roughness (m) of a patch to stand on."""
+
 LEG_SPACING = 0.35
 ANGLE_SPACING = 0.12
+"""The least distance (m) between two feet, and the least angle (rad) between legs of a stack."""
+
 RESERVE = 0.05
 """Reach and drop (m) to spare, because feet and bodies stop a little beside their goals."""
 
@@ -131,8 +139,8 @@ def _is_reachable(places: Array, step: Step) -> Mask:
 def _is_free(places: Array, step: Step) -> Mask:
     """Mask the cells away from other feet and in front of the stack's other legs (in order)."""
     others = [foot for foot in step.before.feet if foot.leg != step.leg]
-    stand = positions(step.before)[[foot.leg for foot in others]]
-    gaps = np.hypot(places[:, None, 0] - stand[None, :, 0], places[:, None, 1] - stand[None, :, 1])
+    x, y, _ = positions(step.before)[[foot.leg for foot in others]].T
+    gaps = np.hypot(places[:, [0]] - x, places[:, [1]] - y)
     pose = step.before.pose
     foremost = min(
         circulating_angle(pose, foot) for foot in others if foot.leg in side_of(step.leg)

@@ -28,13 +28,16 @@ from robots.ambler_sim.planning.stability import support_margin
 from robots.ambler_sim.vocabulary import LEGS, NO_LEG, Arc, BodyMove, Foot, Pose, Stance, Step
 
 ADVANCE = 0.5
+"""How far (m) the body moves with a footstep, by default."""
+
 TOLERANCE = 0.1
+"""A rest of an arc shorter than this (m) is not walked."""
 
 LOOKAHEAD = 3.0
-"""How far (m) beyond the end of a piece of the course the robot aims."""
+"""How far (m) beyond the end of a course the robot aims."""
 
 SHARPEST = 0.08
-"""1/m: the legs that stand must stay in reach while the body turns."""
+"""The greatest curvature (1/m) of an arc: standing legs must stay in reach while the body turns."""
 
 # Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
@@ -43,7 +46,11 @@ STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 # degree.
 ACCELERATION = 0.6
 SHORTEST = 0.5
+"""The least duration (s) of a body move."""
+
 LEAST_MARGIN = 0.3
+"""The least support margin (m) at the end of a body move."""
+
 OVERREACH = 0.03
 """How far (m) beyond its limits a leg may get as feet creep. Footholds are chosen with a reserve.
 """
@@ -61,12 +68,12 @@ def next_step(stance: Stance, arc: Arc, leg: int = NO_LEG, advance: float = ADVA
     target = min(done + advance, arc.length)
     leg = leg if leg in LEGS else next_leg(stance)
     support = tuple(
-        _beside(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1)
+        _level_pose_on(arc, done + number * ADVANCE, stance.pose) for number in range(len(LEGS) + 1)
     )
     return Step(
         leg=leg,
         ideal=foot_beside(support[len(LEGS) // 2], leg, 0.0, mean_height(stance.feet)),
-        goal=_beside(arc, target, stance.pose),
+        goal=_level_pose_on(arc, target, stance.pose),
         before=stance,
         support=support,
         remaining=arc.length - target,
@@ -116,10 +123,9 @@ def remaining(arc: Arc, pose: Pose) -> float:
 
 
 def rejoin(course: Arc, pose: Pose) -> Arc:
-    """An arc from *pose* that is as long as the rest of the course's piece and leads back to the
-    course (pure pursuit).
+    """An arc from *pose* back to the course (pure pursuit), as long as the rest of the course.
 
-    It aims at a point LOOKAHEAD beyond the end of the piece.
+    It aims at a point LOOKAHEAD beyond the end of the course.
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -129,7 +135,7 @@ def rejoin(course: Arc, pose: Pose) -> Arc:
 
 
 def is_finished(arc: Arc, pose: Pose) -> bool:
-    """Whether the rest is too short for a step. Feet creep: bodies stop centimetres short."""
+    """Whether the rest is too short for a step: bodies stop centimetres short, as feet creep."""
     return remaining(arc, pose) < TOLERANCE
 
 
@@ -177,8 +183,8 @@ def body_height(feet: tuple[Foot, ...]) -> float:
     return mean_height(feet) + BODY_HEIGHT
 
 
-def _beside(arc: Arc, distance: float, now: Pose) -> Pose:
-    """A pose on the arc at the present height of the body."""
+def _level_pose_on(arc: Arc, distance: float, now: Pose) -> Pose:
+    """The pose after *distance* metres of the arc, at the present height of the body."""
     return replace(pose_on(arc, distance), height=now.height)
 
 

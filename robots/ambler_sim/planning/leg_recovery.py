@@ -20,8 +20,13 @@ from robots.ambler_sim.planning.elevation import heights_along
 from robots.ambler_sim.vocabulary import ElevationMap, Foot, LegMove, Pose, Stance, Step, Window
 
 CLEARANCE = 0.45
+"""The distance (m) between a swinging foot and the highest ground on its way."""
+
 RECOVERY_RADIUS = 1.15
+"""The usual distance (m) of a swinging foot from its shaft."""
+
 SPACING = 0.05
+"""The distance (m) between two checked points of a way."""
 
 
 def window_of(step: Step) -> Window:
@@ -83,11 +88,11 @@ def swing_path(
 ) -> Array:
     """World points (x, y) under a foot: retract at the first angle, rotate, extend at the last."""
     (first, reach), (last, final_reach) = start, end
-    inward = _stretch(reach, radius)
-    round_ = _stretch(first * radius, last * radius) / radius
-    outward = _stretch(radius, final_reach)
-    angles = np.concatenate([np.full_like(inward, first), round_, np.full_like(outward, last)])
-    radii = np.concatenate([inward, np.full_like(round_, radius), outward])
+    inward = _spaced(reach, radius)
+    turning = _spaced(first * radius, last * radius) / radius
+    outward = _spaced(radius, final_reach)
+    angles = np.concatenate([np.full_like(inward, first), turning, np.full_like(outward, last)])
+    radii = np.concatenate([inward, np.full_like(turning, radius), outward])
     x, y = radii * np.cos(angles), SHAFT_Y[leg] + radii * np.sin(angles)
     return to_world(pose, np.stack([x, y, np.zeros_like(x)], axis=1))[:, :2]
 
@@ -115,5 +120,6 @@ def _highest(
     return float(np.nanmax(heights))
 
 
-def _stretch(first: float, last: float) -> Array:
+def _spaced(first: float, last: float) -> Array:
+    """Values from *first* to *last*, at most SPACING apart."""
     return np.linspace(first, last, 2 + int(abs(last - first) / SPACING))

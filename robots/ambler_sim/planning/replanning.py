@@ -44,6 +44,8 @@ from robots.ambler_sim.vocabulary import (
 )
 
 RAISE = 0.4
+"""How far (m) above an obstacle the foot is lifted in the second try."""
+
 OBSTACLE_RADIUS = 0.45
 """The assumed radius (m) of a felt obstacle: it was felt at one point only, and feet are broad."""
 
@@ -57,6 +59,7 @@ RADII = (None, 1.0, 1.3, 1.45, 1.6, 1.75, 1.9, 2.05)
 """How far from its shaft (m) a leg may swing, the usual way (None) first, clear of other legs."""
 
 IN_PLACE = 0.15
+"""A foot at most this far (m) from its place is not moved."""
 
 WIDER = 1.0
 """The radius (m) of the second search, if there is no foothold near the ideal one."""
@@ -68,7 +71,7 @@ SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4, 0.6, -0.6)
 """Shifts (m) of the body ahead or to the left, for a better stance."""
 
 STANDS_WELL = 0.2
-"""With this margin (m) or more, after the loss of any leg, the body is not shifted."""
+"""With this conservative margin (m) or more the body is not shifted."""
 
 ADVANCES = (0.5, 0.25, 0.12)
 """How far (m) the body moves with a footstep."""
@@ -105,7 +108,9 @@ def another_way(ground: ElevationMap, step: Step) -> LegMove:
     except NoFootfall:
         foothold = choose_foothold(ground, step, WIDER)
     angle = circulating_angle(step.before.pose, step.before.feet[step.leg])
-    return _way(ground, step.before, foothold, circulation(step.leg) if angle > math.pi / 2 else 0)
+    return _plan_way(
+        ground, step.before, foothold, circulation(step.leg) if angle > math.pi / 2 else 0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,22 +127,21 @@ def another_step(
 ) -> Alternative:
     """The first footstep that is possible from *stance*.
 
-    It tries the leg whose turn it is (or *preferred*), then the others from the rear. Then it tries
-    again with shorter and shorter moves of the body. Raises NoStep with the reason against the
-    first one.
+    It tries the leg whose turn it is (or *preferred*), then the others from the rear; then again
+    with shorter moves of the body. Raises NoStep with the reason against the first try.
     """
     first = preferred if preferred in LEGS else next_leg(stance)
     others = sorted(
         set(LEGS) - {first}, key=lambda leg: -circulating_angle(stance.pose, stance.feet[leg])
     )
-    problem = ""
+    first_problem = ""
     for advance in ADVANCES:
         for leg in (first, *others):
             try:
                 return _alternative(ground, next_step(stance, arc, leg, advance))
             except AmblerError as error:
-                problem = problem or str(error)
-    raise NoStep(problem)
+                first_problem = first_problem or str(error)
+    raise NoStep(first_problem)
 
 
 def _alternative(ground: ElevationMap, step: Step) -> Alternative:
@@ -173,20 +177,20 @@ def centring_move(stance: Stance) -> BodyMove | None:
 
 
 def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]:
-    """Plan moves that bring the feet into the standard configuration in which the side that is not
-    *blocked* steps first.
+    """Plan moves of the feet into the standard configuration in which the side without the blocked
+    leg steps first.
 
     After that step the body is further on, and the blocked leg swings elsewhere. The robot is
     stable during each move. The blocked leg's side moves last, the blocked leg itself at the very
-    end if possible. The others move in the order of how hard they would be to lift in the end,
-    hardest first. Feet that can't be moved safely stay.
+    end if possible. Within these groups, the legs that would be hardest to lift in the end move
+    first. Feet that can't be moved safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
     moves: list[LegMove] = []
-    waiting: set[int] = set(LEGS)
+    unmoved: set[int] = set(LEGS)
     while safe := list(
-        _safe_moves(ground, stance, [place for place in places if place.leg in waiting])
+        _safe_moves(ground, stance, [place for place in places if place.leg in unmoved])
     ):
         chosen = min(
             safe,
@@ -197,7 +201,7 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
             ),
         )
         moves.append(chosen)
-        waiting.remove(chosen.leg)
+        unmoved.remove(chosen.leg)
         stance = with_foot(stance, chosen.foothold)
     return moves
 
@@ -216,13 +220,16 @@ def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
     """Plan a move straight to a place of the standard configuration. A leg within the body moves
     backwards, as it came.
     """
-    foothold = _fit_to_stand_on(ground, stance, place)
+    foothold = _known_place(ground, stance, place)
     is_inside = circulating_angle(stance.pose, stance.feet[place.leg]) > math.pi
-    return _way(ground, stance, foothold, -circulation(place.leg) if is_inside else 0)
+    return _plan_way(ground, stance, foothold, -circulation(place.leg) if is_inside else 0)
 
 
-def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place, or one beside it if it is bad. Unknown ground gets the mean height of the feet."""
+def _known_place(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
+    """The place at its height in the map, or one beside it whose height is known.
+
+    If there is none, the place gets the mean height of the feet.
+    """
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
         if math.isfinite(height := height_at(ground, x, y)):
@@ -230,7 +237,7 @@ def _fit_to_stand_on(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
     return replace(place, z=mean_height(stance.feet))
 
 
-def _way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
+def _plan_way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
     """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if none is."""
     for radius in RADII:
         with contextlib.suppress(PathBlocked):

@@ -49,10 +49,9 @@ ROUND = 8
 CLASS = 0.05
 """The width of a class of slopes in the histogram."""
 
-
 WARM_UP = 100.0
-"""Metres after which a program's memory use is first measured. Its later use, at least as many
-metres on, is compared with that.
+"""Metres after which a program's memory use is first measured. A measurement at least this many
+metres later is compared with the first.
 """
 
 
@@ -60,8 +59,8 @@ metres on, is compared with that.
 class MemoryUse:
     """The memory use of programs at the end, in MB: of central, and of all.
 
-    *growth* is the growth (MB in 100 m) of the program that grew *fastest*; None after a walk too
-    short to say.
+    *fastest* is the program that grew fastest, and *growth* its growth (MB in 100 m), None after
+    too short a walk.
     """
 
     central: float = 0.0
@@ -80,30 +79,30 @@ class Usage:
     """The memory use of programs during a walk. A restarted program counts as another one."""
 
     def __init__(self) -> None:
-        self._lives: defaultdict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
+        self._samples: defaultdict[tuple[str, int], list[tuple[float, float]]] = defaultdict(list)
         """Pairs of metres walked and MB, by name and process."""
-        self._now: tuple[tuple[str, int], ...] = ()
+        self._running: tuple[tuple[str, int], ...] = ()
 
     def measure(self, metres: float, processes: Mapping[str, int]) -> None:
         """Measure the present memory use of these programs."""
-        self._now = tuple(processes.items())
-        for name, process in self._now:
-            self._lives[name, process].append((metres, _megabytes(process)))
+        self._running = tuple(processes.items())
+        for name, process in self._running:
+            self._samples[name, process].append((metres, _megabytes(process)))
 
     def at_end(self) -> MemoryUse:
         """The memory use at the end of the walk, and its growth."""
-        ends = {name: self._lives[name, process][-1][1] for name, process in self._now}
-        growths = [(growth_of(life), name) for (name, _), life in self._lives.items()]
+        ends = {name: self._samples[name, process][-1][1] for name, process in self._running}
+        growths = [(growth_of(samples), name) for (name, _), samples in self._samples.items()]
         known = [(growth, name) for growth, name in growths if growth is not None]
         return MemoryUse(
             ends.get(CENTRAL, 0.0), sum(ends.values()), *max(known, default=(None, ""))
         )
 
 
-def growth_of(life: Sequence[tuple[float, float]]) -> float | None:
-    """Growth in MB per 100 m since the program has warmed up; None after too short a run."""
-    last = life[-1]
-    warm = next((sample for sample in life if sample[0] >= life[0][0] + WARM_UP), last)
+def growth_of(samples: Sequence[tuple[float, float]]) -> float | None:
+    """A program's growth in MB per 100 m since its warm-up; None after too short a run."""
+    last = samples[-1]
+    warm = next((sample for sample in samples if sample[0] >= samples[0][0] + WARM_UP), last)
     metres = last[0] - warm[0]
     return 100 * (last[1] - warm[1]) / metres if metres >= WARM_UP else None
 
@@ -118,7 +117,7 @@ class FaultFigures:
 
 @dataclass(frozen=True, slots=True)
 class RuleFigures:
-    """How many of the applicable rules the walk kept, with remarks on the others."""
+    """How many of the *number* applicable rules the walk kept, with remarks on other rules."""
 
     kept: int
     number: int
@@ -188,11 +187,11 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
     written = record.read_bytes() if record.exists() else b""
     steps = _footsteps(written)
     children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    mending = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
+    repairs = {"call operator", "do again", *chain.from_iterable(RECOVERIES.values())}
     recoveries = Counter(
         task.name
         for task in history.tasks.values()
-        if task.name in mending and task.state is TaskState.ACHIEVED
+        if task.name in repairs and task.state is TaskState.ACHIEVED
     )
     last = steps[-1] if steps else None
     return Figures(
@@ -221,13 +220,10 @@ def figures_of(record: Path, journal: Path, usage: Usage, wall: float) -> Figure
 def _megabytes(process: int) -> float:
     """The memory use of a process in MB; 0 if it has ended."""
     try:
-        return (
-            int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
-            * resource.getpagesize()
-            / 1e6
-        )
+        pages = int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError):
         return 0.0
+    return pages * resource.getpagesize() / 1e6
 
 
 def _footsteps(written: bytes) -> list[Footstep]:
@@ -241,31 +237,29 @@ def _faults(history: History) -> dict[str, FaultFigures]:
 
     A lost program is recovered from at the robot's next footstep or arrival.
     """
-    began, mended, steps = (
-        defaultdict[str, list[float]](list),
-        defaultdict[str, list[float]](list),
-        [],
-    )
+    began, repair_starts = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list)
+    step_ends = []
     for message in history.messages.values():
         if message.name == FAULT_BEGAN.name:
             began[FAULT_BEGAN.decode_data(message.body).kind].append(message.received)
     for task in history.tasks.values():
         if task.state is not TaskState.ACHIEVED or not task.handlings:
             continue
-        mended[task.name].append(task.handlings[0].start)
+        repair_starts[task.name].append(task.handlings[0].start)
         if task.name in (MOVE_BODY.name, TRAVERSE_PATH.name):
-            steps.append(task.time_of(Moment.END_ACHIEVING))
-    steps.sort()
+            step_ends.append(task.time_of(Moment.END_ACHIEVING))
+    step_ends.sort()
     figures = {}
     for kind, times in began.items():
-        recoveries = sorted(chain.from_iterable(mended[name] for name in RECOVERIES[kind]))
-        seen = recovered(times, recoveries, steps) if RECOVERIES[kind] else walked_on(times, steps)
-        figures[kind] = FaultFigures(len(times), seen)
+        names = RECOVERIES[kind]
+        repairs = sorted(chain.from_iterable(repair_starts[name] for name in names))
+        count = recovered(times, repairs, step_ends) if names else walked_on(times, step_ends)
+        figures[kind] = FaultFigures(len(times), count)
     return figures
 
 
 def walked_on(losses: Sequence[float], steps: Sequence[float]) -> int:
-    """The number of losses after which the robot has made another step."""
+    """The number of losses of a program (times) after which the robot has made another step."""
     return sum(loss < steps[-1] for loss in losses) if steps else 0
 
 

@@ -16,8 +16,8 @@ from tca_module import Client, Task, connect
 from tca_tools.supervise.programs import START_TIME, Programs
 
 PATIENCE = 4.0
-"""Seconds that the other programs get to come to rest before a program is killed. A planner gets as
-many to receive a query.
+"""Seconds that the other programs get to come to rest before a program is killed. A stopped planner
+waits as long for its next query before it is killed.
 """
 
 _POLL_PERIOD = 0.02  # seconds
@@ -26,8 +26,8 @@ _POLL_PERIOD = 0.02  # seconds
 class ProgramKiller:
     """Kills programs, one after the other, while a move is held and all other work is done.
 
-    The work that is lost then does not depend on timing. A planner is stopped first, and killed as
-    soon as it has the next query.
+    Which work is lost then does not depend on timing. A planner is stopped at once, and killed when
+    it has its next query.
     """
 
     def __init__(self, programs: Programs, address: str) -> None:

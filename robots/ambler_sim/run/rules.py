@@ -21,13 +21,9 @@ SCANNER, CONTROLLER = "scanner", "controller"
 def stability_check_precedes_each_try_of_a_move(run: Run) -> Iterator[tuple[Task, bool]]:
     """Whenever a leg or body move begins, a stability check has succeeded since its last try."""
     for move in _named(run, *MOVES):
-        checks = _achieved_checks(run, move, "stability check")
         last_try_ended = 0.0
         for handling in move.handlings:
-            yield (
-                move,
-                any(since >= last_try_ended and until <= handling.start for since, until in checks),
-            )
+            yield move, _is_checked(run, move, "stability check", last_try_ended, handling.start)
             last_try_ended = handling.until
 
 
@@ -35,15 +31,9 @@ def footfall_check_follows_each_leg_move(run: Run) -> Iterator[tuple[Task, bool]
     """Before a leg move is achieved, a footfall check has succeeded since its last handling."""
     for move in _named(run, MOVE_LEG):
         if move.state is TaskState.ACHIEVED:
-            checks = _achieved_checks(run, move, "footfall check")
             moved = move.handlings[-1].until if move.handlings else 0.0
-            yield (
-                move,
-                any(
-                    since >= moved and until <= move.time_of(Moment.END_ACHIEVING)
-                    for since, until in checks
-                ),
-            )
+            achieved = move.time_of(Moment.END_ACHIEVING)
+            yield move, _is_checked(run, move, "footfall check", moved, achieved)
 
 
 def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[Task, bool]]:
@@ -53,13 +43,14 @@ def step_is_planned_while_the_one_before_is_walked(run: Run) -> Iterator[tuple[T
     step that was planned again counts again.
     """
     for step in _named(run, TAKE_STEPS):
-        before = run.tasks.get(step.parent)
-        if before is not None and before.name == TAKE_STEPS:
-            begin, end = before.time_of(Moment.START_ACHIEVING), _end_of_moves(run, before, step.by)
+        earlier = run.tasks.get(step.parent)
+        if earlier is not None and earlier.name == TAKE_STEPS:
+            begin = earlier.time_of(Moment.START_ACHIEVING)
+            end = _end_of_moves(run, earlier, step.by)
             walked = [child for child in _children(run, step, MOVE_BODY) if child.handlings]
-            for planned in (body_move.by for body_move in walked):
-                if planned is not None:  # else by error recovery
-                    yield step, planned.start < end and planned.until > begin
+            for planning in (body_move.by for body_move in walked):
+                if planning is not None:  # None: error recovery has ordered the move
+                    yield step, planning.start < end and planning.until > begin
 
 
 def no_move_while_the_scanner_holds_the_controller(
@@ -112,13 +103,14 @@ def _children(run: Run, task: Task, *names: str) -> Iterator[Task]:
     return (child for child in map(run.tasks.__getitem__, task.children) if child.name in names)
 
 
-def _achieved_checks(run: Run, move: Task, name: str) -> list[tuple[float, float]]:
-    """The start and end times of a move's successful checks."""
-    achieved = (check for check in _children(run, move, name) if check.state is TaskState.ACHIEVED)
-    return [
-        (check.time_of(Moment.START_HANDLING), check.time_of(Moment.END_ACHIEVING))
-        for check in achieved
-    ]
+def _is_checked(run: Run, move: Task, name: str, since: float, until: float) -> bool:
+    """Whether a check of a move has begun and succeeded between these times."""
+    return any(
+        since <= check.time_of(Moment.START_HANDLING)
+        and check.time_of(Moment.END_ACHIEVING) <= until
+        for check in _children(run, move, name)
+        if check.state is TaskState.ACHIEVED
+    )
 
 
 def _end_of_moves(run: Run, step: Task, planner: Handling | None) -> float:

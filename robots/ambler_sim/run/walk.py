@@ -71,11 +71,9 @@ class Walk:
     @property
     def layers(self) -> list[str]:
         """The names of the reactive layers in this walk."""
-        return (
-            []
-            if self.options.bare
-            else [name for name in LAYERS if name not in self.options.without]
-        )
+        if self.options.bare:
+            return []
+        return [name for name in LAYERS if name not in self.options.without]
 
     def programs(self) -> Iterator[tuple[str, str, list[str]]]:
         """All programs but central, controller and task manager: name, module and arguments."""
@@ -168,7 +166,8 @@ class Walk:
 
     def confirm(self, number: int, programs: Programs) -> None:
         """Do what --between-arcs asks for between two arcs."""
-        arcs, say = f"between arcs {number} and {number + 1}", self._progress.console.print
+        arcs = f"between arcs {number} and {number + 1}"
+        say = self._progress.console.print
         if self.options.between_arcs == "swap":
             (code,) = programs.stop("controller")
             say(f"{arcs}: the controller ended ({code}); starting another")
@@ -177,8 +176,8 @@ class Walk:
             say(f"{arcs}: press Enter to continue")
             sys.stdin.readline()
 
-    def judge(self) -> Figures:
-        """The figures of the walk, which are also written into its folder."""
+    def save_figures(self) -> Figures:
+        """Write the figures of the walk into its folder, and return them."""
         figures = figures_of(self.folder / RECORD, self.folder / "journal", self.usage, self.wall)
         (self.folder / "figures.json").write_bytes(
             msgspec.json.format(msgspec.json.encode(figures))

@@ -1,9 +1,9 @@
 """The battery layer: when the battery runs low, collecting is suspended, the robot recharges, and
 collecting is resumed.
 
-A cup in the hand stays there in the meantime. The goal under way is retried and planned for the
-situation at that time. A robot that does not reach the charger waits and tries again. If that does
-not help, the shift ends.
+A cup in the hand stays there in the meantime. A goal that has begun is retried afterwards, and is
+planned for the situation at that time. A robot that does not reach the charger waits and tries
+again. If all tries fail, the shift ends.
 """
 
 from robots.office_sim.messages import (
@@ -32,6 +32,8 @@ from tca_module import (
 )
 
 PERIOD = 2.0
+"""Seconds between two checks of the battery."""
+
 LOW = 0.3
 """The charge at which to recharge: enough to reach the charger from anywhere, after all waits."""
 
@@ -91,7 +93,9 @@ def make_module(pace: float) -> Module:
 
 
 def _interrupt(goal: TaskRef) -> None:
-    """Have a goal that has begun start again later, and wait until the base is at rest."""
+    """Retry a goal that has begun, and wait until the base is at rest. While collecting is
+    suspended, the goal does not start again.
+    """
     driving = goal.descendants(FOLLOW_PATH)
     info = goal.info()
     if info is not None and "start achieving" in info.reached:

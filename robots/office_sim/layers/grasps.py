@@ -12,6 +12,7 @@ from robots.office_sim.program import run
 from tca_module import ExceptionHandler, Module, Task
 
 TRIES = 3
+"""How often the robot tries to grasp a cup."""
 
 GRASP_AGAIN = ExceptionHandler("grasp again")
 GIVE_UP_CUP = ExceptionHandler("give up cup")

@@ -1,7 +1,5 @@
 """Simulates the lab and the robot in it. No other program has access to them."""
 
-import argparse
-
 from robots.office_sim.messages import (
     BATTERY,
     CAMERA,
@@ -16,6 +14,7 @@ from robots.office_sim.messages import (
     SCENE,
 )
 from robots.office_sim.world import OfficeWorld
+from robots.options import program_parser
 from tca_module import Module, Task
 
 
@@ -24,13 +23,13 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
     programs'.
     """
     simulator = Module("simulator")
-    opened: list[float] = []
-    simulator.handles(OPEN_LAB)(lambda task: opened.append(task.time()))
+    opening_times: list[float] = []
+    simulator.handles(OPEN_LAB)(lambda task: opening_times.append(task.time()))
 
     def now(task: Task) -> OfficeWorld:
-        """The world at the present time."""
-        if opened:
-            world.advance((task.time() - opened[0]) * pace)
+        """The world, advanced to the present time."""
+        if opening_times:
+            world.advance((task.time() - opening_times[0]) * pace)
         return world
 
     def dock(task: Task) -> float | None:
@@ -52,9 +51,7 @@ def make_module(world: OfficeWorld, pace: float) -> Module:
 
 def main() -> None:
     """Run the simulator."""
-    parser = argparse.ArgumentParser(
-        prog="python -m robots.office_sim.modules.simulator", description=__doc__
-    )
+    parser = program_parser("office_sim.modules.simulator", __doc__)
     parser.add_argument(
         "--pace", type=float, default=1.0, help="how fast the lab's time passes (%(default)s)"
     )

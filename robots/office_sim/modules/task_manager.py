@@ -17,27 +17,26 @@ from tca_module import Module, MonitorRef, Task
 PERIOD = 1.0
 """Seconds between two searches for new cups."""
 
-WHILE = 30.0
+LEFT_ALONE_FOR = 30.0
 """Seconds for which a cup is left alone."""
 
 
 def make_module(pace: float) -> Module:
     """Make the module."""
     manager = Module("task manager")
-    watching: list[MonitorRef[None]] = []
-    alone: dict[int, float] = {}
+    searches: list[MonitorRef[None]] = []
+    left_alone_until: dict[int, float] = {}
 
     @manager.handles(KEEP_FLOOR_FREE)
     def keep_floor_free(task: Task) -> None:
-        watching.append(task.monitor(NEW_CUPS, period=PERIOD / pace, waited_for=True))
+        searches.append(task.monitor(NEW_CUPS, period=PERIOD / pace, waited_for=True))
 
     @manager.handles(FIND_NEW_CUP)
     def find_new_cup(task: Task) -> Cup | None:
         """A cup without a goal. Only the task tree records which cups have goals."""
-        known = _cups_with_goals(task) | {
-            number for number, until in alone.items() if task.time() < until
-        }
-        return next((cup for cup in task.query(CUPS_IN_VIEW) if cup.number not in known), None)
+        ignored, now = _cups_with_goals(task), task.time()
+        ignored |= {number for number, until in left_alone_until.items() if now < until}
+        return next((cup for cup in task.query(CUPS_IN_VIEW) if cup.number not in ignored), None)
 
     @manager.handles(ADD_CUP)
     def add_cup(task: Task, cup: Cup) -> None:
@@ -47,12 +46,12 @@ def make_module(pace: float) -> Module:
 
     @manager.handles(LEAVE_ALONE)
     def leave_alone(task: Task, number: int) -> None:
-        alone[number] = task.time() + WHILE / pace
+        left_alone_until[number] = task.time() + LEFT_ALONE_FOR / pace
 
     @manager.handles(CALL_IT_A_DAY)
     def call_it_a_day(_: Task) -> None:
-        while watching:
-            watching.pop().end()
+        while searches:
+            searches.pop().end()
 
     return manager
 

@@ -1,4 +1,4 @@
-"""Vision: finds cups in the ceiling camera's pictures, and recognises them in the next picture."""
+"""Vision: finds cups in the ceiling camera's pictures, and follows them from picture to picture."""
 
 from contextlib import suppress
 
@@ -14,7 +14,9 @@ NEAR = 0.15
 """The distance (m) up to which objects in two pictures are the same cup."""
 
 PATIENCE = 3
-"""A cup missing in this number of pictures is out of view; in fewer it may be overlooked."""
+"""A cup is out of view when it is missing in this number of successive pictures: the camera
+overlooks some cups.
+"""
 
 
 class CupTracks:
@@ -27,15 +29,15 @@ class CupTracks:
 
     def see(self, spots: list[Spot]) -> None:
         """Process a picture."""
-        new = list(spots)
+        new_spots = list(spots)
         for number, cup in list(self._cups.items()):
-            same = [spot for spot in new if spot.to(cup.spot) <= NEAR]
-            for spot in same:
-                new.remove(spot)
-            self._missed[number] = 0 if same else self._missed[number] + 1
+            seen = [spot for spot in new_spots if spot.to(cup.spot) <= NEAR]
+            for spot in seen:
+                new_spots.remove(spot)
+            self._missed[number] = 0 if seen else self._missed[number] + 1
             if self._missed[number] >= PATIENCE:
                 del self._cups[number], self._missed[number]
-        for spot in new:
+        for spot in new_spots:
             self._last += 1
             self._cups[self._last], self._missed[self._last] = Cup(self._last, spot), 0
 

@@ -4,7 +4,7 @@ from tca_behaviours.missions import Mission
 
 
 def background(mission: Mission) -> str:
-    """Return which of two places the turtle reaches first, and make it reach the other one too."""
+    """Visit two places. Returns which of them the turtle has reached first."""
     left = mission.WaitForROI(foreground=False, roi_x=1.0, roi_y=6.0, roi_radius=1.0)
     right = mission.WaitForROI(foreground=False, roi_x=9.0, roi_y=6.0, roi_radius=1.0)
     way = mission.GoTo(foreground=False, goal_x=9.0, goal_y=6.0)

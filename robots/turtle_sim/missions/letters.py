@@ -1,13 +1,13 @@
-"""Writes TCA, each letter with another pen."""
+"""A mission that writes TCA, each letter with another pen."""
 
 from tca_behaviours.missions import Mission
 
+# The strokes of each letter.
 T = [[(0.8, 8.0), (3.4, 8.0)], [(2.1, 8.0), (2.1, 3.0)]]
 C = [
     [(6.4, 7.2), (5.6, 8.0), (4.6, 8.0), (3.9, 7.0), (3.9, 4.0), (4.6, 3.0), (5.6, 3.0), (6.4, 3.8)]
 ]
 A = [[(7.2, 3.0), (8.6, 8.0), (10.0, 3.0)], [(9.5, 4.8), (7.7, 4.8)]]
-"""The strokes of each letter."""
 
 PENS = ({"r": 200, "g": 60, "b": 40}, {"r": 40, "g": 90, "b": 170}, {"r": 60, "g": 130, "b": 70})
 EXACTLY = {"k_v": 2.0, "k_alpha": 4.0, "max_velocity": 2.0, "dist_threshold": 0.05}

@@ -9,7 +9,7 @@ POINTS = ((1.0, 9.0), (9.0, 9.0), (9.0, 1.0))
 
 
 def machine(points: Iterable[tuple[float, float]] = POINTS) -> Sequence:
-    """Patrol some points for ever; from the region of interest go straight to the middle."""
+    """Patrol the points for ever. A turtle that enters the region goes to the middle at once."""
     with Sequence("patrol") as sm:
         init = sm.Wait(duration=1.0)
         sm.GoTo(goal_x=1.0, goal_y=1.0)

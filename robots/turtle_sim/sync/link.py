@@ -25,16 +25,16 @@ class StatusLink:
     def __init__(self, name: str, team: Team, *, loss: float = 0.0) -> None:
         """Create the link of the robot *name*. The other robots of the *team* are its partners.
 
-        It drops the share *loss* of its own datagrams, for trials. Raises BadTeam.
+        For trials, it drops the share *loss* of the datagrams that it sends. Raises BadTeam.
         """
         if name not in team:
             raise BadTeam(
                 f"'{name}' is not in the team: its members are {', '.join(team) or 'none'}"
             )
-        self._own = team[name]
+        self._own_address = team[name]
         self._addresses = {partner: address for partner, address in team.items() if partner != name}
         self._statuses = Statuses(name, self._addresses)
-        self._loss, self._chance = loss, random.Random(name)  # noqa: S311 - a simulated loss
+        self._loss, self._random = loss, random.Random(name)  # noqa: S311 - a simulated loss
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._serve, name=f"link of {name}", daemon=True)
@@ -49,10 +49,10 @@ class StatusLink:
     def __enter__(self) -> Self:
         """Start to listen. Raises BadTeam if the address is not available."""
         try:
-            self._socket.bind(self._own)
+            self._socket.bind(self._own_address)
         except OSError as error:
             self._socket.close()
-            host, port = self._own
+            host, port = self._own_address
             raise BadTeam(
                 f"'{self._statuses.name}' can't listen at {host}:{port}: {error}"
             ) from None
@@ -116,10 +116,10 @@ class StatusLink:
 
     def _send(self, partner: str, datagram: bytes) -> None:
         self.sent += 1
-        if self._chance.random() < self._loss:
+        if self._random.random() < self._loss:
             self.lost += 1
             return
         try:
             self._socket.sendto(datagram, self._addresses[partner])
         except OSError:
-            self.lost += 1  # unreachable now: it is repeated
+            self.lost += 1  # the partner can't be reached now: the datagram is repeated

@@ -1,14 +1,14 @@
 """The statuses of several robots as one robot knows them, and the protocol that spreads them. Pure:
 no socket, no clock.
 
-Each robot sets its own status, under a version that only grows. A datagram holds all statuses that
-its sender knows. The receiver stores the newer ones. A datagram may therefore be lost, doubled or
-late: the next one makes up for it.
+Each robot sets its own status, with a version that only grows. A datagram holds all statuses that
+its sender knows. The receiver stores those with a newer version. A datagram may therefore be lost,
+doubled or late: the next one makes up for it.
 
-Two things follow. First, a robot's own entry in a partner's datagram is the acknowledgement. A
-robot repeats its datagram only to partners that have not acknowledged all that it knows. Second, a
-status never overtakes its cause. If turtle 2 set its status because of turtle 1's, then every robot
-that knows turtle 2's new status knows turtle 1's, too.
+Two things follow. First, a partner's datagram acknowledges the statuses in it. A robot repeats its
+datagram only to partners that have not acknowledged all that it knows. Second, a status never
+overtakes its cause. If turtle 2 sets its status because of the status of turtle 1, then every robot
+that knows the new status of turtle 2 also knows that of turtle 1.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ class VersionedStatus(
 
 
 class Datagram(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """All that a robot knows, and whether it wants the receiver's statuses in an answer."""
+    """All statuses that a robot knows, and whether it wants those of the receiver in an answer."""
 
     sender: str
     known: dict[str, VersionedStatus]
@@ -69,7 +69,7 @@ class Statuses:
         return self.known[partner].status if partner in self.known else None
 
     def words(self, partner: str) -> str:
-        """Describe a partner's status as text."""
+        """Describe a partner's status as text. Raises NoSuchPartner."""
         if (status := self.status(partner)) is not None:
             return f"the status of '{partner}' is {status}"
         if partner in self._other_names:
@@ -119,6 +119,7 @@ class Statuses:
 
 
 def _covers(theirs: dict[str, VersionedStatus], mine: dict[str, VersionedStatus]) -> bool:
+    """Whether *theirs* has each status of *mine*, or a newer one."""
     return all(robot in theirs and theirs[robot] >= entry for robot, entry in mine.items())
 
 

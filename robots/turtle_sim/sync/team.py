@@ -23,9 +23,9 @@ def free_team(*names: str) -> Team:
         sockets = [
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in names
         ]
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return dict(zip(names, (each.getsockname() for each in sockets), strict=True))
+        for opened in sockets:
+            opened.bind(("127.0.0.1", 0))
+        return dict(zip(names, (opened.getsockname() for opened in sockets), strict=True))
 
 
 def save_team(team: Team, path: Path) -> None:
@@ -36,13 +36,13 @@ def save_team(team: Team, path: Path) -> None:
 def load_team(path: Path | str) -> Team:
     """Read a team's file, and resolve the host names. Raises BadTeam."""
     try:
-        lines = tomllib.loads(Path(path).read_text())
+        addresses = tomllib.loads(Path(path).read_text())
     except (OSError, ValueError) as error:
         raise BadTeam(f"the team's file {path} can't be read: {error}") from None
-    return {name: address_of(name, text) for name, text in lines.items()}
+    return {name: parse_address(name, text) for name, text in addresses.items()}
 
 
-def address_of(name: str, text: object) -> Address:
+def parse_address(name: str, text: object) -> Address:
     """Parse the address of the robot *name*. Raises BadTeam."""
     host, _, port = text.rpartition(":") if isinstance(text, str) else ("", "", "")
     if not host or not port.isdecimal() or int(port) >= 2**16:

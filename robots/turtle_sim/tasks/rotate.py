@@ -17,17 +17,17 @@ class Rotate(PeriodicTask[TurtleEnvironment]):
 
     def initialise(self) -> None:
         """Store the remaining angle and the heading."""
-        self._left, self._theta = self.angle, self.env.pose.theta
+        self._remaining, self._last_theta = self.angle, self.env.pose.theta
 
     def iterate(self) -> Status:
         """Continue the turn, slower towards its end."""
         theta = self.env.pose.theta
-        self._left -= remainder(theta - self._theta, tau)
-        self._theta = theta
-        if abs(self._left) < self.threshold:
+        self._remaining -= remainder(theta - self._last_theta, tau)
+        self._last_theta = theta
+        if abs(self._remaining) < self.threshold:
             return Status.COMPLETED
         self.env.publish_velocity(
-            self.task, 0.0, copysign(min(self.velocity, abs(self._left)), self._left)
+            self.task, 0.0, copysign(min(self.velocity, abs(self._remaining)), self._remaining)
         )
         return Status.RUNNING
 

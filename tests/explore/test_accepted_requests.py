@@ -3,7 +3,7 @@ be stuck.
 
 Each request has a small scenario. Requests about a task share one (accepting.py), with a table of
 the meaning of *kept*. Timers, later replies and direct messages are left out, as modules handle
-them alone. Messages, variables and resources are in test_what_is_given.py.
+them alone. Messages, variables and resources are in test_answered_requests.py.
 """
 
 from collections.abc import Callable

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from properties.blocking import Steps
 from properties.seen_in_facts import Facts
-from properties.test_blocked_is_told import JournaledLife
+from properties.test_recorded_waits import JournaledLife
 from sampling import lives
 
 from tca_tools.analysis.backwards import Causes
@@ -55,7 +55,7 @@ NOT_KNOWN = (Doing.KILLED, Doing.UNKNOWN, Doing.HELD)
 
 
 class UncomparedLife(JournaledLife):
-    """A life without the comparison of waits, which test_blocked_is_told.py makes."""
+    """A life without the comparison of waits, which test_recorded_waits.py makes."""
 
     def compare(self) -> None:
         pass

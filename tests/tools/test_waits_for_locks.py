@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 from central.player import Player
-from central.test_copies import CLIENTS, OPERATIONS, is_granted, join
+from central.test_claims_of_copies import CLIENTS, OPERATIONS, is_granted, join
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools.story import Story
