@@ -42,7 +42,7 @@ class EventLoop:
         self._connection = connection
         self._handle_delivery = handle_delivery
         #: handler -> its unfinished asyncio task
-        self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}
+        self._tasks: dict[OpenDelivery, asyncio.Task[Any]] = {}
         #: request -> the futures that wait for news of it
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}
         #: set while the slot is idle; done when it has something to do
@@ -58,7 +58,7 @@ class EventLoop:
         self._has_warned: set[str] = set()  #: the handlers that the log has warned of
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         self._selector = selector = _Selector(
-            files[0], self._has_work, connection.transport, self._check_turn
+            files[0], self._has_work, connection.transport, self._warn_of_blocking
         )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
@@ -67,7 +67,8 @@ class EventLoop:
         )
         for file in files:
             self._loop.add_reader(file, self._on_news)
-        self._since = self._turned = self._loop.time()
+        #: when central's silence starts at the earliest; when ``_keep_alive`` was last called
+        self._silent_since = self._kept_alive = self._loop.time()
         connection.await_news, connection.await_moment = self._await_news, selector.sleep_until
 
     @property
@@ -77,7 +78,7 @@ class EventLoop:
 
     def run(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; return its result."""
-        self._since = self._turned = self._loop.time()
+        self._silent_since = self._kept_alive = self._loop.time()
         self._timer = self._loop.call_later(STEP, self._keep_alive)
         try:
             return self._run_until(self.start(handler, coroutine))
@@ -94,32 +95,32 @@ class EventLoop:
         try:
             return self._loop.run_until_complete(future)
         finally:
-            self._check_turn()
+            self._warn_of_blocking()
             if self._fatal is not None:
                 raise self._fatal
 
     def start(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Run the coroutine of a handler beside the one that is being run."""
         task = self._coroutine_waits.start_task(handler, coroutine)
-        self._handled[handler] = task
+        self._tasks[handler] = task
         task.add_done_callback(partial(self._on_done, handler))
         return task
 
     def _on_done(self, handler: OpenDelivery, task: asyncio.Task[Any]) -> None:
-        self._handled.pop(handler, None)
+        self._tasks.pop(handler, None)
         self._ended.append(handler)
         error = None if task.cancelled() else task.exception()
         if error is not None and not self._is_closing:
             self._fatal = error
             self._loop.stop()
 
-    def _check_turn(self) -> None:
-        """Warn of handlers that have blocked the loop: nothing else in the slot could run."""
+    def _warn_of_blocking(self) -> None:
+        """Warn of handlers that have blocked the loop for a second."""
         now, ended = time.monotonic(), self._ended
         seconds, self._selector.turned, self._ended = now - self._selector.turned, now, []
         if seconds < BRIEF:
             return
-        messages = {one.name.partition(" {")[0] for one in (*self._handled, *ended)}
+        messages = {one.name.partition(" {")[0] for one in (*self._tasks, *ended)}
         names = " or ".join(sorted(messages))
         if names and names not in self._has_warned:
             self._has_warned.add(names)
@@ -166,7 +167,7 @@ class EventLoop:
         return (
             connection.transport.has_arrived()
             or connection.wait_loop.has_pending_call
-            or any(map(connection.session.open_deliveries.wake_reason, self._handled))
+            or any(map(connection.session.open_deliveries.wake_reason, self._tasks))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
 
@@ -176,7 +177,7 @@ class EventLoop:
         else:
             self._listen()
         open_deliveries = self._connection.session.open_deliveries
-        for handler, task in list(self._handled.items()):
+        for handler, task in list(self._tasks.items()):
             if why := open_deliveries.wake_reason(handler):
                 open_deliveries.mark_notified(handler)
                 task.cancel(why)
@@ -192,8 +193,8 @@ class EventLoop:
     def _listen(self) -> float:
         """Process arrived packets and pending calls; return the seconds of central's silence."""
         connection = self._connection
-        self._check_turn()
-        silence = connection.keep_alive(self._since)
+        self._warn_of_blocking()
+        silence = connection.keep_alive(self._silent_since)
         connection.wait_loop.run_pending_calls()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
             self._handle_delivery(*delivery)
@@ -203,13 +204,14 @@ class EventLoop:
     def _keep_alive(self) -> None:
         """Keep the connection alive, and give up on a silent central, as every wait does."""
         self._schedule_keep_alive(STEP)
-        before, self._turned = self._turned, self._loop.time()
-        if self._turned - before > STALL:
-            self._since = self._turned
+        before, now = self._kept_alive, self._loop.time()
+        self._kept_alive = now
+        if now - before > STALL:  # this process stood still: central's silence proves nothing
+            self._silent_since = now
         if self._listen() > self._connection.wait_loop.patience:
             for request in list(self._waiting):
                 self._wake_waiters(request, self._connection.line.lost_error())
-        if not self._coroutine_waits.report_standing(self._turned):
+        if not self._coroutine_waits.report_standing(now):
             calm = min(_CALM, quiet_within(self._connection.wait_loop.patience))
             self._schedule_keep_alive(max(STEP, self._connection.direct.seconds_until_due(calm)))
 
@@ -244,7 +246,7 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while there is other news, and then reports *file* as readable.
+    """A selector that does not wait while *has_work* is true: then it reports *file* as readable.
 
     It also ends the sleeps of coroutines, on the handlers' clock: a test may step that.
     """
