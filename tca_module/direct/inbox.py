@@ -23,12 +23,12 @@ from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
 MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # waiting messages and bytes; more stay in the socket
-MOST_SENDERS = 256
-ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
+MOST_SENDERS = 256  # one more displaces the sender that greeted longest ago
+ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # retained answers for each sender, in case they are lost
 BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun before their sender gets a Begun
 PACKETS = 256  # packets read at a time
-_MOST_BARRED = 20_000
-_MOST_MISSING = 2000  # numbers; senders have fewer under way
+_MOST_BARRED = 20_000  # licences that are remembered as no longer valid
+_MOST_MISSING = 2000  # missing numbers of a sender; more than a sender has under way
 
 
 class InboxSocket(Protocol):
@@ -48,7 +48,7 @@ class InboxSocket(Protocol):
 
 
 class _RemoteSender:
-    """One sender, and its messages."""
+    """A sender, with the numbers of its messages and the answers to them."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
         self.address = address

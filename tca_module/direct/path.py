@@ -133,7 +133,7 @@ class DirectPath:
         if not self._send(request.header, request.body, inform=""):
             return False
         self.requests[self._newest] = request
-        request.path, request.number = self, self._newest
+        request.path, request.path_number = self, self._newest
         self._asked_at = now
         return True
 
@@ -149,8 +149,8 @@ class DirectPath:
 
     def abandon(self, request: Request) -> None:
         """Give up a query: its answer is no longer wanted."""
-        if self.requests.pop(request.number, None) is not None and self._is_open:
-            self.socket.send(pack_item(headers.GiveUp(request.number)))
+        if self.requests.pop(request.path_number, None) is not None and self._is_open:
+            self.socket.send(pack_item(headers.GiveUp(request.path_number)))
 
     def _is_full(self, size: int) -> bool:
         return len(self._under_way) >= MOST_UNDER_WAY or bool(

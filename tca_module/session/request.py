@@ -68,9 +68,9 @@ class Request:
         "is_announced",
         "is_over",
         "notify",
-        "number",
         "on_over",
         "path",
+        "path_number",
         "refused",
         "sender_name",
         "statements_before",
@@ -102,7 +102,7 @@ class Request:
         self.forgotten_subject = ""
         self.why_lock_lost = ""  #: for a granted lock: how it was lost
         self.path: RequestPath | None = None  #: the direct path on which it was sent, if any
-        self.number = 0  #: its number on that path
+        self.path_number = 0  #: its number on that path
         # The next three are for tasks and changes that were sent without waiting for central.
         self.what = ""  #: its name, for people
         self.sender_name = ""  #: the message whose handler has sent it
