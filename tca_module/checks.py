@@ -141,15 +141,20 @@ def one_of(words: str, values: Iterable[object]) -> ArgumentKind:
     return ArgumentKind(words, lambda value: value in tuple(values))
 
 
-def list_of(words: str, kind: ArgumentKind) -> ArgumentKind:
+def list_of(words: str, kind: ArgumentKind, classes: Any = list | tuple) -> ArgumentKind:
     """Return the kind of a list or tuple of values of *kind*."""
     return ArgumentKind(
-        words, lambda value: isinstance(value, list | tuple) and all(map(kind.fits, value))
+        words, lambda value: isinstance(value, classes) and all(map(kind.fits, value))
     )
 
 
+def collection_of(words: str, kind: ArgumentKind) -> ArgumentKind:
+    """Return the kind of a list, tuple or set of values of *kind*."""
+    return list_of(words, kind, list | tuple | set | frozenset)
+
+
 def _is_text(text: Any) -> bool:
-    """Whether *text* can be sent. Python's file names may contain half characters, which can't."""
+    """Whether *text* can be sent. Surrogates can't, which Python uses in some file names."""
     return isinstance(text, str) and (
         text.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in text)
     )
@@ -208,7 +213,7 @@ MESSAGE_OR_NAME = ArgumentKind(
     "a message, its name, or None for all",
     lambda value: value is None or isinstance(value, Message) or bool(value and _is_text(value)),
 )
-FAILS = ArgumentKind(
+CAN_FAIL = ArgumentKind(
     "a goal, a command, a task, or None for all tasks",
     lambda value: isinstance(value, Message) and value.message_class.is_task,
 )
@@ -219,7 +224,7 @@ CENTRAL = ArgumentKind(
 
 
 def is_brief(call: object, timeout: float | None) -> bool:
-    """Whether a wait is too short to count as a deadlock. Raises MisuseError."""
+    """Check a timeout; return whether the wait is too short to count as a deadlock."""
     if timeout is None or (type(timeout) is float and timeout >= BRIEF):  # the usual cases, fast
         return False
     check(call, TIMEOUT, timeout=timeout)
@@ -240,13 +245,11 @@ def check_message(message: Any) -> None:
 def check_class(message: Any, *wanted: type[Message[Any, Any]], call: str = "") -> None:
     """Raise MisuseError for a message of a class that *call* does not accept."""
     if not isinstance(message, wanted):
-        advice = (
-            f": use {EXECUTED[type(message)]}()" if type(message) in EXECUTED and not call else ""
-        )
+        has_call = type(message) in EXECUTED and not call
+        advice = f": use {EXECUTED[type(message)]}()" if has_call else ""
         classes, call = " or ".join(kind.__name__ for kind in wanted), call or EXECUTED[wanted[0]]
-        raise MisuseError(
-            f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}"
-        )
+        text = f"{call}() takes messages of class {classes}, not {message!r:.60}{advice}"
+        raise MisuseError(text)
 
 
 def check_handles(failure: Any, handler: Any) -> None:
@@ -261,21 +264,18 @@ def check_handles(failure: Any, handler: Any) -> None:
     if failure is None:
         if first_misfit(NO_DATA, handler.data.schema):
             advice = f"declare it without data, or with {handler.data} | None"
-            raise MisuseError(
-                f"{wants}, and failures of central, such as 'timeout', have none: {advice}"
-            )
+            text = "and failures of central, such as 'timeout', have none"
+            raise MisuseError(f"{wants}, {text}: {advice}")
     elif not isinstance(failure, Failure):
-        raise MisuseError(
-            f"{failure!r:.60} is no failure: "
-            "give the declaration, such as Failure('collision'), or None"
-        )
+        advice = "give the declaration, such as Failure('collision'), or None"
+        raise MisuseError(f"{failure!r:.60} is no failure: {advice}")
     elif handler.data.kind is not type(None) and (
         misfit := first_misfit(failure.data.schema, handler.data.schema)
     ):
-        advice = (
-            f"declare both with the same type, or the exception handler without data ({misfit})"
+        advice = "declare both with the same type, or the exception handler without data"
+        raise MisuseError(
+            f"{wants}, and failure '{failure.name}' has {failure.data}: {advice} ({misfit})"
         )
-        raise MisuseError(f"{wants}, and failure '{failure.name}' has {failure.data}: {advice}")
 
 
 # --- functions ------------------------------------------------------------------------------------
@@ -291,9 +291,9 @@ def check_function(
 ) -> int:
     """Return the least number of arguments with which a function can be called.
 
-    *possible* are the numbers to try; *wanted* shows the arguments, such as "(sender, reply)". With
-    the least number, a parameter with a default keeps its default: ``lambda n=n: ...`` in a loop.
-    Raises MisuseError for a value that can't be called so, or that must be awaited.
+    With the least number, a parameter with a default keeps its default: ``lambda n=n: ...`` in a
+    loop. *possible*: the numbers to try. *wanted*: the arguments for errors, such as "(sender,
+    reply)". Raises MisuseError for a value that can't be called so, or that must be awaited.
     """
     if not callable(function):
         raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")

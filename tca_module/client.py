@@ -38,9 +38,7 @@ class Client(Sender):
         connection.root_sender = self
 
     def __repr__(self) -> str:
-        return (
-            f"client '{self._link.session.module}'" if self._link is not None else "a closed client"
-        )
+        return f"client '{self._link.session.module}'" if self._link else "a closed client"
 
     @property
     def name(self) -> str:
@@ -104,7 +102,7 @@ class Client(Sender):
 
     @property
     def _is_abandoned(self) -> bool:
-        """Whether the thread that opened it has ended."""
+        """Whether the thread that opened this client has ended."""
         return self._process == os.getpid() and not self._thread.is_alive()
 
     def _close_at_exit(self) -> None:
@@ -114,26 +112,24 @@ class Client(Sender):
             return
         if not (is_own_thread or self._thread.daemon):
             self._thread.join()
-        if (
-            is_own_thread
-            or self._is_abandoned
-            or (link.missing and link.acquire_for_closing(self._linger))
-        ):
+        is_free = is_own_thread or self._is_abandoned
+        if is_free or (link.missing and link.acquire_for_closing(self._linger)):
             link.close(self._linger)
         elif number := link.missing:
             where = f"central at {link.transport.address}"
             why = f"thread '{self._thread.name}' still waits, and has not closed its client"
-            raise NotSent(number, f"{link.messages(number)} may not have reached {where}: {why}")
+            raise NotSent(
+                number, f"{link.count_messages(number)} may not have reached {where}: {why}"
+            )
 
     def _open_link(self) -> Connection:
         if self._link is None:
-            raise MisuseError(
-                "this client is closed: use it inside its 'with' block, or connect() again"
-            )
+            advice = "use it inside its 'with' block, or connect() again"
+            raise MisuseError(f"this client is closed: {advice}")
         return self._link
 
     def _connection(self) -> Connection:
-        link = self._link or self._open_link()
+        link = self._open_link()
         link.check_thread(self, "opened it", "other threads connect() themselves")
         return link
 

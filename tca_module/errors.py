@@ -133,11 +133,12 @@ class RequestFailed(TcaError):
         failure: the name of the failure.
         text: the failure's explanation.
         body: the failure's data, encoded; see ``data`` and ``data_as()``.
-        passed_on: the text of the failure of the same name in a handler that does not catch this.
+        passed_on: the text for a handler that does not catch this error, and so fails with the same
+            failure.
     """
 
     def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
-        summary = text.partition("\n")[0]  # of a traceback
+        summary = text.partition("\n")[0]  # a traceback may follow in the next lines
         super().__init__(": ".join(filter(None, (f"{what} failed", failure, summary))))
         self.passed_on = ": ".join(filter(None, (f"{what} failed", summary)))
         self.failure = failure
@@ -165,10 +166,8 @@ class RequestFailed(TcaError):
                     print(error.data_as(COLLISION).force)
         """
         if failure.name != self.failure:
-            raise MisuseError(
-                f"this is failure '{self.failure}', not '{failure.name}': "
-                "compare .failure before data_as()"
-            )
+            text = f"this is failure '{self.failure}', not '{failure.name}'"
+            raise MisuseError(f"{text}: compare .failure before data_as()")
         return failure.data.decode(self.body or NIL)
 
 
@@ -202,7 +201,7 @@ class Rejected(TcaError):
     """
 
     def __init__(self, what: str, reason: str) -> None:
-        super().__init__(f"{what} was rejected" + (f": {reason}" if reason else ""))
+        super().__init__(f"{what} was rejected{f': {reason}' if reason else ''}")
         self.reason = reason
 
 

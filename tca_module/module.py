@@ -223,28 +223,19 @@ class Module(ModuleCallbacks):
         self._check_not_running("serve()")
         check_class(message, Goal, Command, call="serve")
         if "takes" in options:
-            raise MisuseError(
-                f"serve() of {message.title}: leave out takes=, the Server's methods decide that"
-            )
-        options["takes"] = [
-            name
-            for name in server_transitions(message, server)
-            if name not in options.get("refuses", ())
-        ]
-        self._add(
-            ServerHandler(
-                message, server, checked_format(message, options, self.name, self._resources)
-            )
-        )
+            advice = "leave out takes=, the Server's methods decide that"
+            raise MisuseError(f"serve() of {message.title}: {advice}")
+        refused, names = options.get("refuses", ()), server_transitions(message, server)
+        options["takes"] = [name for name in names if name not in refused]
+        handler_format = checked_format(message, options, self.name, self._resources)
+        self._add(ServerHandler(message, server, handler_format))
 
     def _add(self, handler: Handler) -> None:
         """Add a handler. Raises MisuseError for a second handler of one message."""
         name = handler.message.name
         if known := self._handlers.get(name):
-            raise MisuseError(
-                f"module '{self.name}' handles '{name}' already, in {known.name}: "
-                "a module has one handler for each message"
-            )
+            text = f"module '{self.name}' handles '{name}' already, in {known.name}"
+            raise MisuseError(f"{text}: a module has one handler for each message")
         self._handlers[name] = handler
         self._resources.setdefault(handler.resource, ResourcePlan())
 
@@ -336,13 +327,11 @@ class Module(ModuleCallbacks):
                 user.goal(TAKE_STEPS, arc).wait(timeout=60)
         """
         if self._link is not None:
-            msg = f"module '{self.name}' runs already"
+            text = "runs already"
             if self._stop.is_set():
-                msg = (
-                    f"module '{self.name}' is ending: leave its 'with module.running():' block "
-                    "before you start it again"
-                )
-            raise MisuseError(msg)
+                block = "'with module.running():' block"
+                text = f"is ending: leave its {block} before you start it again"
+            raise MisuseError(f"module '{self.name}' {text}")
         self._stop.clear()
         try:
             self._start(patience, linger, reconnect=reconnect)
@@ -357,8 +346,8 @@ class Module(ModuleCallbacks):
                 cause = f"module '{self.name}' had ended before: {type(earlier).__name__}: "
                 error.add_note(f"{'' if isinstance(earlier, NotSent) else cause}{earlier}")
             raise
-        for earlier in self._leave():
-            raise earlier
+        for first in self._leave():
+            raise first
 
     def stop(self) -> None:
         """End the module, from any thread: ``run`` returns.
@@ -383,9 +372,8 @@ class Module(ModuleCallbacks):
         link.root_sender = self
         if (known := link.session.module) != self.name:
             text = f"another module '{self.name}' runs, so central calls this one '{known}'"
-            self._log.warning(
-                "%s: give each module its own name, unless the newer one replaces the older", text
-            )
+            advice = "give each module its own name, unless the newer one replaces the older"
+            self._log.warning("%s: %s", text, advice)
         link.session.replace_slot = self._slots.replace
         try:
             self._wait_for_required(link)
@@ -394,9 +382,13 @@ class Module(ModuleCallbacks):
             handlers = self._handlers.values()
             messages, formats = [one.message for one in handlers], [one.format for one in handlers]
             link.declare(*messages, handlers=formats, is_ready=True)
-            attachments = link.session.attachments
             serving = Serving(
-                self.central, patience, linger, self._handlers, self._stop, attachments
+                self.central,
+                patience,
+                linger,
+                self._handlers,
+                self._stop,
+                link.session.attachments,
             )
             self._open_slots(greeting.incarnation, serving)
         except BaseException:
@@ -411,56 +403,45 @@ class Module(ModuleCallbacks):
         if not required:
             return
         link.declare(*required)
-        link.session.redeclaration.required = [message.name for message in required]
-        wanted = WaitUntilHandled(0, [message.name for message in required], list(self._handlers))
-        request, since, warned = link.request(wanted, wants_answer=True), time.monotonic(), False
+        names = link.session.redeclaration.required = [message.name for message in required]
+        request = link.request(WaitUntilHandled(0, names, list(self._handlers)), wants_answer=True)
+        since, has_warned = time.monotonic(), False
         while not link.wait(request, CHECK_PERIOD, "the wait for required messages"):
             if self._stop.is_set():
                 link.abandon(request)
-                raise Stopped(
-                    f"module '{self.name}' was stopped while it waited for required messages"
-                )
-            while request.answers:
-                warned = True
+                text = "was stopped while it waited for required messages"
+                raise Stopped(f"module '{self.name}' {text}")
+            while request.answers:  # central says why the wait may never end
+                has_warned = True
                 self._log.warning("%s", request.answers.popleft()[0].text)
-            if not warned and time.monotonic() - since > _WARN_AFTER:
-                warned = True
-                names = checks.quoted(message.name for message in required)
-                self._log.warning(
-                    "waits for handlers of %s, which it requires; see 'tca messages'", names
-                )
+            if not has_warned and time.monotonic() - since > _WARN_AFTER:
+                has_warned = True
+                text = "which it requires; see 'tca messages'"
+                self._log.warning("waits for handlers of %s, %s", checks.quoted(names), text)
 
     def _open_slots(self, incarnation: str, serving: Serving) -> None:
         """Start a thread for each slot of the resources in use."""
 
         def open_slot(number: int, resource: str, callbacks: Callbacks) -> Slot:
-            greeting = hello(
-                self.name, number, resource, incarnation, self._resources[resource].hung_after
-            )
+            hung_after = self._resources[resource].hung_after
+            greeting = hello(self.name, number, resource, incarnation, hung_after)
             slot = Slot(serving, greeting, callbacks)
             if getattr(self.central, "is_stepped", False):
                 # One slot after the other, in declared order, so that a test has one transcript.
-                slot.opened.wait()
+                slot.ready.wait()
             return slot
 
         # after() may have been called during the wait for required messages.
         self._resources.setdefault(CALLBACKS, ResourcePlan())
-        used = {
-            handler.resource for handler in self._handlers.values()
-        } | self._slots.with_callbacks
-        for name in sorted(
-            name for name, plan in self._resources.items() if plan.is_declared and name not in used
-        ):
-            self._log.warning(
-                "resource '%s' of module '%s' has no handler, so it can't be locked: "
-                "declare a handler with resource='%s'",
-                name,
-                self.name,
-                name,
-            )
-        self._slots.open(
-            [name for name in self._resources if name in used], self._resources, open_slot
-        )
+        handled = {handler.resource for handler in self._handlers.values()}
+        used = handled | self._slots.with_callbacks
+        for name, plan in sorted(self._resources.items()):
+            if plan.is_declared and name not in used:
+                text = f"resource '{name}' of module '{self.name}' has no handler"
+                advice = f"declare a handler with resource='{name}'"
+                self._log.warning("%s, so it can't be locked: %s", text, advice)
+        opened = [name for name in self._resources if name in used]
+        self._slots.open(opened, self._resources, open_slot)
 
     def _leave(self, why: BaseException | None = None) -> list[BaseException]:
         """Accept no more messages, wait for running handlers, and say goodbye to central.
@@ -476,7 +457,7 @@ class Module(ModuleCallbacks):
         self._stop.set()
         link.leave()
         errors = self._slots.close(why)
-        # A slot has already waited the full time: don't wait again.
+        # A slot that lost messages has waited for the full time: don't wait again.
         has_lingered = any(isinstance(error, NotSent) for error in errors)
         try:
             link.close(0.0 if has_lingered else self._linger, link.lost)
@@ -490,10 +471,8 @@ class Module(ModuleCallbacks):
     def _connection(self) -> Connection:
         """Return the module's connection. Raises MisuseError if the module does not run."""
         if self._link is None:
-            raise MisuseError(
-                f"module '{self.name}' does not run: send within 'with module.running():' "
-                "or from a handler"
-            )
+            advice = "send within 'with module.running():' or from a handler"
+            raise MisuseError(f"module '{self.name}' does not run: {advice}")
         self._link.check_thread(f"module '{self.name}'", "runs it")
         return self._link
 

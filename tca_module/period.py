@@ -11,8 +11,8 @@ class Period:
     Attributes:
         seconds: the length of the period.
         due: when the present iteration is due.
-        missed: the number of deadlines missed: iterations that ended after the next one was due,
-            and skipped iterations.
+        missed: the number of late iterations, which ended after the next one was due, and of
+            skipped iterations.
         left_out: the number of skipped iterations.
     """
 
@@ -23,24 +23,25 @@ class Period:
         self.missed = 0
         self.left_out = 0
         self._start = start
-        self._turn = 0
-        self._before = start - seconds  # when the previous iteration was due
+        self._count = 0
+        self._previous_due = start - seconds  # when the previous iteration was due
 
     def next(self, now: float, seconds: float) -> float:
         """End the present iteration at *now*; return when the next one is due.
 
-        A late iteration starts at once, and whole periods that have passed are skipped. A new
-        length of the period, *seconds*, counts from the present iteration.
+        If the present one was late, that time has passed: the next one starts at once. Whole
+        periods that have passed are skipped. A new length of the period, *seconds*, counts from the
+        present iteration.
         """
         if seconds != self.seconds:
-            self._start, self._turn, self.seconds = self.due, 0, seconds
-        late = now - self._start - (self._turn + 1) * seconds
+            self._start, self._count, self.seconds = self.due, 0, seconds
+        late = now - self._start - (self._count + 1) * seconds
         left_out = max(0, math.floor(late / seconds))
         self.missed += left_out + (late > _EXACT)
         self.left_out += left_out
-        self._before = self.due
-        self._turn += 1 + left_out
-        self.due = self._start + self._turn * seconds
+        self._previous_due = self.due
+        self._count += 1 + left_out
+        self.due = self._start + self._count * seconds
         return self.due
 
     def change(self, now: float, seconds: float) -> None:
@@ -49,6 +50,6 @@ class Period:
         The present iteration moves only if it is not due yet, and never to a time in the past.
         """
         if self.due > now:
-            self.due = max(now, self._before + seconds)
-            self._start, self._turn = self.due, 0
+            self.due = max(now, self._previous_due + seconds)
+            self._start, self._count = self.due, 0
             self.seconds = seconds

@@ -34,7 +34,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 
 _QUIET_WITHIN = 5.0  # seconds of real time
-_TURN = 1.0  # seconds of real time after which a handler that does not pause delays no others
+_TURN_SECONDS = 1.0  # of real time; a handler that works longer delays the others no more
 
 _BEFORE_ALL = (
     facts.ModuleJoined,
@@ -92,7 +92,7 @@ class LocalCentral:
         # Reentrant: a LaterReply may be garbage collected, and answer, at any instruction.
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
-        # On a stepped clock, in the order of declaration: see Module.
+        # On a stepped clock, the slots stand in the order of declaration: see Module._open_slots.
         self._connections: dict[ConnectionId, LocalTransport] = {}
         self._is_closed = False
         self._due = threading.Condition(self._lock)
@@ -146,9 +146,8 @@ class LocalCentral:
             assert not walk.info()
         """
         if not self.is_stepped:
-            raise MisuseError(
-                "advance() needs a stepped clock: make it with LocalCentral(stepped=True)"
-            )
+            advice = "make it with LocalCentral(stepped=True)"
+            raise MisuseError(f"advance() needs a stepped clock: {advice}")
         checks.check("advance()", checks.SECONDS, seconds=seconds)
         until = self._stepped_to + seconds
         self.until_quiet(timeout=timeout, ignoring=ignoring)
@@ -160,10 +159,9 @@ class LocalCentral:
     def _next_due(self) -> float:
         """Return when the next timer or callback is due."""
         with self._lock:
+            timer = self.core.clock.next
             callbacks = min((one.due for one in self._connections.values()), default=math.inf)
-            return min(
-                math.inf if self.core.clock.next is None else self.core.clock.next, callbacks
-            )
+            return callbacks if timer is None else min(timer, callbacks)
 
     def _step_to(self, moment: float) -> None:
         """Set the clock to a moment, and fire the due timers."""
@@ -201,12 +199,12 @@ class LocalCentral:
         checks.check("until_quiet()", checks.MESSAGES, ignoring=ignoring)
         ignored = {message.name for message in ignoring}
         with self._quiet:
-            if not self._quiet.wait_for(lambda: not self._busy(ignored), timeout):
-                busy = " and ".join(self._busy(ignored)) or "a timer"
+            if not self._quiet.wait_for(lambda: not self._describe_busy(ignored), timeout):
+                busy = " and ".join(self._describe_busy(ignored)) or "a timer"
                 advice = "let it wait for central, or name its message in ignoring="
                 raise Timeout(f"not quiet within {timeout:g} s: {busy} is at work: {advice}")
 
-    def _busy(self, ignored: set[str]) -> list[str]:
+    def _describe_busy(self, ignored: set[str]) -> list[str]:
         """Describe what has something to do now."""
         handled: dict[ConnectionId, list[str]] = {}
         for delivery in self.core.dispatcher.running.values():
@@ -217,16 +215,16 @@ class LocalCentral:
             names = handled.get(slot.id, [])
             if slot.serves and not slot.is_idle and not ignored.intersection(names):
                 busy.append(f"the handler of '{names[-1]}'" if names else f"module '{slot.serves}'")
+        return busy + ["a timer"] * self._has_due_timer()
+
+    def _has_due_timer(self) -> bool:
         due = self.core.clock.next
-        return busy + ["a timer"] * (due is not None and due <= self.now())
+        return due is not None and due <= self.now()
 
     def may_receive(self, transport: "LocalTransport") -> bool:
         """Whether the thread of a connection may receive its packets now. The lock is held."""
-        return (
-            not (self.is_stepped and transport.serves)
-            or transport.has_turn
-            or transport.is_overtime
-        )
+        needs_turn = self.is_stepped and transport.serves
+        return not needs_turn or transport.has_turn or transport.is_overtime
 
     def schedule(self) -> None:
         """Give the next thread its turn, after a packet has arrived or a thread has paused.
@@ -236,7 +234,7 @@ class LocalCentral:
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            # The one whose packet arrived first. A due callback comes before all packets.
+            # The one whose packet arrived first; before all, one whose callback is due.
             min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).give_turn()
         self._quiet.notify_all()
 
@@ -259,12 +257,12 @@ class LocalCentral:
         wording, lines = Wording(), list[str]()
         for entry in entries:
             for fact in entry.facts:
+                # Made for left-out facts, too: the wording remembers names.
                 words, data = wording.words(fact), data_text(getattr(fact, "body", b""))
                 if not isinstance(fact, _BEFORE_ALL):
                     start = f"{entry.time:8.3f}  " if self.is_stepped else ""
-                    lines.append(
-                        f"{start}{facts.kind_of(fact)}: {words}" + (f": {data}" if data else "")
-                    )
+                    line = f"{start}{facts.kind_of(fact)}: {words}"
+                    lines.append(f"{line}: {data}" if data else line)
         return "\n".join([*lines, ""])
 
     # --- connections ------------------------------------------------------------------------------
@@ -272,9 +270,8 @@ class LocalCentral:
     def transport(self) -> "LocalTransport":
         """Return a new connection, for the library."""
         with self._lock:
-            transport = LocalTransport(
-                self, ConnectionId(b"local %d" % next(self._numbers)), self._lock
-            )
+            connection = ConnectionId(b"local %d" % next(self._numbers))
+            transport = LocalTransport(self, connection, self._lock)
             self._connections[transport.id] = transport
             return transport
 
@@ -310,11 +307,8 @@ class LocalCentral:
             if self._is_closed:
                 return False
             for header, body in unpack_to_central(packet):
-                if (
-                    isinstance(header, Hello)
-                    and header.connection
-                    and (known := self._connections.get(connection))
-                ):
+                known = self._connections.get(connection)
+                if known is not None and isinstance(header, Hello) and header.connection:
                     known.serves = header.module
                 self._handle(RequestReceived(self.now(), connection, header, body))
             return True
@@ -344,11 +338,7 @@ class LocalCentral:
     def _handle(self, event: Event) -> None:
         """Handle an event, and the timers that are due."""
         self._apply_event(event)
-        while (
-            self.is_stepped
-            and (due := self.core.clock.next) is not None
-            and due <= self._stepped_to
-        ):
+        while self.is_stepped and self._has_due_timer():
             self._apply_event(Tick(self._stepped_to))
         self._due.notify()  # a timer may be due sooner than before
         self.schedule()
@@ -385,7 +375,7 @@ class LocalTransport:
         self._central = central
         self._waker = Waker()
         self._lock = lock
-        self._called = threading.Condition(lock)
+        self._continues = threading.Condition(lock)  #: notified when its thread gets a turn
 
     @property
     def address(self) -> str:
@@ -400,7 +390,7 @@ class LocalTransport:
     @property
     def is_overtime(self) -> bool:
         """Whether its thread has not paused for long: then other threads do not wait for that."""
-        return not self.is_paused and time.monotonic() - self._since > _TURN
+        return not self.is_paused and time.monotonic() - self._since > _TURN_SECONDS
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002
         """Pass the packet to central."""
@@ -416,7 +406,7 @@ class LocalTransport:
         """Allow its thread to continue. The lock is held."""
         self._resume()
         self.has_turn, self.due = True, math.inf
-        self._called.notify()
+        self._continues.notify()
         self._waker.set()
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
@@ -430,7 +420,7 @@ class LocalTransport:
             if timeout_seconds > 0 and not self._may_continue(alarm):
                 self.due = alarm if self._central.is_stepped else math.inf
                 self._pause()
-                self._called.wait_for(lambda: self._may_continue(alarm), timeout_seconds)
+                self._continues.wait_for(lambda: self._may_continue(alarm), timeout_seconds)
                 self._resume()
             while self._has_packets():
                 _, packet = self.packets.popleft()
@@ -440,9 +430,8 @@ class LocalTransport:
 
     def _may_continue(self, alarm: float) -> bool:
         """Whether its thread has something to do, and may do it. The lock is held."""
-        return self._has_packets() or (
-            alarm <= self._central.now() and self._central.may_receive(self)
-        )
+        is_due = bool(self.packets) or alarm <= self._central.now()
+        return is_due and self._central.may_receive(self)
 
     def _has_packets(self) -> bool:
         return bool(self.packets) and self._central.may_receive(self)

@@ -1,8 +1,8 @@
 """A slot's entrance for direct messages.
 
 Senders greet with the licence that central gave them, and number their messages. No message is
-handled twice, and an answer is retained for a while in case it is lost with a line. The slot starts
-a direct message only when it handles nothing else. When the inbox is full, further messages wait in
+handled twice, and an answer is retained for a while in case it is lost. The slot starts a direct
+message only when it handles nothing else. When the inbox is full, further messages wait in
 the socket and at their senders. Malformed packets, unknown messages and senders without a licence
 are refused.
 """
@@ -23,12 +23,12 @@ from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
 MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # waiting messages and bytes; more stay in the socket
-MOST_SENDERS = 256
-ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # for each sender
+MOST_SENDERS = 256  # one more displaces the sender that greeted longest ago
+ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # retained answers for each sender, in case they are lost
 BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun before their sender gets a Begun
 PACKETS = 256  # packets read at a time
-_MOST_BARRED = 20_000
-_MOST_MISSING = 2000  # numbers; senders have fewer under way
+_MOST_BARRED = 20_000  # licences that are remembered as no longer valid
+_MOST_MISSING = 2000  # missing numbers of a sender; more than a sender has under way
 
 
 class InboxSocket(Protocol):
@@ -48,17 +48,17 @@ class InboxSocket(Protocol):
 
 
 class _RemoteSender:
-    """One sender, and its messages."""
+    """A sender, with the numbers of its messages and the answers to them."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
         self.address = address
         self.module = greet.module
         self.newest = greet.newest
         self.missing: set[int] = set()  #: numbers that have not arrived, and may be repeated
-        self.open: dict[int, _Waiting] = {}  #: number -> unanswered query
+        self.open_queries: dict[int, _DirectMessage] = {}  #: number -> unanswered query
         #: number -> answer; the newest ones, oldest first
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}
-        #: the highest number that was begun, or is older than this connection
+        #: the highest number of a message that was begun, or was sent before the first greeting
         self.begun = greet.newest
         self.unreported = 0  #: number of informs begun since the last Begun
         self.unreported_bytes = 0
@@ -74,7 +74,7 @@ class _RemoteSender:
             del self.answers[next(iter(self.answers))]
 
 
-class _Waiting:
+class _DirectMessage:
     """A message that has arrived."""
 
     __slots__ = ("began", "body", "header", "is_given_up", "is_query", "sender")
@@ -109,9 +109,9 @@ class Inbox:
         self._senders: dict[bytes, _RemoteSender] = {}  #: address -> sender
         #: session -> sender; the one that greeted longest ago first
         self._sessions: dict[str, _RemoteSender] = {}
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[_DirectMessage] = deque()
         self._bytes = 0
-        self._current: _Waiting | None = None  #: the message being handled
+        self._current: _DirectMessage | None = None  #: the message being handled
         self._delivery = 0  #: its number; they count down, unlike those of central's deliveries
 
     @property
@@ -152,8 +152,8 @@ class Inbox:
         elif (sender := self._senders.get(address)) is None:
             self._socket.send(address, pack_item(headers.Unknown()))
         elif isinstance(header, GiveUp):
-            if (waiting := sender.open.get(header.request)) is not None:
-                waiting.is_given_up = True
+            if (query := sender.open_queries.get(header.request)) is not None:
+                query.is_given_up = True
         else:
             self._on_direct(sender, header, body)
 
@@ -174,20 +174,21 @@ class Inbox:
         if sender is None:
             sender = _RemoteSender(address, header)
             if len(self._sessions) >= MOST_SENDERS:
-                session = next((name for name, one in self._sessions.items() if not one.open), None)
+                session = next(
+                    (name for name, one in self._sessions.items() if not one.open_queries), None
+                )
                 displaced = self._sessions.pop(session or next(iter(self._sessions)))
                 self._senders.pop(displaced.address, None)
         self._sessions[header.session] = sender
-        repeated = (
-            [*sender.answers.values()] if sender.is_behind or sender.address != address else []
-        )
+        has_missed = sender.is_behind or sender.address != address
+        repeated = list(sender.answers.values()) if has_missed else []
         self._senders.pop(sender.address, None)
         sender.address, sender.is_behind, sender.licence = address, False, number
         self._senders[address] = sender
         first = max(sender.newest + 1, header.newest + 1 - _MOST_MISSING)
         sender.missing.update(range(first, header.newest + 1))
         sender.newest = max(sender.newest, header.newest)
-        greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open))
+        greeting = Greeting(header.newest, sorted(sender.missing), sorted(sender.open_queries))
         self._socket.send(address, pack([*repeated, (greeting, b""), (Begun(sender.begun), b"")]))
         sender.missing = {
             number for number in sender.missing if number > header.newest - _MOST_MISSING
@@ -198,22 +199,19 @@ class Inbox:
 
         A sender that gets a new licence continues where it was.
         """
-        if not (barred := dict.fromkeys(licences)):
-            return
-        self._barred.update(barred)
+        self._barred.update(dict.fromkeys(licences))
         while len(self._barred) > _MOST_BARRED:
             del self._barred[next(iter(self._barred))]
-        senders = self._senders.items()
-        addresses = [address for address, sender in senders if sender.licence in self._barred]
-        for address in addresses:
-            del self._senders[address]
+        for address, sender in list(self._senders.items()):
+            if sender.licence in self._barred:
+                del self._senders[address]
 
     def _on_direct(self, sender: _RemoteSender, header: Direct, body: bytes) -> None:
         number, message = header.number, header.message
-        if number <= sender.newest and number not in sender.missing:
+        if number <= sender.newest and number not in sender.missing:  # a duplicate
             if number in sender.answers:
                 self._socket.send(sender.address, pack([sender.answers[number]]))
-            return  # a duplicate
+            return
         sender.missing.discard(number)
         sender.newest = max(sender.newest, number)
         if message not in self._messages or len(body) > Limit.BODY:
@@ -224,32 +222,32 @@ class Inbox:
             sender.remember(Refused(number, refusal, text), b"")
             self._refuse(sender.address, text, number, refusal)
             return
-        waiting = _Waiting(sender, header, body, is_query=self._messages[message])
-        if waiting.is_query:
-            sender.open[number] = waiting
-        self._waiting.append(waiting)
+        arrived = _DirectMessage(sender, header, body, is_query=self._messages[message])
+        if arrived.is_query:
+            sender.open_queries[number] = arrived
+        self._waiting.append(arrived)
         self._bytes += len(body)
 
     def next_message(self) -> tuple[Deliver, bytes] | None:
         """Return the next message, to be handled now, or None."""
         while self._waiting:
-            waiting = self._waiting.popleft()
-            self._bytes -= len(waiting.body)
-            sender, number = waiting.sender, waiting.header.number
+            message = self._waiting.popleft()
+            self._bytes -= len(message.body)
+            sender, number = message.sender, message.header.number
             sender.begun = max(sender.begun, number)
-            if waiting.is_given_up:
-                sender.open.pop(number, None)
+            if message.is_given_up:
+                sender.open_queries.pop(number, None)
                 continue
-            if not waiting.is_query:
+            if not message.is_query:
                 sender.unreported += 1
-                sender.unreported_bytes += len(waiting.body)
+                sender.unreported_bytes += len(message.body)
             if sender.unreported >= BEGUN_EVERY or sender.unreported_bytes >= BEGUN_BYTES:
                 sender.unreported = sender.unreported_bytes = 0
                 self._socket.send(sender.address, pack_item(Begun(number)))
-            self._current = waiting
-            waiting.began = self._clock()
+            self._current = message
+            message.began = self._clock()
             self._delivery -= 1
-            return Deliver(self._delivery, waiting.header.message), waiting.body
+            return Deliver(self._delivery, message.header.message), message.body
         return None
 
     def reply(self, header: Reply | Fail, body: bytes) -> None:
@@ -263,25 +261,17 @@ class Inbox:
         asked, sender, now = done.header, done.sender, self._clock()
         if done.is_query:
             answer = Answer(asked.number, outcome, failure, text)
-            sender.open.pop(asked.number, None)
+            sender.open_queries.pop(asked.number, None)
             sender.remember(answer, body)
             sender.is_behind |= not self._socket.send(sender.address, pack_item(answer, body))
         elif outcome is Outcome.FAILED:
-            self._log.warning(
-                "inform '%s' from %s failed: %s", asked.message, sender.module, failure
-            )
-        seconds = now - done.began
-        note = Note(
-            asked.message,
-            sender.module,
-            asked.origin,
-            len(done.body),
-            0.0,
-            seconds,
-            outcome,
-            failure,
+            what = f"inform '{asked.message}' from {sender.module}"
+            self._log.warning("%s failed: %s", what, failure)
+        size, seconds = len(done.body), now - done.began
+        self._notes.add_handled(
+            Note(asked.message, sender.module, asked.origin, size, 0.0, seconds, outcome, failure),
+            now,
         )
-        self._notes.add_handled(note, now)
 
     def close(self) -> None:
         """Start nothing more, and close.
@@ -290,16 +280,15 @@ class Inbox:
         """
         self.listen()
         while self._waiting:
-            for waiting in self._waiting:
-                if not waiting.is_query:
-                    self._notes.add_lost(waiting.header.message, self._clock())
+            for message in self._waiting:
+                if not message.is_query:
+                    self._notes.add_lost(message.header.message, self._clock())
             self._waiting.clear()
             self._bytes = 0
             self.listen()
         for sender in self._senders.values():
-            self._socket.send(
-                sender.address, pack([(Begun(sender.newest), b""), (headers.Closing(), b"")])
-            )
+            last = pack([(Begun(sender.newest), b""), (headers.Closing(), b"")])
+            self._socket.send(sender.address, last)
         self._socket.close()
 
     def drop(self) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from tca_module.direct.inbox import Inbox
-from tca_module.direct.note_batch import FAR, NoteBatch
+from tca_module.direct.note_batch import NEVER, NoteBatch
 from tca_module.direct.routes import DirectRoutes
 from tca_module.log import log_of
 from tca_module.session.session import Session
@@ -28,7 +28,7 @@ class DirectMessages:
         entrance_socket: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
     ) -> None:
-        """Create it. Senders may send *messages* straight to *entrance_socket*."""
+        """*messages*: those that arrive at *entrance_socket*, sent directly."""
         self._session = session
         self._notes = NoteBatch()
         self.routes = DirectRoutes(session, transport, self._notes)  #: the sending side
@@ -49,13 +49,9 @@ class DirectMessages:
     def listen(self) -> None:
         """Process arrived packets, without handling messages."""
         if self.routes.paths or self._session.routing:
-            if self._inbox is not None:
-                self._inbox.bar(
-                    one
-                    for header in self._session.routing
-                    if isinstance(header, Barred)
-                    for one in header.numbers
-                )
+            for header in self._session.routing:
+                if self._inbox is not None and isinstance(header, Barred):
+                    self._inbox.bar(header.numbers)
             self.routes.listen()
         if self._inbox is not None:
             self._inbox.listen()
@@ -100,19 +96,19 @@ class DirectMessages:
             self._inbox.reply(header, body)
         return True
 
-    def patience(self, seconds: float) -> float:
-        """Return the seconds, at most *seconds*, in which there is nothing to do."""
+    def seconds_until_due(self, seconds: float) -> float:
+        """Return the seconds until there is something to do, at most *seconds*."""
         if self._inbox is not None and self._may_start:
             return 0.0
         if self.routes.paths and self.routes.is_restless:
             seconds = min(seconds, RESTLESS)
-        if self._notes.due == FAR:
+        if self._notes.due == NEVER:
             return seconds
         return max(0.0, min(seconds, self._notes.due - time.monotonic()))
 
     def report(self, *, at_once: bool = False) -> None:
-        """Hand the notes that are due to the session; or all of them, *at_once*."""
-        if self._notes.due != FAR:
+        """Hand the notes to the session if they are due, or *at_once*."""
+        if self._notes.due != NEVER:
             self._notes.report(self._session, time.monotonic(), at_once=at_once)
 
     def retain_unsent(self, items: Iterable[tuple[ToCentral, bytes]]) -> None:

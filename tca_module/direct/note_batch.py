@@ -7,16 +7,16 @@ import msgspec
 from tca_module.session.session import Session
 from tca_wire.packets.routes import MOST_NOTES, Loss, Note, Noted
 
-WITHIN = 0.1  # seconds after which notes are sent even without other packets
-FAR = float("inf")  # due time while there are no notes
-NOTES_LOST = ""  # replaces the message's name where notes themselves were lost
+_SENT_WITHIN = 0.1  # seconds after which notes are sent even without other packets
+NEVER = float("inf")  # the due time while there are no notes
+NOTES_LOST = ""  # in place of a message's name: counts lost notes
 
 
 class NoteBatch:
     """Notes to be sent. They are retained, up to a bound, while central is away."""
 
     def __init__(self) -> None:
-        self.due = FAR  #: when to send them
+        self.due = NEVER  #: when to send them
         self._notes: list[tuple[float, Note]] = []  #: with the times when the messages ended
         self._losses: Counter[str] = Counter()
 
@@ -26,26 +26,23 @@ class NoteBatch:
             self.add_lost(NOTES_LOST, now)
             return
         self._notes.append((now - note.ago, note))
-        self.due = min(self.due, now + WITHIN)
+        self.due = min(self.due, now + _SENT_WITHIN)
 
     def add_lost(self, message: str, now: float, number: int = 1) -> None:
         """Add a note that *number* direct informs were lost."""
         self._losses[message] += number
-        self.due = min(self.due, now + WITHIN)
+        self.due = min(self.due, now + _SENT_WITHIN)
 
     def report(self, session: Session, now: float, *, at_once: bool = False) -> None:
         """Send the notes if they are due, or if other headers are sent anyway."""
         if not session.is_welcome or (not at_once and now < self.due and not session.outgoing):
             return
-        notes = [
-            msgspec.structs.replace(note, ago=max(0.0, now - ended)) for ended, note in self._notes
-        ]
-        session.post(
-            Noted(notes, [Loss(message, number) for message, number in self._losses.items()])
-        )
+        replace = msgspec.structs.replace
+        notes = [replace(note, ago=max(0.0, now - ended)) for ended, note in self._notes]
+        session.post(Noted(notes, [Loss(*loss) for loss in self._losses.items()]))
         self._notes.clear()
         self._losses.clear()
-        self.due = FAR
+        self.due = NEVER
 
     def restore(self, sent: Noted, now: float) -> None:
         """Retain notes that could not be sent."""

@@ -28,7 +28,7 @@ from tca_wire.vocabulary import Outcome, Refusal
 # messages that are not begun, and bytes of their data; a single message is always accepted
 MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20
 REPEAT = 1.0  # seconds of silence after which a sender asks what has arrived and what has begun
-LAST_WORDS = 2.0  # seconds that a slot that has left still has for answering or closing
+LEAVE_WITHIN = 2.0  # seconds in which a slot that has left may still answer, or say Closing
 PACKETS = 256  # packets read at a time
 
 
@@ -73,9 +73,9 @@ class DirectPath:
         self.complaints: list[str] = []  #: lines for the log
         self.requests: dict[int, Request] = {}  #: number -> unanswered query
         self.is_over = False  #: nothing can be sent any more
-        self.is_asked = False  #: the slot must say what has arrived
+        self.must_ask = False  #: to greet again soon: the slot then says what has arrived
         self._is_open = False  #: the slot has answered the last greeting
-        self._is_first = True
+        self._is_first = True  #: the slot has answered no greeting yet
         self._session = session
         self._module = module
         self._end, self._hand_over, self._lose = end, hand_over, lose
@@ -85,7 +85,7 @@ class DirectPath:
         self._bytes = 0
         self._arrived = 0  #: the highest number that has arrived, since ``confirm`` asked
         self._asked_at = float("-inf")  #: when the slot was last sent a query or greeting
-        #: the slot has disconnected: when its queries fail, and why
+        #: once the slot has disconnected: when its queries fail, and why
         self._gives_up_at: tuple[float, str] | None = None
 
     @property
@@ -117,7 +117,7 @@ class DirectPath:
         """Ask the slot what has arrived, and ignore what it said before."""
         self.receive()
         self._arrived = 0
-        self.is_asked = self.unconfirmed > 0
+        self.must_ask = self.unconfirmed > 0
 
     def send_query(self, request: Request, now: float) -> bool:
         """Send a query; return False if it must go another way.
@@ -133,7 +133,7 @@ class DirectPath:
         if not self._send(request.header, request.body, inform=""):
             return False
         self.requests[self._newest] = request
-        request.path, request.number = self, self._newest
+        request.path, request.path_number = self, self._newest
         self._asked_at = now
         return True
 
@@ -149,8 +149,8 @@ class DirectPath:
 
     def abandon(self, request: Request) -> None:
         """Give up a query: its answer is no longer wanted."""
-        if self.requests.pop(request.number, None) is not None and self._is_open:
-            self.socket.send(pack_item(headers.GiveUp(request.number)))
+        if self.requests.pop(request.path_number, None) is not None and self._is_open:
+            self.socket.send(pack_item(headers.GiveUp(request.path_number)))
 
     def _is_full(self, size: int) -> bool:
         return len(self._under_way) >= MOST_UNDER_WAY or bool(
@@ -158,9 +158,8 @@ class DirectPath:
         )
 
     def _send(self, header: headers.Send, body: bytes, *, inform: str) -> bool:
-        if not self.socket.send(
-            pack_item(Direct(self._newest + 1, header.message, header.origin), body)
-        ):
+        direct_header = Direct(self._newest + 1, header.message, header.origin)
+        if not self.socket.send(pack_item(direct_header, body)):
             self._is_open, self._asked_at = False, float("-inf")
             return False
         self._newest += 1
@@ -178,37 +177,29 @@ class DirectPath:
                 )
                 self._end(request)
             self._lose_informs([*self._under_way], self._gives_up_at[1])
-        if self.is_over or not (self.is_asked or (is_waiting and now - self._asked_at >= REPEAT)):
+        if self.is_over or not (self.must_ask or (is_waiting and now - self._asked_at >= REPEAT)):
             return
         if self.socket.is_connected:
-            self.is_asked = False
+            self.must_ask = False
             self._asked_at = now
-            greet = Greet(
-                PROTOCOL_VERSION,
-                self.entrance.key,
-                self._session,
-                self._module,
-                self._newest,
-                self._is_first,
-            )
+            key, session, module = self.entrance.key, self._session, self._module
+            greet = Greet(PROTOCOL_VERSION, key, session, module, self._newest, self._is_first)
             self.socket.send(pack_item(greet))
 
     def on_disconnected(self, text: str, now: float, *, lost: bool) -> None:
-        """Note that the slot has disconnected: it was *lost*, or left and may still send some
-        answers.
-        """
+        """Prepare the end: the slot was *lost* (now), or left and may still answer (soon)."""
         self.receive()
-        self._gives_up_at = now + (0 if lost else LAST_WORDS), text
+        self._gives_up_at = now + (0 if lost else LEAVE_WITHIN), text
         self.send_due(now)
 
     def lose_all(self, why: str) -> None:
         """Fail all queries: their outcome is unknown."""
         for request in self._close_and_pop_requests():
-            request.lost = why
+            request.why_lost = why
             self._end(request)
 
     def _close_and_pop_requests(self) -> list[Request]:
-        """Close the path and return its unanswered queries, for which this is the end."""
+        """Close the path. Returns its unanswered queries, which the caller ends."""
         self.is_over = True
         requests = list(self.requests.values())
         self.requests.clear()
@@ -227,14 +218,14 @@ class DirectPath:
                 self.complaints.append(f"{self.entrance.endpoint} sent an invalid packet: {error}")
 
     def _on_answer(self, header: Answer, body: bytes) -> None:
-        self._begun(header.number)
+        self._mark_begun(header.number)
         if (request := self.requests.pop(header.number, None)) is not None:
             request.answers.append((header, body))
             self._end(request)
 
     def _on_begun(self, header: Begun, _: bytes) -> None:
         for number in [number for number in self._under_way if number <= header.number]:
-            self._begun(number)
+            self._mark_begun(number)
 
     def _on_unknown(self, _header: headers.Unknown, _: bytes) -> None:
         self._is_open, self._asked_at = False, float("-inf")
@@ -248,17 +239,17 @@ class DirectPath:
         """Report the informs with these numbers as possibly not handled; ignore queries."""
         lost = Counter(self._under_way[number][0] for number in numbers)
         for number in numbers:
-            self._begun(number)
+            self._mark_begun(number)
         for inform, number in lost.items():
             if inform:
                 self._lose(inform, number, why)
 
-    def _begun(self, number: int) -> None:
+    def _mark_begun(self, number: int) -> None:
         _, size = self._under_way.pop(number, ("", 0))
         self._bytes -= size
 
     def _on_refused(self, header: Refused, _: bytes) -> None:
-        self._begun(header.number)
+        self._mark_begun(header.number)
         if (request := self.requests.pop(header.number, None)) is not None:
             request.refused = header
             self._end(request)
@@ -266,31 +257,25 @@ class DirectPath:
         self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
         if not header.number:  # without a number, it refuses everything from here
             self.lose_all(self.complaints[-1])
-            self._lose_informs(
-                [*self._under_way], "their handler accepts nothing from here any more"
-            )
+            why = "their handler accepts nothing from here any more"
+            self._lose_informs([*self._under_way], why)
 
     def _on_greeting(self, header: Greeting, _body: bytes) -> None:
         self._is_open, self._is_first = True, False
         missing, waits = frozenset(header.missing), frozenset(header.open)
         self._arrived = header.newest
-        lost = [
-            number
-            for number in self._under_way
-            if number in missing and number not in self.requests
-        ]
+        lost = [one for one in self._under_way if one in missing and one not in self.requests]
         self._lose_informs(lost, "the line to their handler broke")
-        for number in [
-            number for number in self.requests if number <= header.newest and number not in waits
-        ]:
-            request = self.requests[number]
+        for number, request in list(self.requests.items()):
+            if number > header.newest or number in waits:
+                continue
             if number in missing:
                 again = Direct(number, request.header.message, request.header.origin)
                 self.socket.send(pack_item(again, request.body))
             else:
                 del self.requests[number]
-                self._begun(number)
-                request.lost = "the line to the module broke before the answer came"
+                self._mark_begun(number)
+                request.why_lost = "the line to the module broke before the answer came"
                 self._end(request)
 
     _ON: ClassVar[dict[type, Callable[["DirectPath", Any, bytes], None]]] = {

@@ -35,30 +35,27 @@ class DirectRoutes:
         self.paths: dict[str, DirectPath] = {}  #: endpoint -> path
         self._numbers = itertools.count(1)
         self.lost = 0  #: number of informs that may never have reached their handler
-        self._has_dropped = False  #: the log says that informs are dropped
-        self._is_tidy = True  #: every open path is used
+        self._has_logged_drops = False  #: the log says that informs are dropped
+        self._is_tidy = True  #: no path can be closed
         self._epoch = ""
         self._log = log_of(session.module)
 
     def send_query(self, header: Send, body: bytes) -> Request | None:
         """Send a query directly; return None if it must go through central."""
-        if not self.paths or header.if_handled or (path := self._path(header.message)) is None:
+        if not self.paths or header.if_handled or (path := self._path_for(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
         return request if path.send_query(request, time.monotonic()) else None
 
     def send_inform(self, header: ToCentral, body: bytes) -> bool:
-        """Send an inform directly; return False if it must go through central, or is another
-        header.
-        """
-        if (
-            not (self.paths and isinstance(header, Send))
-            or (path := self._path(header.message)) is None
-        ):
+        """Send an inform directly; return False if the header must go through central."""
+        if not self.paths or not isinstance(header, Send):
             return False
-        return path.send_inform(header, body)
+        path = self._path_for(header.message)
+        return path is not None and path.send_inform(header, body)
 
-    def _path(self, message: str) -> DirectPath | None:
+    def _path_for(self, message: str) -> DirectPath | None:
+        """Return the next path for a message; None if it must go through central."""
         paths = self._routes.get(message) or deque()
         for _ in range(len(paths)):
             path = paths[0]
@@ -89,12 +86,8 @@ class DirectRoutes:
             self._is_tidy = False
             header = self._session.routing.popleft()
             if isinstance(header, Route):
-                paths = [
-                    path
-                    for entrance in header.entrances
-                    if (path := self._path_to(entrance)) is not None
-                ]
-                self._routes[header.message] = deque(paths)
+                paths = map(self._path_to, header.entrances)
+                self._routes[header.message] = deque(path for path in paths if path is not None)
             elif isinstance(header, Welcome):
                 self._on_welcome(header)
             elif isinstance(header, Barred):
@@ -125,11 +118,10 @@ class DirectRoutes:
             return None
         if known is not None:
             self._close(known)
-        session = f"{self._id}/{next(self._numbers)}"
         path = DirectPath(
             entrance,
             socket,
-            session,
+            f"{self._id}/{next(self._numbers)}",
             self._session.module,
             end=self._session.finish,
             hand_over=self._session.adopt,
@@ -141,11 +133,11 @@ class DirectRoutes:
 
     def _on_welcome(self, header: Welcome) -> None:
         """Forget all routes: central sends them again."""
-        is_another = bool(self._epoch) and header.epoch != self._epoch
+        is_restarted = bool(self._epoch) and header.epoch != self._epoch
         self._epoch = header.epoch
         self._routes.clear()
         for path in self.paths.values():
-            if is_another:
+            if is_restarted:
                 path.lose_all("central was restarted and has forgotten it")
             elif path.is_needed:
                 self._session.post(WatchEntrance(path.entrance.endpoint))
@@ -155,8 +147,8 @@ class DirectRoutes:
             self.lost += number
             what = f"inform{'s' * (number != 1)} '{message}'"
             self._log.warning("%s %s may not have been handled: %s", f"{number:,}", what, why)
-        elif not self._has_dropped:
-            self._has_dropped = True
+        elif not self._has_logged_drops:
+            self._has_logged_drops = True
             self._log.warning("informs '%s' are lost: their handler is too slow", message)
         self._notes.add_lost(message, time.monotonic(), number)
 

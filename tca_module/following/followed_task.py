@@ -20,16 +20,16 @@ from tca_wire.vocabulary import Party, Refusal
 P = TypeVar("P")
 
 
-def _is_change(observed: ObservedChange) -> bool:
-    """Whether the task has left its first state."""
+def _is_after_first_state(observed: ObservedChange) -> bool:
+    """Whether a task has left its first state."""
     return observed.change.serial != 0
 
 
 def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
     """Return an intermediate result; plain values if its message is not declared here."""
-    return (
-        message.progress.decode(data) if isinstance(message, TaskMessage) else decode_untyped(data)
-    )
+    if isinstance(message, TaskMessage):
+        return message.progress.decode(data)
+    return decode_untyped(data)
 
 
 def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
@@ -37,7 +37,7 @@ def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
-def cancels_of(cycle: LifeCycle) -> list[str]:
+def cancel_transitions(cycle: LifeCycle) -> list[str]:
     """Return the transitions by which a client asks for a task's end."""
     return [
         row.name
@@ -76,7 +76,7 @@ class NamedTask:
         """Return the connection of the calling thread."""
         raise NotImplementedError
 
-    def _node(self) -> TaskId:
+    def _tree_id(self) -> TaskId:
         """Return the task as requests name it. Its id may not be known yet.
 
         Raises MisuseError for a message that is no task.
@@ -102,13 +102,13 @@ class FollowedTask(NamedTask, Generic[C]):
 
     def follow(self) -> None:
         """Start to follow the task now, without waiting. No change from now on is missed."""
-        self._followed()
+        self._ensure_mirror()
 
-    def _followed(self) -> Mirror:
+    def _ensure_mirror(self) -> Mirror:
         """Return the local copy of the task's state. The first call creates it."""
         if self._mirror is None:
             what = self._action("the state of")
-            header = Observe(0, self._node(), self.message, origin=self._origin)
+            header = Observe(0, self._tree_id(), self.message, origin=self._origin)
             self._mirror = Mirror(self._connection(), header, what)
         return self._mirror
 
@@ -120,12 +120,12 @@ class FollowedTask(NamedTask, Generic[C]):
             Timeout: central did not report the state.
             CentralLost: central does not answer, or has forgotten the task.
         """
-        return self._followed().state
+        return self._ensure_mirror().state
 
     @property
     def serial(self) -> int:
         """The number of changes of the task's state that this program knows of; -1 if unknown."""
-        mirror = self._followed()
+        mirror = self._ensure_mirror()
         mirror.state  # noqa: B018 - waits until both are known
         return mirror.serial
 
@@ -150,7 +150,7 @@ class FollowedTask(NamedTask, Generic[C]):
             for change in sent.changes():
                 print(change.state)
         """
-        mirror = self._followed()
+        mirror = self._ensure_mirror()
         mirror.catch_up()
         return self._stream(timeout, mirror.snapshot())
 
@@ -158,7 +158,14 @@ class FollowedTask(NamedTask, Generic[C]):
         self, timeout: float | None = None, first: ObservedChange | None = None
     ) -> Stream[C]:
         what = f"a change of {self._description}"
-        return Stream(self._followed(), self._as_change, _is_change, what, timeout, first=first)
+        return Stream(
+            self._ensure_mirror(),
+            self._as_change,
+            _is_after_first_state,
+            what,
+            timeout,
+            first=first,
+        )
 
     def next_change(self, timeout: float | None = None) -> C | None:
         """Wait for the next change of the task's state, and return it.
@@ -207,20 +214,15 @@ class FollowedTask(NamedTask, Generic[C]):
                 f'wait_for_state(): give one or more states, such as "running", not {states!r:.60}'
             )
         check_states(f"wait_for_state(): {self._description}", self._declared(), states)
-        mirror = self._followed()
-        reached = mirror.unread(
-            lambda observed: observed.change.state in states or observed.change.is_over
-        )
+        mirror = self._ensure_mirror()
+        reached = mirror.add_reader(lambda seen: seen.change.state in states or seen.change.is_over)
         mirror.catch_up()
         if mirror.newest is not None and not reached:
             reached.add(mirror.newest)
         if not mirror.wait(lambda: bool(reached), timeout):
             mirror.check()
-            what = f"{self._description} was not {' or '.join(states)}"
-            raise Timeout(
-                f"{what} within {timeout:g} s, but is {mirror.known_state or 'unknown'}",
-                can_wait=True,
-            )
+            what = f"{self._description} was not {' or '.join(states)} within {timeout:g} s"
+            raise Timeout(f"{what}, but is {mirror.known_state or 'unknown'}", can_wait=True)
         return reached.pop().change.state
 
     @overload
@@ -248,7 +250,7 @@ class FollowedTask(NamedTask, Generic[C]):
             for feel in grasp.progress(Feel):
                 print(feel.force)
         """
-        mirror, message = self._followed(), self._declared()
+        mirror, message = self._ensure_mirror(), self._declared()
         if kind is not None and isinstance(message, TaskMessage) and message.progress.kind != kind:
             raise MisuseError(
                 f"the intermediate results of {message.title} are {message.progress}, "
@@ -289,7 +291,9 @@ class FollowedTask(NamedTask, Generic[C]):
             grasp.on_change(lambda change: print(change.state))
         """
         callback = ChangeCallback("on_change()", self._connection(), function, self._as_change)
-        self._followed().call(lambda seen: callback.put(seen) if _is_change(seen) else None)
+        self._ensure_mirror().call(
+            lambda seen: callback.put(seen) if _is_after_first_state(seen) else None
+        )
         return callback
 
     # --- requests ---------------------------------------------------------------------------------
@@ -340,11 +344,11 @@ class FollowedTask(NamedTask, Generic[C]):
         rows = [row for row in cycle.transitions if row.effect is Effect.NEW_GOAL]
         if not rows:
             raise MisuseError(f"{what}: {cycle} has no updates; kill the task and send a new one")
-        body, mirror = self._encoded(goal), self._followed()
+        body, mirror = self._encode_goal(goal), self._ensure_mirror()
         row = next((row for row in rows if row.source == mirror.known_state), rows[0])
         self._check_possible(what, row.name, mirror.known_state)
-        unread = mirror.unread()
-        request = self._connection().send_change(self._change(row.name, ""), body, what)
+        unread = mirror.add_reader()
+        request = self._connection().send_change(self._change_header(row.name, ""), body, what)
         return PendingUpdate(what, mirror, unread, request, cycle, row)
 
     def cancel(self, why: str = "") -> None:
@@ -366,10 +370,10 @@ class FollowedTask(NamedTask, Generic[C]):
         """
         what, cycle = self._action("cancelling"), self._life_cycle
         check(what, TEXT, why=why)
-        if not (names := cancels_of(cycle)):
+        if not (names := cancel_transitions(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
         # The serial number -1 means: in whatever state the task is by now.
-        header = ChangeState(0, self._node(), names[0], -1, why, self._origin)
+        header = ChangeState(0, self._tree_id(), names[0], -1, why, self._origin)
         self._connection().send_change(header, b"", str(what))
 
     def take(
@@ -406,11 +410,9 @@ class FollowedTask(NamedTask, Generic[C]):
         what = f"'{transition}' of {self._description}"
         check(what, TEXT, why=why)
         self._check_message(message)
-        body = self._encoded(data) if data is not None else b""
-        self._check_possible(
-            what, transition, self._mirror.known_state if self._mirror is not None else ""
-        )
-        return bool(self._connection().call(self._change(transition, why), what, body))
+        body = self._encode_goal(data) if data is not None else b""
+        self._check_possible(what, transition, self._mirror.known_state if self._mirror else "")
+        return bool(self._connection().call(self._change_header(transition, why), what, body))
 
     def _check_possible(self, what: str, name: str, state: str) -> None:
         """Raise an error if a client can't make that transition, in *state* if that is known.
@@ -420,34 +422,23 @@ class FollowedTask(NamedTask, Generic[C]):
         """
         cycle = self._life_cycle
         if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
-            raise MisuseError(
-                f"{what}: no client can take that; {cycle} has for clients: {quoted(names)}"
-            )
-        if (
-            state
-            and name in names
-            and not cycle.is_over(state)
-            and cycle.step(state, name, Party.CLIENT) is None
-        ):
+            text = f"no client can take that; {cycle} has for clients: {quoted(names)}"
+            raise MisuseError(f"{what}: {text}")
+        is_known = state and name in names and not cycle.is_over(state)
+        if is_known and cycle.step(state, name, Party.CLIENT) is None:
             sources = quoted(cycle.sources(name, Party.CLIENT), " or ")
-            raise Refused(
-                what,
-                Refusal.TOO_LATE,
-                f"the task is '{state}', and that is possible while it is {sources}",
-            )
+            text = f"the task is '{state}', and that is possible while it is {sources}"
+            raise Refused(what, Refusal.TOO_LATE, text)
 
-    def _change(self, name: str, why: str) -> ChangeState:
-        serial = (
-            self._mirror.serial if self._mirror is not None and self._mirror.known_state else -1
-        )
-        return ChangeState(0, self._node(), name, serial, why, self._origin)
+    def _change_header(self, name: str, why: str) -> ChangeState:
+        serial = self._mirror.serial if self._mirror and self._mirror.known_state else -1
+        return ChangeState(0, self._tree_id(), name, serial, why, self._origin)
 
-    def _encoded(self, goal: Any) -> bytes:
+    def _encode_goal(self, goal: Any) -> bytes:
         message = self._declared()
         if message is None:
-            raise MisuseError(
-                f"a new goal of {self._description}: name the task's message, with message="
-            )
+            what = f"a new goal of {self._description}"
+            raise MisuseError(f"{what}: name the task's message, with message=")
         return message.encode_data(goal)
 
     def _check_message(self, message: Message[Any, Any] | None) -> None:

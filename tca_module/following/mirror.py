@@ -27,12 +27,12 @@ class Mirror(Observation):
         self.progress: ObservedChange | None = None  #: the newest intermediate result
         self.has_progressed = False  #: whether the newest change brought that result
 
-    def _before_readers(self, observed: ObservedChange) -> None:
+    def _process_change(self, observed: ObservedChange) -> None:
         self.newest, self.has_ended = observed, observed.change.is_over
         # Central sends no serial number for a task that had ended.
         self.serial = max(self.serial, observed.change.serial)
         self._update_progress(observed)
-        super()._before_readers(observed)
+        super()._process_change(observed)
 
     def _update_progress(self, observed: ObservedChange) -> None:
         """Store a new intermediate result.
@@ -48,9 +48,9 @@ class Mirror(Observation):
             self.progress = observed
 
     def snapshot(self) -> ObservedChange | None:
-        """Return the task's present state, in the form of central's snapshots.
+        """Return the task's present state as a change; None while it is in its first state.
 
-        None while the task is in its first state.
+        The change is like those of central's snapshots.
         """
         if self.newest is None or self.newest.change.serial == 0:
             return None
@@ -110,7 +110,7 @@ class ChangeCallback(Generic[C]):
     def put(self, observed: ObservedChange) -> None:
         """Schedule a call of the function with a change."""
         if not self.is_over:
-            self._connection.waiting.callbacks.append(partial(self._call, observed))
+            self._connection.wait_loop.callbacks.append(partial(self._call, observed))
 
     def cancel(self) -> None:
         """End the calls, from any thread. Canceling again does nothing."""

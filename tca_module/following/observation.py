@@ -100,14 +100,14 @@ class Observation:
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
         self.connection = connection
-        # They are called with a change before the readers get it.
+        # Functions that are called with a change before the readers get it.
         self._functions: list[Callable[[ObservedChange], object]] = []
         self._what = what  # for errors
         self._header = header
         self._readers: weakref.WeakSet[UnreadChanges] = weakref.WeakSet()
         self._calls_functions = False
         # The newest changes of living tasks; empty if only some states are observed.
-        self._known: dict[int, _LastChange] = {}
+        self._last_changes: dict[int, _LastChange] = {}
         self._in_snapshot: set[int] = set()  # the tasks in the present snapshot
         self._snapshot_source = ("", 0)  # the epoch, and the request, of the present snapshot
         self._has_snapshot = False  # a snapshot has arrived whole
@@ -118,7 +118,7 @@ class Observation:
         request = self.connection.request(self._header, wants_answer=True)
         abandon, reference = self.connection.abandon, weakref.ref(self)
 
-        # It holds no strong reference, so that an unused observation is collected.
+        # This holds no strong reference, so that an unused observation is garbage collected.
         def on_answer() -> None:
             if (observation := reference()) is not None:
                 observation._process_answers()  # noqa: SLF001
@@ -146,41 +146,41 @@ class Observation:
         """Whether no more changes will arrive."""
         return self.request.is_over and not self.request.answers
 
-    def unread(self, wants: Wants = lambda _: True) -> UnreadChanges:
-        """Return a place for the wanted changes from now on."""
-        unread = UnreadChanges(wants)
-        self._readers.add(unread)
-        return unread
+    def add_reader(self, wants: Wants = lambda _: True) -> UnreadChanges:
+        """Return a new reader, which collects the wanted changes from now on."""
+        reader = UnreadChanges(wants)
+        self._readers.add(reader)
+        return reader
 
     def remove_reader(self, reader: UnreadChanges) -> None:
-        """Add no more changes for this reader."""
+        """Collect no more changes for a reader."""
         self._readers.discard(reader)
         reader.clear()
 
-    def wait(self, is_there: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_there* returns true, or no more can arrive. Returns its value.
+    def wait(self, has_arrived: Callable[[], bool], timeout: float | None) -> bool:
+        """Wait until *has_arrived* returns true, or no more changes can come. Returns its value.
 
         Raises what ``Connection.wait`` does.
         """
         self.catch_up()
-        if not is_there():
+        if not has_arrived():
             try:
                 self.connection.wait(
-                    self.request, timeout, self._what, lambda: self._is_settled(is_there)
+                    self.request, timeout, self._what, lambda: self._is_settled(has_arrived)
                 )
             except BaseException as error:
                 self._on_error(error)
                 raise
         self._call_functions()
-        return is_there()
+        return has_arrived()
 
-    def until(self, is_there: Callable[[], bool]) -> Generator[Any, None, bool]:
-        """Do the same for a coroutine, which awaits it; ``asyncio.timeout`` limits the wait."""
+    def wait_in_coroutine(self, has_arrived: Callable[[], bool]) -> Generator[Any, None, bool]:
+        """Wait as ``wait`` does, in the coroutine that awaits this."""
         self.catch_up()
-        if not is_there():
+        if not has_arrived():
             try:
-                yield from self.connection.until_over(
-                    self.request, self._what, lambda: self._is_settled(is_there)
+                yield from self.connection.wait_in_coroutine(
+                    self.request, self._what, lambda: self._is_settled(has_arrived)
                 )
             except Deadlock as error:
                 self._on_error(error)
@@ -189,26 +189,23 @@ class Observation:
                 self._discard_lost_send()
                 raise
         self._call_functions()
-        return is_there()
+        return has_arrived()
 
     def receive_end(self) -> None:
-        """Receive the end of all observed tasks, which central reports at this time.
-
-        Functions are called with it before the caller continues.
-        """
+        """Receive the end of the observed task, which is on its way; call the functions with it."""
         if self._calls_functions:
             self.connection.wait_for_end(self.request)
 
     def _call_functions(self) -> None:
-        """Call functions with the changes that the caller knows, before it continues."""
+        """Call the functions with all changes that the returning caller knows."""
         if self._calls_functions:
             self.connection.process_pending()
 
     def _on_error(self, error: BaseException) -> None:
         """Send the request again after a wait that ended with an error.
 
-        The wait has given the request up, or central has, since it could never end. The new request
-        is sent at once if functions are called, otherwise at the next use.
+        The wait has given up the request. In a deadlock, central has ended it. The new request is
+        sent at once if functions are called, otherwise at the next use.
         """
         self._is_given_up = not self.request.is_over or isinstance(error, Deadlock)
         if self._is_given_up and self._calls_functions:
@@ -218,13 +215,13 @@ class Observation:
             self._discard_lost_send()
 
     def _discard_lost_send(self) -> None:
-        """Drop the report that the task was lost: the user gets it as an error now."""
+        """Forget the error that the sending of the task has failed: the caller raises it."""
         if isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 
-    def _is_settled(self, is_there: Callable[[], bool]) -> bool:
+    def _is_settled(self, has_arrived: Callable[[], bool]) -> bool:
         self._process_answers()
-        return is_there() or self.is_over
+        return has_arrived() or self.is_over
 
     def catch_up(self) -> None:
         """Process what has arrived. Sends the request again if it was given up. Never waits."""
@@ -233,7 +230,7 @@ class Observation:
         self.connection.catch_up()
         self._process_answers()
 
-    def nudge(self) -> None:
+    def wake_waiter(self) -> None:
         """Wake a coroutine that waits, so that it checks again."""
         if self.request.wake is not None:
             self.request.wake()
@@ -274,61 +271,49 @@ class Observation:
         if change.is_late:
             self._start_snapshot()
             self._in_snapshot.add(change.task)
-        known = self._known.get(change.task)
-        if known is not None and 0 <= change.serial <= known.serial:
+        last = self._last_changes.get(change.task)
+        if last is not None and 0 <= change.serial <= last.serial:
             return  # received before, or older than the newest change
         if change.is_over:
-            self._known.pop(change.task, None)
+            self._last_changes.pop(change.task, None)
         elif not self._header.states:
-            self._known[change.task] = _LastChange(change.serial, change.message, change.goal)
-        self._publish(change, max(0, change.serial - known.serial - 1) if known is not None else 0)
+            self._last_changes[change.task] = _LastChange(
+                change.serial, change.message, change.goal
+            )
+        self._publish(change, max(0, change.serial - last.serial - 1) if last is not None else 0)
 
     def _start_snapshot(self) -> None:
-        """Start a snapshot, unless it has started: it has its central and its request."""
+        """Start a snapshot, unless the one of this epoch and request has started."""
         epoch, number = self.connection.session.epoch, self.request.header.number
         if (epoch, number) != self._snapshot_source:
             if epoch != self._snapshot_source[0]:
-                self._publish_ends(list(self._known), "central was restarted and has forgotten it")
+                self._publish_ends(
+                    list(self._last_changes), "central was restarted and has forgotten it"
+                )
             self._snapshot_source, self._in_snapshot = (epoch, number), set()
 
     def _on_snapshot_end(self) -> None:
         self._start_snapshot()
         self._publish_ends(
-            [task for task in self._known if task not in self._in_snapshot], _ENDED_UNSEEN
+            [task for task in self._last_changes if task not in self._in_snapshot], _ENDED_UNSEEN
         )
         self._in_snapshot, self._has_snapshot = set(), True
 
     def _publish_ends(self, tasks: list[int], why: str) -> None:
         """Publish the ends of tasks that ended unseen."""
         for task in tasks:
-            _, message, goal = self._known.pop(task)
-            end = StateChange(
-                TaskId(task),
-                message,
-                -1,
-                "",
-                "",
-                Party.CENTRAL,
-                text=why,
-                goal=goal,
-                is_late=True,
-                is_over=True,
-            )
-            self._publish(end, 1)
+            _, message, goal = self._last_changes.pop(task)
+            end = StateChange(TaskId(task), message, -1, "", "", Party.CENTRAL, text=why, goal=goal)
+            self._publish(msgspec.structs.replace(end, is_late=True, is_over=True), 1)
 
     def _publish(self, change: StateChange, missed: int) -> None:
-        observed = ObservedChange(
-            change,
-            with_epoch(
-                change.task, self._snapshot_source[0], numbered(change.message, change.task)
-            ),
-            missed,
-        )
-        self._before_readers(observed)
+        what, (epoch, _) = numbered(change.message, change.task), self._snapshot_source
+        observed = ObservedChange(change, with_epoch(change.task, epoch, what), missed)
+        self._process_change(observed)
         for reader in list(self._readers):
             reader.add(observed)
 
-    def _before_readers(self, observed: ObservedChange) -> None:
+    def _process_change(self, observed: ObservedChange) -> None:
         """Call the functions with a change, before its readers get it."""
         for function in list(self._functions):
             function(observed)

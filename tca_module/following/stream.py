@@ -37,7 +37,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         is_owner: bool = False,
         first: ObservedChange | None = None,
     ) -> None:
-        """*first* arrived before this was created. The end of an owner ends the observation."""
+        """*first*: a change that has arrived. *is_owner*: ``close`` also ends the observation."""
         check(what, TIMEOUT, timeout=timeout)
         self._observation = observation
         self._convert = convert
@@ -45,12 +45,12 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self._timeout = timeout
         self._is_owner = is_owner
         self._is_closed = False
-        self._unread = observation.unread(wants)
+        self._unread = observation.add_reader(wants)
         if first is not None:
             self._unread.add_first(first)
 
     def __next__(self) -> T:
-        if not self._has_next(self._timeout):
+        if not self._wait_for_next(self._timeout):
             raise StopIteration
         return self._convert(self._unread.pop())
 
@@ -69,24 +69,26 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
             Deadlock, TaskKilled, Stopped: in a handler, as for ``TaskRef.wait``.
         """
         check(self._what, TIMEOUT, timeout=timeout)
-        return self._convert(self._unread.pop()) if self._has_next(timeout) else None
+        return self._convert(self._unread.pop()) if self._wait_for_next(timeout) else None
 
-    def _has_next(self, timeout: float | None) -> bool:
-        """Wait for the next element. False if none will arrive."""
+    def _wait_for_next(self, timeout: float | None) -> bool:
+        """Wait for the next element; return False if none will arrive. Raises Timeout."""
         if self._is_closed:
             return False
-        if self._observation.wait(self._has_some, timeout):
+        if self._observation.wait(self._has_unread, timeout):
             return True
         if self._observation.is_over:
             return False
         raise Timeout(f"{self._what} did not come within {timeout:g} s", can_wait=True)
 
     async def __anext__(self) -> T:
-        if self._is_closed or not await awaited(self._observation.until(self._has_some)):
+        if self._is_closed or not await awaited(
+            self._observation.wait_in_coroutine(self._has_unread)
+        ):
             raise StopAsyncIteration
         return self._convert(self._unread.pop())
 
-    def _has_some(self) -> bool:
+    def _has_unread(self) -> bool:
         return bool(self._unread)
 
     def arrived(self) -> list[T]:

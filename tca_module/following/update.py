@@ -42,13 +42,13 @@ class PendingUpdate:
         self._row = row
         self._is_over = False
         self._reason = ""  # the reason of the rejection
-        request.notify = self._mirror.nudge
+        request.notify = self._mirror.wake_waiter
 
     @property
     def is_over(self) -> bool:
         """Whether the new goal was accepted or rejected. Never waits."""
         self._mirror.catch_up()
-        return self._is_answered()
+        return self._read_answer()
 
     def wait(self, timeout: float | None = None) -> None:
         """Wait until the new goal is the task's.
@@ -64,15 +64,13 @@ class PendingUpdate:
             Deadlock, TaskKilled, Stopped: in a handler, as for ``TaskRef.wait``.
         """
         check(self._what, TIMEOUT, timeout=timeout)
-        if not self._mirror.wait(self._is_answered, timeout) and not self._mirror.is_over:
-            raise Timeout(
-                f"{self._what} was neither accepted nor rejected within {timeout:g} s",
-                can_wait=True,
-            )
+        if not self._mirror.wait(self._read_answer, timeout) and not self._mirror.is_over:
+            text = f"{self._what} was neither accepted nor rejected within {timeout:g} s"
+            raise Timeout(text, can_wait=True)
         self._check()
 
     def __await__(self) -> Generator[Any, None, None]:
-        yield from self._mirror.until(self._is_answered)
+        yield from self._mirror.wait_in_coroutine(self._read_answer)
         self._check()
 
     def _check(self) -> None:
@@ -89,32 +87,32 @@ class PendingUpdate:
     def _finish(self, reason: str = "") -> None:
         self._is_over, self._reason = True, reason
 
-    def _is_answered(self) -> bool:
-        """Read the changes that have arrived. Returns True if the update is over."""
+    def _read_answer(self) -> bool:
+        """Read the changes that have arrived; return whether the update is over."""
         if self._is_over or not self._request.is_over:
             return self._is_over
         if self._request.has_failed:
             return True
-        serial = self._request.accepted or 0
+        serial = self._request.accepted or 0  # 0: central did not make the transition
         if not serial:
-            self._finish(
-                f"it came too late, the task is {self._mirror.known_state or 'about to end'}"
-            )
-        moved_on = ""
+            state = self._mirror.known_state or "about to end"
+            self._finish(f"it came too late, the task is {state}")
+        moved_on = ""  # the state to which the server has moved on
         while self._unread and not self._is_over:
             observed = self._unread.pop()
             change = observed.change
             if change.serial >= serial or change.is_over:
-                moved_on = self._examine(change, is_sure=not (observed.missed or change.is_late))
+                is_gapless = not (observed.missed or change.is_late)
+                moved_on = self._examine(change, is_gapless=is_gapless)
         if moved_on and not self._is_over:  # central does not repeat the request to the server
             self._finish(f"the task is {moved_on} by now")
         return self._is_over
 
-    def _examine(self, change: StateChange, *, is_sure: bool) -> str:
-        """Examine one change since the update was sent, or the update's own transition.
+    def _examine(self, change: StateChange, *, is_gapless: bool) -> str:
+        """Examine one change: the update's own transition, or a later one.
 
         Returns the state to which the server has moved on without an answer; "" otherwise.
-        *is_sure*: no change before it was missed.
+        *is_gapless*: no change before it was missed.
         """
         effects = {
             row.effect
@@ -123,16 +121,11 @@ class PendingUpdate:
         }
         is_waiting = self._life_cycle.grant(change.state) is not None
         if change.is_over:
-            self._finish(
-                f"the task is {change.state or 'over'}"
-                + (f": {change.text}" if change.text else "")
-            )
-        elif not is_sure and not is_waiting:
-            self._finish(
-                ""
-                if change.goal == self._goal
-                else "changes were missed, and it is not the task's goal"
-            )
+            why = f": {change.text}" if change.text else ""
+            self._finish(f"the task is {change.state or 'over'}{why}")
+        elif not is_gapless and not is_waiting:
+            is_adopted = change.goal == self._goal
+            self._finish("" if is_adopted else "changes were missed, and it is not the task's goal")
         elif Effect.TAKE_GOAL in effects or (
             change.transition == "restarted" and not self._can_grant
         ):
@@ -141,12 +134,10 @@ class PendingUpdate:
             self._finish(change.text or "its handler gives no reason")
         elif change.transition == "restarted":
             self._finish("its handler was called again, without it")
-        elif change.by is Party.CLIENT and (change.transition, change.state) != (
-            self._row.name,
-            self._row.target,
-        ):
-            self._finish(f"'{change.transition}' came after it")
-        elif not (change.by is Party.CLIENT or is_waiting):
+        elif change.by is Party.CLIENT:
+            if (change.transition, change.state) != (self._row.name, self._row.target):
+                self._finish(f"'{change.transition}' came after it")
+        elif not is_waiting:
             return change.state
         return ""
 

@@ -20,7 +20,7 @@ from tca_module.session.epoch_numbers import (
     first_foreign,
     numbers_in,
 )
-from tca_module.session.registering import registers
+from tca_module.session.registering import register_headers
 from tca_module.session.request import Request, refers_to_tasks
 from tca_module.session.sent_tasks import SentId
 from tca_module.sockets.transport import accepts_connections
@@ -46,17 +46,15 @@ class Connection(Waits):
 
         Raises CentralLost, Refused, or Stopped if *is_stopped*.
         """
-        session = self.session
-        self.waiting.until(
+        session, what = self.session, f"module '{self.session.module}'"
+        self.wait_loop.until(
             lambda: session.is_welcome or session.refused is not None or is_stopped(), None
         )
         if session.refused is not None:
-            raise Refused(
-                f"module '{session.module}'", session.refused.refusal, session.refused.text
-            )
+            raise Refused(what, session.refused.refusal, session.refused.text)
         if not session.is_welcome:
             where = f"central at {self.transport.address}"
-            raise Stopped(f"module '{session.module}' was stopped before {where} had answered")
+            raise Stopped(f"{what} was stopped before {where} had answered")
 
     def leave(self) -> None:
         """Unregister all handlers.
@@ -88,15 +86,13 @@ class Connection(Waits):
             return
         formats = [message.format for message in new]
         names = ", ".join(message.title for message in new or messages)
-        for header in registers(formats, handled, is_ready=is_ready):
+        for header in register_headers(formats, handled, is_ready=is_ready):
             self.call(header, f"declaring {names or 'that it is ready'}", within=within)
         self.session.add_declared(formats, handled, is_ready=is_ready)
         self._declared.update({message.name: message for message in new})
 
     def has_declared(self, message: Message[Any, Any]) -> bool:
-        """Return whether central knows this message from here. Raises MisuseError for anything
-        else.
-        """
+        """Return whether this program has declared a message. Raises MisuseError for no message."""
         if not isinstance(message, Message):
             check_message(message)
         return self._declared.get(message.name) is message
@@ -157,8 +153,7 @@ class Connection(Waits):
         """
         with self.locked():
             session, epoch = self.session, self.session.epoch
-            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED:
-                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
+            self._wait_for_room()
             self._catch_up_for(header, epoch)
             if not session.is_welcome:
                 return TaskId(self.call(header, what, body))
@@ -173,13 +168,18 @@ class Connection(Waits):
         change that came too late is only logged.
         """
         with self.locked():
-            session = self.session
-            if session.sends.unacknowledged >= MAX_UNACKNOWLEDGED and session.is_welcome:
-                self.waiting.until(lambda: session.sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
+            if self.session.is_welcome:
+                self._wait_for_room()
             self._catch_up_for(header)
-            request = session.send(header, body, what)
+            request = self.session.send(header, body, what)
             self.line.flush(0.0, is_patient=True)
             return request
+
+    def _wait_for_room(self) -> None:
+        """Wait until central has acknowledged enough sends."""
+        sends = self.session.sends
+        if sends.unacknowledged >= MAX_UNACKNOWLEDGED:
+            self.wait_loop.until(lambda: sends.unacknowledged < MAX_UNACKNOWLEDGED, None)
 
     def wait_for_id(self, request: Request) -> EpochNumber:
         """Wait until central has accepted a sent task, and return its id.
@@ -198,12 +198,11 @@ class Connection(Waits):
         return request.accepted
 
     def _wait_from_other_thread(self, request: Request) -> None:
-        """Wait in another thread than the connection's own until a sent task is accepted or
-        refused.
+        """Wait, in a thread that does not own the connection, until a sent task is acknowledged.
 
-        The own thread may be busy, so this thread reads packets itself whenever the lock is free.
+        The owning thread may be busy, so this one reads packets itself whenever the lock is free.
         """
-        # The own thread may be in another wait.
+        # The owning thread may hold the lock in a wait of its own.
         self.call_soon(lambda: self.announce(request))
         until = self.now() + ACKNOWLEDGED_WITHIN
         while not request.is_over:
@@ -231,7 +230,7 @@ class Connection(Waits):
                 if wait and session.sends.unacknowledged:
                     session.confirm()
                     self.line.flush()
-                    self.waiting.until(lambda: not session.sends.unacknowledged, None)
+                    self.wait_loop.until(lambda: not session.sends.unacknowledged, None)
         session.sends.check(origin)
 
     def request(
@@ -244,8 +243,8 @@ class Connection(Waits):
     ) -> Request:
         """Send a numbered request.
 
-        If central does not take the packet at once, wait a little, unless *is_awaited*: then
-        ``wait`` follows and sends it.
+        With *is_awaited*, the caller calls ``wait`` next, which sends what could not be sent here.
+        Otherwise this waits a little for central to accept the packet.
         """
         with self.locked():
             self._catch_up_for(header)
@@ -262,8 +261,8 @@ class Connection(Waits):
     def _catch_up_for(self, header: headers.ToCentral, epoch: str | None = None) -> None:
         """Process arrived packets before a header is sent.
 
-        Raises CentralLost if the header names tasks of an earlier central. *epoch*: the central
-        that the caller wrote the header for.
+        Raises the error of an earlier send, or CentralLost if the header names tasks of an earlier
+        central. *epoch*: of the central that the header was written for (None: the present one).
         """
         session = self.session
         epoch = session.epoch if epoch is None else epoch
@@ -280,13 +279,11 @@ class Connection(Waits):
     def _check_header(
         self, header: headers.ToCentral, numbers: list[EpochNumber], epoch: str
     ) -> None:
-        """Raise the error of an earlier send, or CentralLost if the header is for an earlier
-        central.
-        """
+        """Raise what ``_catch_up_for`` does."""
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
-            # Its numbers come from the previous central.
+            # Plain numbers know no epoch: they come from the central before the restart.
             if epoch != session.epoch and refers_to_tasks(header):
                 raise CentralLost(f"the request is lost: {RESTARTED}; start again")
             return
@@ -352,7 +349,7 @@ class Connection(Waits):
         with self._lock:
             if self.direct.reply(header, body):
                 self.session.open_deliveries.remove(header.delivery)
-            elif not self.session.reply(header, body, self.line.time()):
+            elif not self.session.reply(header, body, self.line.handler_time()):
                 self.line.flush()
 
     def is_cancelled(self, delivery: int) -> bool:
@@ -392,38 +389,36 @@ class Connection(Waits):
 
     # --- closing ----------------------------------------------------------------------------------
 
-    def close(self, linger: float = LINGER, before: int = 0) -> None:
+    def close(self, linger: float = LINGER, lost_before: int = 0) -> None:
         """Say goodbye when all that was sent has arrived, or after *linger* seconds.
 
-        Raises NotSent if messages may be missing. *before*: the number that was lost, and logged,
-        earlier.
+        Raises NotSent if messages may be missing. *lost_before*: the number of lost messages that
+        were logged already.
         """
         with self._lock:
             session = self.session
             try:
                 self.direct.stop_receiving()
-                self._wait_for_arrival(linger, before)
-                # If something is still unconfirmed, central is away and callbacks would wait for
-                # it.
+                self._wait_for_arrival(linger, lost_before)
+                # While something is unconfirmed, central is away: callbacks would wait for central.
                 if self.is_own_thread and not self.has_unconfirmed:
                     self.process_pending()
-                    self._wait_for_arrival(linger, before)
+                    self._wait_for_arrival(linger, lost_before)
             finally:
-                number = self.missing - before
+                number = self.missing - lost_before
                 why = self._why_missing() if number else ""
                 self.direct.report(at_once=True)
                 if session.post(headers.Bye()):
                     self.line.flush(0.0 if number else SEND_WAIT)
                 self.drop()
             if number:
-                raise NotSent(number, f"{self.messages(number)} may not have reached {why}")
+                raise NotSent(number, f"{self.count_messages(number)} may not have reached {why}")
             session.sends.check(0)
 
     def acquire_for_closing(self, within: float) -> bool:
-        """Take the connection from its own thread for good, so that this thread can close it at
-        exit.
+        """Lock the connection of another thread for good, to close it at exit.
 
-        Returns False if that thread held the connection all the time, or if everything that was
+        Returns False if the owning thread held the lock all the time, or if everything that was
         sent has arrived.
         """
         self.call_soon(self.session.confirm)
@@ -460,22 +455,23 @@ class Connection(Waits):
         """Whether central, or a handler, has yet to confirm that something arrived."""
         return bool(self.direct.routes.unconfirmed) or not self.session.is_confirmed
 
-    def messages(self, number: int) -> str:
+    def count_messages(self, number: int) -> str:
         """Return "*number* messages of this module", for errors."""
         return f"{number:,} message{'s' * (number != 1)} of '{self.session.module}'"
 
-    def _wait_for_arrival(self, within: float, before: int) -> None:
-        """Wait until everything has arrived, unless central is away. *before*: the number lost
-        earlier.
+    def _wait_for_arrival(self, within: float, lost_before: int) -> None:
+        """Wait until everything has arrived, at most *within* seconds.
+
+        While central is away, it waits only for new losses and for unacknowledged sends.
         """
-        session, since = self.session, self.now()
-        is_waited_for = not session.is_confirmed and (
-            session.is_welcome or self.lost > before or session.sends.unacknowledged > 0
+        session, routes, since = self.session, self.direct.routes, self.now()
+        must_wait = not session.is_confirmed and (
+            session.is_welcome or self.lost > lost_before or session.sends.unacknowledged > 0
         )
-        if is_waited_for:
+        if must_wait:
             session.confirm()
-        self.direct.routes.confirm()
-        while (is_waited_for and not session.is_confirmed) or self.direct.routes.unconfirmed:
+        routes.confirm()
+        while (must_wait and not session.is_confirmed) or routes.unconfirmed:
             left = since + within - self.now()
             session.send_due(self.now(), since)
             self.line.flush(max(0.0, min(SEND_WAIT, left)), is_patient=True)

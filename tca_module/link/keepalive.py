@@ -20,9 +20,9 @@ from tca_module.sockets.transport import Waker
 
 # seconds between two checks of a connection that its own thread uses, or that gets no answer
 CHECK_PERIOD = 0.5
-# One connection probes a silent central; the others of the process wait this factor longer, so
-# that its answer spares their probes.
-_OTHERS = 1.2
+# One connection probes a silent central first. The others of the process wait this factor longer:
+# the answer to the first probe makes theirs unnecessary.
+_LATER_PROBES = 1.2
 
 
 @dataclass
@@ -36,7 +36,7 @@ class Pass:
     ready: set[int]  #: the numbers of the files that can be read
     heard: dict[str, float]  #: central's address -> when it was last heard
     #: addresses of the centrals that a module of this pass probes when due
-    asked: set[str] = field(default_factory=set)
+    probed: set[str] = field(default_factory=set)
     #: address of a silent central -> advice for the log
     advice: dict[str, str] = field(default_factory=dict)
 
@@ -46,53 +46,49 @@ class KeepAlive:
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module early
-        #: silence counts from *since*; the next check is at *due* if nothing arrives
-        self.since = self.due = time.monotonic()
+        self.since = time.monotonic()  #: central's silence counts from then at the earliest
+        self.due = self.since  #: when the next check is, if nothing arrives
         self.files: Collection[int] = ()  #: become readable when something arrives
         self._link = link
         self._reconnect = reconnect
         self._stop = stop  #: set when the module must end
         self._has_reported_stop = False  #: the stop has been logged and is passed on to central
-        self._warned = False
+        self._has_warned = False  #: the log says that central does not answer
         self._thread = _thread
         self._thread.add(self)
         stop.on_set(self._thread.waker.set)
 
     def end(self) -> None:
-        """Stop, because the module's thread leaves and informs central itself. Sets the module's
-        stop.
-        """
+        """End this, and set the module's stop: the module's thread informs central itself."""
         self._thread.remove(self)
         self._stop.set()
 
     def is_due(self, current: Pass) -> bool:
         """Return whether there is something to do."""
-        is_reported = self._has_reported_stop or not self._stop.is_set()
-        return (
-            self.due <= current.now or not current.ready.isdisjoint(self.files) or not is_reported
-        )
+        if self._stop.is_set() and not self._has_reported_stop:
+            return True
+        return self.due <= current.now or not current.ready.isdisjoint(self.files)
 
     def check(self, current: Pass) -> None:
         """Check the connection and its central, and handle a stop of the module."""
         link, address = self._link, self._link.transport.address
-        patience = link.waiting.patience
+        patience = link.wait_loop.patience
         if self._stop.is_set() and not self._has_reported_stop:
             self._has_reported_stop = True
-            self._link.log.info(
-                "module '%s' has stopped and handles no more messages", link.session.module
-            )
+            name = link.session.module
+            link.log.info("module '%s' has stopped and handles no more messages", name)
             link.session.is_to_withdraw = True
             link.transport.wake()  # a thread that waits on the connection then tells central
         since = max(self.since, current.heard.get(address, self.since))
         quiet = quiet_within(patience, is_idle=True)
-        if address in current.asked:
-            quiet *= _OTHERS
+        if address in current.probed:
+            quiet *= _LATER_PROBES
         result = link.keep_alive_if_idle(since, quiet)
         current.heard[address] = max(since, link.session.heard)
-        if result is None:
+        if result is None:  # its own thread uses the connection
             self.files, self.due = (), current.now + CHECK_PERIOD
             return
-        current.asked.add(address)
+        current.probed.add(address)
         silence, seconds = result
         is_silent = silence >= patience
         self.files = link.transport.files()
@@ -107,19 +103,16 @@ class KeepAlive:
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost_error()
             self.error = CentralLost(f"module '{module}': {lost}")
-            self._link.log.error("module '%s' ends: %s", module, lost)
+            link.log.error("module '%s' ends: %s", module, lost)
             self._stop.set()
-        elif is_silent and not self._warned:
+        elif is_silent and not self._has_warned:
             if address not in current.advice:
                 current.advice[address] = link.line.advice()
-            link.log.warning(
-                "central at %s does not answer; trying again: %s",
-                address,
-                current.advice[address],
-            )
-        elif not is_silent and self._warned:
-            self._link.log.warning("central at %s is back", address)
-        self._warned = is_silent
+            advice = current.advice[address]
+            link.log.warning("central at %s does not answer; trying again: %s", address, advice)
+        elif not is_silent and self._has_warned:
+            link.log.warning("central at %s is back", address)
+        self._has_warned = is_silent
 
 
 class _KeepAliveThread:
@@ -131,19 +124,19 @@ class _KeepAliveThread:
         self._modules: list[KeepAlive] = []
         self._is_running = False
 
-    def add(self, one: KeepAlive) -> None:
-        """Keep this module's connection alive from now on."""
+    def add(self, module: KeepAlive) -> None:
+        """Keep a module's connection alive from now on."""
         with self._lock:
-            self._modules.append(one)
+            self._modules.append(module)
             if not self._is_running:
                 self._is_running = True
                 threading.Thread(target=self._run, name="keep-alive", daemon=True).start()
         self.waker.set()
 
-    def remove(self, one: KeepAlive) -> None:
-        """Stop doing so."""
+    def remove(self, module: KeepAlive) -> None:
+        """Keep a module's connection alive no longer."""
         with self._lock:
-            self._modules.remove(one)
+            self._modules.remove(module)
         self.waker.set()
 
     def _run(self) -> None:
@@ -152,14 +145,14 @@ class _KeepAliveThread:
         while True:
             with self._lock:
                 current = Pass(time.monotonic(), ready, heard)
-                for one in self._modules:
-                    if one.is_due(current):
-                        one.check(current)
+                for module in self._modules:
+                    if module.is_due(current):
+                        module.check(current)
                 if not self._modules:
                     self._is_running = False
                     return
-                due = min(one.due for one in self._modules)
-                files = {file for one in self._modules for file in one.files}
+                due = min(module.due for module in self._modules)
+                files = {file for module in self._modules for file in module.files}
                 self._modules.append(self._modules.pop(0))  # modules take turns to probe central
             ready = self._wait(due, files)
 
@@ -173,8 +166,10 @@ class _KeepAliveThread:
         now = time.monotonic()
         if now - due > STALL:
             with self._lock:
-                for one in self._modules:
-                    one.since = now  # this process stood still, so central's silence proves nothing
+                for module in self._modules:
+                    module.since = (
+                        now  # this process stood still, so central's silence proves nothing
+                    )
         return {file for file, _ in ready}
 
 

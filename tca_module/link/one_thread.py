@@ -18,13 +18,13 @@ SEND_WITH_YOUR_OWN = (
 class ThreadBound:
     """The part of a Connection that refuses use in other threads and processes.
 
-    Everything that users hold leads to it, so each of their calls is checked.
+    Tasks, clients and all other objects of users send with a Connection, so it checks their calls.
     """
 
     session: Session
 
     def __init__(self) -> None:
-        # other threads lock it to keep the connection alive and to send late replies
+        # Other threads take the lock to keep the connection alive and to send late replies.
         self._lock: Any = threading.RLock()
         self._owner, self._owner_name = threading.get_ident(), threading.current_thread().name
         _opened_here.add(self)
@@ -57,17 +57,17 @@ class ThreadBound:
     def locked(self) -> AbstractContextManager[object]:
         """Return the lock, for a ``with`` block in the owning thread.
 
-        Raises MisuseError in other threads before locking: a thread that serves holds the lock for
-        ever.
+        In another thread it raises MisuseError instead of waiting: a thread that serves a slot
+        holds the lock most of the time.
         """
         self.check_thread()
         lock: AbstractContextManager[object] = self._lock
         return lock
 
     def mark_inherited(self) -> None:
-        """Mark this connection as inherited by a forked process: no thread owns it, no lock opens.
+        """Mark this connection as inherited by a forked process.
 
-        The thread checks that every call makes then report the fork.
+        It then has no owner, so the thread check of each call fails, and reports the fork.
         """
         self._owner, self._lock = _NO_THREAD, _NoLock(self)
 
@@ -86,9 +86,9 @@ class ThreadBound:
 
 
 class _NoLock:
-    """The lock of an inherited connection: it raises.
+    """The lock of an inherited connection: taking it raises MisuseError.
 
-    Another thread may have held the real lock when the process was forked.
+    The real lock may be held for ever, by a thread that the fork did not copy.
     """
 
     def __init__(self, connection: ThreadBound) -> None:

@@ -21,14 +21,14 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import PROTOCOL_VERSION, Hello
 
 
-class CentralNearby(Protocol):
+class CentralInProcess(Protocol):
     """A central that is reached without a socket, such as LocalCentral."""
 
     def transport(self) -> Transport:
         """Return a new connection to it."""
 
 
-CentralAddress = str | CentralNearby | None
+CentralAddress = str | CentralInProcess | None
 """A ZeroMQ address, a central in this process, or None: $TCA_CENTRAL or the default socket."""
 
 
@@ -42,13 +42,13 @@ def open_connection(
 ) -> Connection:
     """Open a connection and return it when central has welcomed it.
 
-    Senders may send the messages *direct* straight to this connection. Raises CentralLost if
-    central does not answer within *patience* seconds.
+    *direct*: the messages that this connection receives directly. Raises CentralLost if central
+    does not answer within *patience* seconds.
     """
     check(f"'{hello.module}'", CENTRAL, central=central)
     if central is None or isinstance(central, str):
         address = default_endpoint() if central is None else central
-        connection = _connection_by_socket(address, hello, patience, list(direct), attachments)
+        connection = _connect_by_socket(address, hello, patience, list(direct), attachments)
     else:
         connection = Connection(central.transport(), Session(hello, attachments), patience=patience)
     try:
@@ -59,7 +59,7 @@ def open_connection(
     return connection
 
 
-def _connection_by_socket(
+def _connect_by_socket(
     address: str,
     hello: Hello,
     patience: float,
@@ -80,8 +80,8 @@ def _connection_by_socket(
                 error,
             )
     session = Session(hello, attachments)
-    without_central = DirectMessages(session, transport, entrance_socket, direct)
-    return Connection(transport, session, patience=patience, direct=without_central)
+    direct_messages = DirectMessages(session, transport, entrance_socket, direct)
+    return Connection(transport, session, patience=patience, direct=direct_messages)
 
 
 def hello(
@@ -91,11 +91,10 @@ def hello(
     incarnation: str = "",
     hung_after: float = 0.0,
 ) -> Hello:
-    """Return the introduction of a connection. *incarnation* names one run of a module ("": a new
-    run).
+    """Return the introduction of a connection.
+
+    *incarnation* names one run of the module; "" stands for a new run.
     """
-    process = f"{socket.gethostname()}:{os.getpid()}"
-    prefetch = PREFETCH if resource else 0
     return Hello(
         0,
         PROTOCOL_VERSION,
@@ -103,7 +102,7 @@ def hello(
         incarnation or token_hex(16),
         connection,
         resource,
-        process,
-        prefetch=prefetch,
+        process=f"{socket.gethostname()}:{os.getpid()}",
+        prefetch=PREFETCH if resource else 0,
         hung_after=hung_after,
     )

@@ -20,8 +20,8 @@ from tca_wire.packets.credit import Receipts
 
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
-_AT_ONCE = 0.2  # seconds within which a live central answers a probe
-STALL = 2.0  # seconds that a wait overruns only if the whole process was stopped
+_PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
+STALL = 2.0  # a wait that ends so many seconds late shows that the whole process was stopped
 
 
 class PacketLine:
@@ -37,34 +37,37 @@ class PacketLine:
         self.session = session
         self._transport = transport
         #: the handlers' clock, in seconds; a stepped clock stands still
-        self.time = transport.time
+        self.handler_time = transport.time
         self.direct = direct
         self.clock = clock
         self._log = log_of(session.module)
         self._receipts = Receipts()
         #: the length and the end of the last silence in which central left a probe unanswered
-        self._silence = 0.0, -math.inf
+        self._last_silence = 0.0, -math.inf
 
     @property
-    def silence(self) -> str:
-        """Why central counts as silent, for errors: it sends, or accepts, nothing. "" if all is
-        well.
-        """
+    def why_silent(self) -> str:
+        """Why central counts as silent, for errors; "" if it sends and accepts packets."""
         session, now = self.session, self.clock()
-        silent = now - session.heard
-        is_owed = silent >= QUIET and now - session.asked_since >= _AT_ONCE
-        if session.is_welcome and not session.outgoing and not is_owed:
+        if session.is_welcome and not session.outgoing and not self._owes_answer(now):
             return ""
-        where = f"central at {self._transport.address}"
-        return f"{where} has said nothing for {silent:.1f} s; see with 'tca status' whether it runs"
+        where, silence = f"central at {self._transport.address}", now - session.heard
+        return (
+            f"{where} has said nothing for {silence:.1f} s; see with 'tca status' whether it runs"
+        )
+
+    def _owes_answer(self, now: float) -> bool:
+        """Whether central has been silent for long, and has not answered a probe."""
+        since_probe = now - self.session.probed_since
+        return now - self.session.heard >= QUIET and since_probe >= _PROBE_ANSWERED_WITHIN
 
     def why_late(self, within: float) -> str:
         """Return why central has not answered within the last *within* seconds."""
-        seconds, until = self._silence
+        seconds, until = self._last_silence
         if self.clock() - until < within:
             where = "the network, or central, stood still"
             return f"central was silent for {seconds:.1f} s of it: {where}"
-        return self.silence or "though central is alive: it is overloaded"
+        return self.why_silent or "though central is alive: it is overloaded"
 
     def lost_error(self) -> CentralLost:
         """Return the CentralLost for a central that does not answer."""
@@ -91,26 +94,31 @@ class PacketLine:
     ) -> float:
         """Process arrived packets, keep the line alive, and return when there is more to do.
 
-        Every call does so, so a caller that never waits also notices a cut and reconnects. After
-        *quiet* seconds of silence, counted from *since* at the earliest, this probes central. A
-        caller that *is_sending* flushes itself right after.
+        After *quiet* seconds of silence, counted from *since* at the earliest, this probes central.
+        It does so in every call, so that a program that never waits also notices a broken
+        connection. With *is_sending*, the caller flushes right after this.
         """
-        while self.listen(0.0):
-            pass
+        self.listen_to_all()
         due = self.session.send_due(self.clock(), since, quiet)
         if not is_sending:
             self.flush(wait_seconds=0)
         return due
 
+    def listen_to_all(self) -> None:
+        """Process all packets that have arrived."""
+        while self.listen(0.0):
+            pass
+
     def listen(self, timeout: float, alarm: float = math.inf) -> bool:
-        """Process what arrives next; return False if nothing arrives within *timeout* or before
-        *alarm*.
+        """Process the next packet; return False if none arrives within *timeout* seconds.
+
+        The wait also ends at *alarm*, a time of the handlers' clock.
         """
         packet = self._transport.receive(timeout, alarm)
         if packet is not None:
             self._process(packet)
         else:
-            self.direct.report()  # only when all packets are read: central may have ended
+            self.direct.report()  # after the last packet only: it may say that central ended
         self.direct.listen()
         return packet is not None
 
@@ -118,18 +126,17 @@ class PacketLine:
         if (receipt := self._receipts.due(packet)) and self._transport.send(receipt, 0.0):
             self._receipts.sent()
         now, session = self.clock(), self.session
-        was_asked = session.asked_since > session.heard and now - session.asked_since >= _AT_ONCE
-        if was_asked and now - session.heard >= QUIET:
-            self._silence = now - session.heard, now
+        if session.probed_since > session.heard and self._owes_answer(now):
+            self._last_silence = now - session.heard, now
         try:
             for header, body in unpack_to_module(packet):
-                self.session.receive(header, body, now)
+                session.receive(header, body, now)
         except ProtocolError as error:
             self._log.warning(
                 "central at %s sent an invalid packet: %s", self._transport.address, error
             )
-        while self.session.complaints:
-            self._log.warning("%s", self.session.complaints.pop(0))
+        while session.complaints:
+            self._log.warning("%s", session.complaints.pop(0))
 
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send the session's outgoing headers; return whether they left.
@@ -137,10 +144,10 @@ class PacketLine:
         If they did not, the connection counts as broken, unless the caller *is_patient*.
         """
         if self.session.outgoing:
-            outgoing = self.session.pop_outgoing(self.time)
-            for before, packet in packets(outgoing):
+            outgoing = self.session.pop_outgoing(self.handler_time)
+            for sent, packet in packets(outgoing):
                 if not self._transport.send(packet, wait_seconds):
-                    self.session.outgoing = outgoing[before:]
+                    self.session.outgoing = outgoing[sent:]
                     if not is_patient:
                         self.direct.retain_unsent(self.session.outgoing)
                         self.session.break_off()

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from tca_module.link.packet_line import PacketLine
 from tca_wire.packets.headers import Deliver
 
-QUICK = 0.001  # seconds after which a turn starts no further message
-LATE = 0.02  # seconds between two checks for replies that wait for a slow handler
-_IDLE = 50  # checks without work after which the thread ends
+TURN_SECONDS = 0.001  # seconds after which a turn starts no further message
+_CHECK_PERIOD = 0.02  # seconds between two checks for replies that wait for a slow handler
+_IDLE_CHECKS = 50  # checks without work after which the thread ends
 
 
 class Turns:
@@ -31,11 +31,11 @@ class Turns:
         self, may_continue: Callable[[], bool], handle: Callable[[Deliver, bytes], None]
     ) -> None:
         """Handle the first prefetched message, and more while *may_continue* and time allow."""
-        session, until = self._session, self._line.clock() + QUICK
+        session, until = self._session, self._line.clock() + TURN_SECONDS
         try:
             while True:
                 header, body = session.prefetched.popleft()
-                session.held_replies.begin(header.delivery, self._line.time())
+                session.held_replies.begin(header.delivery, self._line.handler_time())
                 if session.held_replies.ended and not self._is_watched:
                     self._is_watched = True
                     _watcher.add(self)
@@ -52,7 +52,7 @@ class Turns:
 
     def send_late_replies(self) -> bool:
         """Send the replies that wait, from another thread. Returns False if there were none."""
-        # First, because a turn adds its reply before it tests this flag.
+        # Cleared before the replies are read: a turn adds its reply, then tests this flag.
         self._is_watched = False
         if self._session.held_replies.ended:
             self._is_watched = True
@@ -83,13 +83,13 @@ class _Watcher:
     def _run(self) -> None:
         idle = 0
         while self._is_running:
-            time.sleep(LATE)
+            time.sleep(_CHECK_PERIOD)
             with self._lock:
                 idle = 0 if self._watched else idle + 1
                 self._watched = {
                     turns: None for turns in self._watched if turns.send_late_replies()
                 }
-                self._is_running = idle < _IDLE
+                self._is_running = idle < _IDLE_CHECKS
 
 
 _watcher = _Watcher()

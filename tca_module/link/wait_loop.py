@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 from tca_module.errors import CentralLost
 from tca_module.link.packet_line import SEND_WAIT, STALL, STEP, PacketLine
-from tca_module.link.turns import QUICK, Turns
+from tca_module.link.turns import TURN_SECONDS, Turns
 from tca_module.session.open_deliveries import KILLED, OpenDelivery, never, wake_error, working_on
 from tca_module.session.request import Request
 from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
-# the part of the patience that may pass between two waits of a handler and still count as silence
-_BETWEEN = 0.25
+# The part of the patience by which a pause between two waits of a handler counts as silence.
+_PAUSE_SHARE = 0.25
 
 
 class WaitLoop:
@@ -34,8 +34,8 @@ class WaitLoop:
         self.is_calling_back = False  #: a callback is running
         #: the handler whose repeated wait (``wait_repeatedly``) came last
         self._handler: OpenDelivery | None = None
-        #: when central's silence for that handler started; when its last wait ended
-        self._since = self._left_at = line.clock()
+        self._silent_since = line.clock()  #: when central's silence for that handler started
+        self._wait_ended = self._silent_since  #: when the last wait of that handler ended
         #: a probe of central: no prefetched message begins before its answer
         self._probe: Request | None = None
 
@@ -49,20 +49,20 @@ class WaitLoop:
         """Wait until *is_over*; return whether it is, in time.
 
         Raises CentralLost if central is silent for longer than the patience. Silence counts from
-        *since* if this continues an earlier wait. The wait checks again at *alarm*, a time of the
-        handlers' clock.
+        *since* if this continues an earlier wait. *is_over* is also tested at *alarm*, a time of
+        the handlers' clock.
         """
-        return self._wait(is_over, timeout, self.patience, alarm=alarm, begun=since)
+        return self._wait(is_over, timeout, self.patience, alarm=alarm, since=since)
 
-    def serve(self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None) -> None:
-        """Wait until *is_over*, however long central is silent; also handle prefetched messages.
+    def serve(self, is_over: Callable[[], bool], idle_wait: Callable[[float], bool] | None) -> None:
+        """Handle messages, prefetched ones too, until *is_over*, however long central is silent.
 
-        Between messages, *idle* is called with the seconds that it may wait. It returns False if it
-        did not wait.
+        Between messages, *idle_wait* is called with the seconds that it may wait. It returns False
+        if it did not wait.
         """
-        self._wait(is_over, None, _FOR_EVER, idle)
+        self._wait(is_over, None, _FOR_EVER, idle_wait)
 
-    def unless_woken(
+    def wait_interruptibly(
         self,
         is_over: Callable[[], bool],
         timeout: float | None,
@@ -73,7 +73,8 @@ class WaitLoop:
     ) -> bool:
         """Wait until *is_over*, or raise TaskKilled or Stopped if the handler is woken.
 
-        If both happen at once, the result is returned, unless the same kill produced it.
+        If both happen at once, it returns. It raises the error only if the kill of the handler's
+        task also ended the request.
         """
         open_deliveries = self._session.open_deliveries
         handler = open_deliveries.waiting_handler()
@@ -91,40 +92,40 @@ class WaitLoop:
         return is_in_time
 
     def wait_repeatedly(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
-        """Wait in a handler that waits repeatedly, until *is_over* or *alarm*; return whether it is
-        over.
+        """Wait until *is_over* or *alarm*, for a handler with many short waits.
 
-        Central's silence counts through all waits of the handler, and raises CentralLost once. The
-        time between two waits counts only in part, because perhaps no thread listened.
+        Returns whether it is over. Central's silence counts through all these waits, and raises
+        CentralLost once. A pause between two waits counts only in part, because perhaps no thread
+        listened.
         """
-        session, time, now = self._session, self._line.time, self._clock()
+        session, time, now = self._session, self._line.handler_time, self._clock()
         handler = session.open_deliveries.waiting_handler()
         if handler is not self._handler:
-            self._handler, self._since = handler, now
+            self._handler, self._silent_since = handler, now
         else:
-            self._since += max(0.0, now - self._left_at - _BETWEEN * self.patience)
-        self._since = max(self._since, session.heard)
+            pause = now - self._wait_ended
+            self._silent_since += max(0.0, pause - _PAUSE_SHARE * self.patience)
+        since = self._silent_since = max(self._silent_since, session.heard)
         try:
-            self.unless_woken(
-                lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=self._since
+            self.wait_interruptibly(
+                lambda: is_over() or time() >= alarm, None, what, alarm=alarm, since=since
             )
             is_in_time = is_over()
             if not is_in_time:
-                # Here, too, for a loop that comes late every time and so never really waits.
+                # Checked here, too, for a loop whose alarms have always passed, so that it never
+                # really waits.
                 self.check_woken(what)
-                if self._clock() >= max(self._since, session.heard) + self.patience:
+                if self._clock() >= max(self._silent_since, session.heard) + self.patience:
                     raise self._line.lost_error()
         except CentralLost:
-            self._since = self._clock()  # clean-up code gets the full patience again
+            self._silent_since = self._clock()  # clean-up code gets the full patience again
             raise
         finally:
-            self._left_at = self._clock()
+            self._wait_ended = self._clock()
         return is_in_time
 
     def check_woken(self, what: object) -> None:
-        """Raise TaskKilled or Stopped if the calling handler must be woken from its wait for
-        *what*.
-        """
+        """Raise TaskKilled or Stopped if the caller must be woken. *what*: what it waits for."""
         open_deliveries = self._session.open_deliveries
         handler = open_deliveries.waiting_handler()
         if why := open_deliveries.wake_reason(handler):
@@ -148,58 +149,64 @@ class WaitLoop:
             finally:
                 self.is_calling_back = False
 
-    def seconds_to(self, due: float, since: float, silence: float) -> float:
-        """Return the seconds until something is due if nothing arrives. *silence*: central's, so
-        far.
-        """
-        patience = self.patience if silence < self.patience else _FOR_EVER
-        return self._seconds_to(due, _FOR_EVER, since, patience)
+    def run_pending_calls(self) -> None:
+        """Make all pending calls."""
+        while self.has_pending_call:
+            self.run_pending_call()
 
-    def _seconds_to(self, due: float, deadline: float, since: float, patience: float) -> float:
+    def seconds_until_due(
+        self, due: float, since: float, patience: float, deadline: float = _FOR_EVER
+    ) -> float:
+        """Return the seconds until a wait must act if nothing arrives.
+
+        It acts when something is *due*, at its *deadline*, or when central has been silent for
+        *patience* seconds.
+        """
         session, now = self._session, self._clock()
         until = min(deadline, due, max(session.heard, since) + patience)
         if not session.is_welcome:
             until = min(deadline, max(until, now + STEP))
-        return self._direct.patience(max(0.0, until - now))
+        return self._direct.seconds_until_due(max(0.0, until - now))
 
     def _wait(
         self,
         is_over: Callable[[], bool],
         timeout: float | None,
         patience: float,
-        idle: Callable[[float], bool] | None = None,
+        idle_wait: Callable[[float], bool] | None = None,
         alarm: float = _FOR_EVER,
-        begun: float | None = None,
+        since: float | None = None,
     ) -> bool:
         session, line, now = self._session, self._line, self._clock()
         deadline = _FOR_EVER if timeout is None else now + timeout
-        since = now if begun is None else begun
+        silent_since = now if since is None else since
         quiet = quiet_within(patience, is_idle=patience == _FOR_EVER)
         while not is_over():
             if self.has_pending_call:
                 self.run_pending_call()
                 continue
             if (session.deliveries or session.prefetched) and self._handle_due(
-                is_nested=idle is None
+                is_nested=idle_wait is None
             ):
                 continue
-            due = session.send_due(now, since, quiet)
+            due = session.send_due(now, silent_since, quiet)
             if session.outgoing and not self._flush_within(
-                max(0.0, min(deadline - now, alarm - line.time()))
+                max(0.0, min(deadline - now, alarm - line.handler_time()))
             ):
                 due = now
-            is_next = idle is not None and self._has_next
-            step = 0.0 if is_next else self._seconds_to(due, deadline, since, patience)
-            line.listen(0.0 if idle is not None and idle(step) else step, alarm)
+            is_next = idle_wait is not None and self._can_begin_next
+            step = 0.0 if is_next else self.seconds_until_due(due, silent_since, patience, deadline)
+            line.listen(0.0 if idle_wait is not None and idle_wait(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
                 # This process stood still: central may have sent packets that are not read yet.
-                since = self._since = now
+                silent_since = self._silent_since = now
                 self._recheck_prefetched()
-            if idle is not None and self.handle_delivery is not None:
+            if idle_wait is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # listens to central in between
-            is_silent = now >= max(session.heard, since) + patience
-            if now >= deadline and (begun is None or not is_silent):
+            is_silent = now >= max(session.heard, silent_since) + patience
+            # A wait that continues others is too short to notice the silence before its deadline.
+            if now >= deadline and (since is None or not is_silent):
                 return is_over()
             if is_silent:
                 raise line.lost_error()
@@ -215,7 +222,7 @@ class WaitLoop:
         if handle is None:
             return False
         delivery = self._direct.next_delivery() if session.deliveries else None
-        if delivery is None and is_nested and self._may_begin_next() and not session.is_claiming:
+        if delivery is None and is_nested and self._check_next() and not session.is_claiming:
             delivery = session.prefetched.popleft()
         if delivery is not None:
             handle(*delivery)
@@ -237,36 +244,29 @@ class WaitLoop:
 
         Central may have given the prefetched messages to another slot in the meantime.
         """
-        self._receive_all()
+        self._line.listen_to_all()
         if self._session.prefetched and (self._probe is None or self._probe.is_over):
             self._probe = self._session.probe()
 
-    def _receive_all(self) -> None:
-        while self._line.listen(0.0):
-            pass
-
     @property
-    def _has_next(self) -> bool:
-        return self._session.has_next and (self._probe is None or self._probe.is_over)
+    def _can_begin_next(self) -> bool:
+        """Whether a prefetched message may begin, as far as is known."""
+        return self._session.may_begin_next and (self._probe is None or self._probe.is_over)
 
-    def _may_begin_next(self) -> bool:
-        """Return whether a prefetched message may begin: no arrived packet recalls it."""
-        if self._has_next:
-            self._receive_all()
+    def _check_next(self) -> bool:
+        """Process recalls that have arrived; return whether a prefetched message may begin."""
+        if self._can_begin_next:
+            self._line.listen_to_all()
             self._line.flush()  # returned deliveries must not wait for a handler
-        return self._has_next
-
-    def _may_continue(self) -> bool:
-        return self._session.has_next and not self.has_pending_call
+        return self._can_begin_next
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle, for a moment, the messages that come when nothing else is due: prefetched and
-        direct ones.
-        """
-        if self._may_begin_next():
-            self._turns.run(self._may_continue, handle)
+        """Handle messages that wait until nothing else is due (prefetched, direct) for a moment."""
+        if self._check_next():
+            session = self._session
+            self._turns.run(lambda: session.may_begin_next and not self.has_pending_call, handle)
             return
-        until = self._clock() + QUICK
+        until = self._clock() + TURN_SECONDS
         while (message := self._direct.next_message()) is not None:
             handle(*message)
             if self.has_pending_call or self._clock() >= until:

@@ -1,7 +1,7 @@
 """The waits of one connection: for answers, changes, callbacks, and time.
 
-wait_loop has the loop that runs in the meantime. Messages that central delivers during a wait are
-handled within the wait, so a handler may query its own resource.
+The loop of a wait is in ``wait_loop``. It also handles the messages that central delivers in the
+meantime, so a handler may query its own resource.
 """
 
 import contextlib
@@ -33,12 +33,12 @@ _WHY_WITHIN = 0.2  # seconds that central has to say why an answer is missing
 
 @dataclass(slots=True)
 class AnnouncedWait:
-    """A wait that central is informed of, for changes or for the first of several answers.
+    """A wait for changes, or for the first of several answers, as a ``with`` block.
 
-    Used as a ``with`` block. Central knows all other waits by their requests; without *requests*,
-    nothing is sent.
+    It informs central, which knows other waits by their requests. Without *requests*, it sends
+    nothing.
 
-    A wait is announced only after it has found nothing in all packets that arrived. The
+    A wait is announced only when all arrived packets are read and it must still wait. The
     announcement says how many answers had arrived. If central has sent more, it does not count the
     handler as waiting: the handler is about to continue. An answer ends the wait for central, too.
     """
@@ -46,7 +46,7 @@ class AnnouncedWait:
     connection: "Waits"
     requests: Sequence[Request]
     brief: bool
-    """The wait ends soon without help, so it is no deadlock."""
+    """The wait has a short timeout, so it is no deadlock."""
     blocking: bool = True
     announced: tuple[list[int], int] | None = None
     """The announced request numbers, and the number of changes that had arrived by then."""
@@ -57,28 +57,27 @@ class AnnouncedWait:
     def __exit__(self, *_: object) -> None:
         """End the wait, and inform central if nothing else shows it the end.
 
-        An answer that ended the wait shows it. Requests that are not observations are given up
-        anyway.
+        An answer shows it. So does giving up the requests, as for all requests but observations.
         """
         if (
             self.announced is not None
-            and self.announced == self._now
+            and self.announced == self._announcement
             and isinstance(self.requests[0].header, Observe)
         ):
             self._post(-1)
             self.connection.line.flush(0.0, is_patient=True)
 
-    def until(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
-        """Return *is_over*, extended so that central is informed whenever it is False."""
+    def announcing(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
+        """Return *is_over*, extended: whenever it is False, it informs central of the wait."""
         return (lambda: is_over() or self._announce()) if self.requests else is_over
 
     def _announce(self) -> bool:
         """Announce the wait, unless central knows it or a call is pending. Always returns False."""
-        if not (self.blocking and self.connection.waiting.has_pending_call):
-            now = self._now
-            if now is not None and now != self.announced:
-                self.announced = now
-                self._post(now[1])
+        if not (self.blocking and self.connection.wait_loop.has_pending_call):
+            new = self._announcement
+            if new is not None and new != self.announced:
+                self.announced = new
+                self._post(new[1])
         return False
 
     def _post(self, seen: int) -> None:
@@ -87,20 +86,17 @@ class AnnouncedWait:
         self.connection.session.post(Await(number, self.blocking, origin, others, self.brief, seen))
 
     @property
-    def _now(self) -> tuple[list[int], int] | None:
+    def _announcement(self) -> tuple[list[int], int] | None:
         """The announcement to make; None while a deciding answer is on its way.
 
         A deciding answer is the last one of a request, or the first one of an observation.
         """
-        observed = [one for one in self.requests if isinstance(one.header, Observe)]
-        is_asked = all(
-            one.was_sent and not one.is_over and one.path is None for one in self.requests
-        )
-        if not (
-            self.connection.session.is_welcome and is_asked and all(one.seen for one in observed)
-        ):
+        requests = self.requests
+        are_open = all(one.was_sent and not one.is_over and one.path is None for one in requests)
+        changes = [one.answers_seen for one in requests if isinstance(one.header, Observe)]
+        if not (self.connection.session.is_welcome and are_open and all(changes)):
             return None
-        return [one.header.number for one in self.requests], sum(one.seen for one in observed)
+        return [one.header.number for one in requests], sum(changes)
 
 
 class Waits(ThreadBound):
@@ -124,13 +120,13 @@ class Waits(ThreadBound):
         self.transport = transport
         #: sends and receives messages without central
         self.direct = direct or DirectMessages(session)
-        #: awaits news of a request; set by the event loop of ``async def`` handlers
+        #: awaits an answer to a request; set by the event loop of ``async def`` handlers
         self.await_news: Callable[[Request], Generator[Any, None, None]] | None = None
         #: sleeps until a time of the handlers' clock; also set by the event loop
         self.await_moment: Callable[[float], Awaitable[None]] | None = None
         self.now = clock  #: a monotonic clock, in seconds
         self.line = PacketLine(session, transport, self.direct, clock)
-        self.waiting = WaitLoop(self.line, self._lock, patience)
+        self.wait_loop = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
         # by name: the messages that central knows from here
@@ -145,12 +141,12 @@ class Waits(ThreadBound):
         what: object,
         is_over: Callable[[], bool] | None = None,
         since: float | None = None,
-        told: AnnouncedWait | None = None,
+        announced_wait: AnnouncedWait | None = None,
     ) -> bool:
         """Wait until a request is over, or *is_over* is true; return whether that came in time.
 
-        *since* and *told* are the start and the announcement of an earlier wait that this one
-        continues.
+        *since* and *announced_wait* belong to an earlier wait that this one continues: the time
+        from which central's silence counts, and its announcement.
 
         Raises Refused if central refused the request, and CentralLost if it was lost or central is
         silent for longer than the patience. In a handler, raises TaskKilled once if its task was
@@ -162,12 +158,12 @@ class Waits(ThreadBound):
             try:
                 if timeout != 0 and request.is_unannounced:
                     self.announce(request)
-                is_followed = timeout != 0 and isinstance(request.header, Observe)
-                with told or AnnouncedWait(
-                    self, [request] * is_followed, timeout is not None and timeout < BRIEF
+                is_observation = timeout != 0 and isinstance(request.header, Observe)
+                with announced_wait or AnnouncedWait(
+                    self, [request] * is_observation, timeout is not None and timeout < BRIEF
                 ) as wait:
-                    condition = wait.until(is_done)
-                    is_in_time = is_done() or self.waiting.unless_woken(
+                    condition = wait.announcing(is_done)
+                    is_in_time = is_done() or self.wait_loop.wait_interruptibly(
                         condition, timeout, what, request, since=since
                     )
             except CentralLost as error:
@@ -184,12 +180,12 @@ class Waits(ThreadBound):
             request.check(what)
             return is_in_time
 
-    def until_over(
+    def wait_in_coroutine(
         self, request: Request, what: object, is_over: Callable[[], bool] | None = None
     ) -> Generator[Any, None, None]:
-        """Await the end of a request in an async handler. Raises what ``wait`` does.
+        """Wait until a request is over, or *is_over* is true, in the coroutine that awaits this.
 
-        With *is_over*, cancelling the wait does not give up the request.
+        Raises what ``wait`` does. Cancelling the wait gives up the request, except with *is_over*.
         """
         is_done = is_over or (lambda: request.is_over)
         if self.await_news is None:
@@ -201,8 +197,8 @@ class Waits(ThreadBound):
         try:
             with AnnouncedWait(
                 self, [request] * isinstance(request.header, Observe), brief=False, blocking=False
-            ) as told:
-                condition = told.until(is_done)
+            ) as wait:
+                condition = wait.announcing(is_done)
                 while not condition():
                     yield from self.await_news(request)
         except BaseException:
@@ -212,8 +208,9 @@ class Waits(ThreadBound):
         request.check(what)
 
     def announce(self, request: Request, *, blocking: bool = True) -> None:
-        """Inform central, if it does not know, that the sender now waits for the answer to a
-        question.
+        """Inform central that the sender of a question now waits for its answer.
+
+        It sends nothing if central knows that.
         """
         with self._lock:
             if not request.is_unannounced:
@@ -233,16 +230,16 @@ class Waits(ThreadBound):
             given_up.abandon(self.session, request)
             self.line.flush(0.0, is_patient=True)
 
-    def give_up(self, request: Request) -> str:
+    def abandon_late(self, request: Request) -> str:
         """Give up a request that took too long; return the reason of the delay ("" if unknown)."""
         with self._lock:
-            if silence := self.silence:
+            if why := self.why_silent:
                 self.abandon(request)
-                return silence
-            if (asked := given_up.ask_why(self.session, request)) is None:
+                return why
+            if (asked := given_up.abandon_asking_why(self.session, request)) is None:
                 return "it went to its handler directly, which had not answered"
             with contextlib.suppress(CentralLost):
-                self.waiting.until(lambda: asked.is_over, _WHY_WITHIN)
+                self.wait_loop.until(lambda: asked.is_over, _WHY_WITHIN)
             self.abandon(asked)
             request.answers += asked.answers  # for a multi-query, this may be a failure
             return asked.answers[-1][0].text if asked.answers else ""
@@ -254,15 +251,11 @@ class Waits(ThreadBound):
     # --- for anything else ------------------------------------------------------------------------
 
     def serve(
-        self, is_over: Callable[[], bool], idle: Callable[[float], bool] | None = None
+        self, is_over: Callable[[], bool], idle_wait: Callable[[float], bool] | None = None
     ) -> None:
-        """Handle deliveries until *is_over*, however long central is silent.
-
-        Between messages, *idle* is called with the seconds that it may wait. It returns False if it
-        did not wait.
-        """
+        """Handle deliveries until *is_over*; see ``WaitLoop.serve``."""
         with self.locked():
-            self.waiting.serve(is_over, idle)
+            self.wait_loop.serve(is_over, idle_wait)
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
         """Wait until *is_over*, and call callbacks in the meantime; return whether it is over.
@@ -272,16 +265,16 @@ class Waits(ThreadBound):
         self.check_thread()
         check("the wait for a callback", TIMEOUT, timeout=timeout)
         with self._lock:
-            if self.waiting.is_calling_back:
+            if self.wait_loop.is_calling_back:
                 raise MisuseError(
                     "a callback waits for another callback, but only one callback runs at a time"
                 )
-            return is_over() or self.waiting.unless_woken(is_over, timeout, "a callback")
+            return is_over() or self.wait_loop.wait_interruptibly(is_over, timeout, "a callback")
 
     def pause(self, seconds: float, what: str) -> None:
         """Wait for *seconds*, on behalf of *what*. Raises what ``wait`` does."""
         with self.locked():
-            self.waiting.unless_woken(lambda: False, seconds, what)
+            self.wait_loop.wait_interruptibly(lambda: False, seconds, what)
 
     def wait_until(
         self,
@@ -298,26 +291,25 @@ class Waits(ThreadBound):
         """
         with self.locked():
             self.line.catch_up()
-            with AnnouncedWait(self, on, brief=True) as told:
-                return self.waiting.wait_repeatedly(
-                    told.until(is_over), what, math.inf if moment is None else moment
+            with AnnouncedWait(self, on, brief=True) as wait:
+                return self.wait_loop.wait_repeatedly(
+                    wait.announcing(is_over), what, math.inf if moment is None else moment
                 )
 
     def wait_for_end(self, request: Request) -> None:
-        """Wait for the end of a request that central has already sent, and make the calls due
-        because of it.
+        """Wait for the last answer to a request, which is on its way, and make the due calls.
 
-        Wakes no handler, and raises nothing if the end does not arrive.
+        Wakes no handler, and raises nothing if the answer does not arrive.
         """
         with self.locked():
             with contextlib.suppress(CentralLost):
-                self.waiting.until(lambda: request.is_over, _REST_WITHIN)
+                self.wait_loop.until(lambda: request.is_over, _REST_WITHIN)
             self.process_pending()
 
     @property
-    def silence(self) -> str:
+    def why_silent(self) -> str:
         """Why central counts as silent, for errors; "" if all is well."""
-        return self.line.silence
+        return self.line.why_silent
 
     # --- without waiting --------------------------------------------------------------------------
 
@@ -330,8 +322,7 @@ class Waits(ThreadBound):
         """Process arrived packets, and make the calls due because of them. Never waits."""
         with self.locked():
             self.line.catch_up()
-            while self.waiting.has_pending_call:
-                self.waiting.run_pending_call()
+            self.wait_loop.run_pending_calls()
 
     def flush(self) -> None:
         """Send the outgoing headers."""
@@ -339,18 +330,15 @@ class Waits(ThreadBound):
             self.line.flush()
 
     def keep_alive(self, since: float) -> float:
-        """Keep the connection alive while its own thread is busy; return the seconds of central's
-        silence.
-        """
+        """Keep the connection of an event loop alive; return the seconds of central's silence."""
         with self._lock:
-            self.line.catch_up(since, quiet_within(self.waiting.patience))
+            self.line.catch_up(since, quiet_within(self.wait_loop.patience))
             return self.now() - max(self.session.heard, since)
 
     def keep_alive_if_idle(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """Do as ``keep_alive`` from another thread, if the connection is idle.
+        """Keep the connection alive from another thread, unless its own thread uses it (None).
 
-        Returns the seconds of central's silence, and the seconds until something is due. Returns
-        None if the own thread uses the connection.
+        Returns the seconds of central's silence, and the seconds until something is due.
         """
         if not self._lock.acquire(blocking=False):
             return None
@@ -358,7 +346,9 @@ class Waits(ThreadBound):
             self.transport.has_arrived()  # resets the files, so that they signal new packets
             due = self.line.catch_up(since, quiet)
             silence = self.now() - max(self.session.heard, since)
-            return silence, self.waiting.seconds_to(due, since, silence)
+            patience = self.wait_loop.patience
+            patience = patience if silence < patience else math.inf  # its end is past: not due
+            return silence, self.wait_loop.seconds_until_due(due, since, patience)
         finally:
             self._lock.release()
 

@@ -59,15 +59,14 @@ def first_ended(
     *,
     brief: bool,
 ) -> list[TaskRef]:
-    """Do the work of ``wait_for_any``. A *brief* wait counts as no deadlock.
+    """Do the work of ``wait_for_any``.
 
-    It is brief if its timeout is short, or if something else may end it.
+    *brief*: the timeout is short, or something else may end the wait, so it is no deadlock.
     """
     check(_CALL, checks.TIMEOUT, timeout=timeout)
     if not tasks or not all(isinstance(task, TaskRef) for task in tasks):
-        raise MisuseError(
-            f"{_CALL} needs a list of tasks that were sent or found, not {tasks!r:.60}"
-        )
+        text = f"needs a list of tasks that were sent or found, not {tasks!r:.60}"
+        raise MisuseError(f"{_CALL} {text}")
     if ended := [task for task in tasks if task._end is not None]:
         return ended
     connection = tasks[0]._connection()
@@ -97,16 +96,13 @@ def _wait(
     *,
     brief: bool,
 ) -> None:
-    """Wait until one of the requests is over, *until* returns a true value, or time is over."""
+    """Wait until a request is over, *until* returns a true value, or the timeout has passed."""
 
     def is_over() -> bool:
         return any(request.is_over for request in requests)
 
-    wait, started = (
-        AnnouncedWait(connection, [] if timeout == 0 else requests, brief),
-        connection.now(),
-    )
-    since = now = started
+    wait = AnnouncedWait(connection, [] if timeout == 0 else requests, brief)
+    started = since = now = connection.now()
     longest_step = math.inf if until is None else _PERIOD
     while not is_over() and not (until is not None and until()):
         left = math.inf if timeout is None else max(0.0, started + timeout - now)

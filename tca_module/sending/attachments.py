@@ -46,9 +46,11 @@ class AttachmentRef:
         if self._lasting is not None:
             self._attachments.forget(self._lasting, connection.session.epoch)
         try:
+            # An origin from before a restart of central names nothing there.
             origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
             connection.call(headers.Remove(0, self.id, origin=origin), f"removing {self.id}")
         except CentralLost:
+            # Raised also if a restarted central has forgotten it: then it is removed.
             if first_foreign([self.id], connection.session.epoch) is None:
                 raise
 

@@ -34,7 +34,7 @@ X = TypeVar("X")
 Topic = Literal["status", "modules", "messages", "tree", "variables", "load", "attached"]
 
 _NO_DEFAULT: Any = object()
-_DECLARED_WITHIN = 0.2  # the least seconds for a declaration, if the caller's timeout is shorter
+_DECLARED_WITHIN = 0.2  # seconds that a declaration may take, even if the caller's timeout is less
 _WHY_WITHIN = 0.2  # seconds for central to name the missing handlers after a timeout
 
 MOST_SENT = 10_000
@@ -52,16 +52,16 @@ class CentralServices:
         is_shared: bool = False,
         connection: Callable[[], Connection] | None = None,
     ) -> None:
-        # Returns the connection of the calling thread, unless a subclass has its own way.
+        # Returns the calling thread's connection. A subclass without it overrides _connection().
         self._given_connection = connection
         self._parent = parent
         self._origin = origin
-        # Whether others send under the same parent, too, as under the root.
+        # Whether other Senders send under the same parent, as under the root.
         self._is_shared = is_shared or parent == ROOT
 
     @cached_property
     def _ordering(self) -> SiblingOrder:
-        """The order of the sent tasks. Created at the first use: most handlers send no tasks."""
+        """The order of the sent tasks, created at the first use: most handlers send no tasks."""
         return SiblingOrder(is_shared=self._is_shared)
 
     @cached_property
@@ -81,20 +81,15 @@ class CentralServices:
         connection = self._connection()
         if all(map(connection.has_declared, messages)):
             return connection
-        parts = [
-            part
-            for message in messages
-            if isinstance(message, Monitor)
-            for part in message.parts
-            if part is not None
-        ]
+        monitors = [message for message in messages if isinstance(message, Monitor)]
+        parts = [part for monitor in monitors for part in monitor.parts if part is not None]
         connection.declare(*parts, *messages, within=within)
         return self._connection()  # once more: central may have been restarted in the meantime
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
-        """Declare messages; return the seconds left of the *timeout* of the wait that follows.
+        """Declare messages within a *timeout*; return the seconds that are left of it.
 
-        Raises Timeout.
+        With a long timeout, or None, it leaves the declaration to the caller. Raises Timeout.
         """
         if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
             return timeout
@@ -164,10 +159,8 @@ class CentralServices:
         if body := request.answers[-1][1]:
             return variable.decode_data(body)
         if default is _NO_DEFAULT:
-            raise VariableNotSet(
-                f"variable '{variable.name}' was never set: "
-                "set it first, handle it to watch it, or give a default"
-            )
+            advice = "set it first, handle it to watch it, or give a default"
+            raise VariableNotSet(f"variable '{variable.name}' was never set: {advice}")
         return default
 
     @overload
@@ -394,19 +387,17 @@ class CentralServices:
         check("declared()", checks.TEXT, name=name)
         known = {message.name: message for message in self._messages()}
         if (found := known.get(name)) is None:
-            advice = did_you_mean(name, known) or (
-                "see 'tca messages', and start the module that declares it"
-            )
+            general = "see 'tca messages', and start the module that declares it"
+            advice = did_you_mean(name, known) or general
             raise NotDeclared(f"no module has declared a message '{name}': {advice}")
         kind: type[Any] | None = _KINDS.get(found.message_class)
         if kind is None:
-            raise MisuseError(
-                f"'{name}' is a {found.message_class}: declare it in Python to start it"
-            )
+            advice = "declare it in Python to start it"
+            raise MisuseError(f"'{name}' is a {found.message_class}: {advice}")
         answers: dict[Any, str] = {Command: "result", Query: "reply", MultiQuery: "reply"}
-        options: dict[str, Any] = (
-            {answers[kind]: PlainFormat(found.reply)} if kind in answers else {}
-        )
+        options: dict[str, Any] = {}
+        if kind in answers:
+            options[answers[kind]] = PlainFormat(found.reply)
         if issubclass(kind, TaskMessage):
             options["life_cycle"] = read_life_cycle(found.life_cycle)
             options["progress"] = PlainFormat(found.progress) if found.progress else None
@@ -428,26 +419,22 @@ class CentralServices:
             CentralLost: central does not answer.
         """
         check("wait_until_handled()", checks.TIMEOUT, timeout=timeout)
+        what = "the wait for handlers"
         try:
             left = self._declare_within(timeout, *messages)
         except Timeout:
-            why = self._connection().silence or "central did not know these messages yet"
-            raise Timeout(
-                f"the wait for handlers was not over within {timeout:g} s: {why}"
-            ) from None
+            why = self._connection().why_silent or "central did not know these messages yet"
+            raise Timeout(f"{what} was not over within {timeout:g} s: {why}") from None
         connection = self._declare(*messages)
-        wanted = headers.WaitUntilHandled(
-            0, [message.name for message in messages], [], self._origin
-        )
+        names = [message.name for message in messages]
+        wanted = headers.WaitUntilHandled(0, names, [], self._origin)
         request = connection.request(wanted, wants_answer=True, is_awaited=True)
-        if not connection.wait(request, left, "the wait for handlers"):
+        if not connection.wait(request, left, what):
             connection.abandon(request)
-            if silence := connection.silence:
-                raise Timeout(f"the wait for handlers was not over within {timeout:g} s: {silence}")
-            raise Timeout(
-                f"{self._unhandled(messages, timeout)}; "
-                "start the module that handles them, see 'tca messages'"
-            )
+            if why := connection.why_silent:
+                raise Timeout(f"{what} was not over within {timeout:g} s: {why}")
+            advice = "start the module that handles them, see 'tca messages'"
+            raise Timeout(f"{self._unhandled(messages, timeout)}; {advice}")
 
     def _unhandled(self, messages: Iterable[Message[Any, Any]], timeout: float | None) -> str:
         """Describe which of the messages have no handler, for the Timeout."""
@@ -463,3 +450,4 @@ class CentralServices:
 
 _DECLARED: list[type[Message[Any, Any]]] = [*EXECUTED, Variable, ExceptionHandler]
 _KINDS: dict[str, Any] = {str(kind.message_class): kind for kind in _DECLARED}
+"""Class in a report -> the Python class of the messages that ``declared`` can return."""

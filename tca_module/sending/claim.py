@@ -24,9 +24,8 @@ class Claim:
     def __init__(self, connection: Connection, header: Lock) -> None:
         self._connection = connection
         kind = "reservation" if header.reserve else "lock"
-        self._what = f"the {kind} of resource '{header.resource}'" + (
-            f" of '{header.module}'" * bool(header.module)
-        )
+        where = f" of '{header.module}'" if header.module else ""
+        self._what = f"the {kind} of resource '{header.resource}'{where}"
         self._request = connection.request(header, wants_answer=True, is_awaited=True)
         self._is_released = False
 
@@ -38,13 +37,13 @@ class Claim:
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
         # Central times the wait, too: its answer, granted or not, is on its way.
-        if not is_over and not connection.silence:
+        if not is_over and not connection.why_silent:
             is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
         if not is_over:
-            self._connection.abandon(self._request)
-            why = self._connection.line.why_late(timeout or 0.0)
+            connection.abandon(request)
+            why = connection.line.why_late(timeout or 0.0)
             raise Timeout(f"{self._what} was not granted within {timeout:g} s, {why}")
-        answer, _ = self._request.answers[-1]
+        answer, _ = request.answers[-1]
         if answer.outcome is not Outcome.DONE:
             self._is_released = True
             raise Timeout(f"{self._what} was not granted within {timeout:g} s: {answer.text}")
@@ -70,12 +69,10 @@ class Claim:
 
     def _lost_error(self) -> LockLost:
         """Return the LockLost for this claim."""
-        reason = self._request.why_lock_lost or (
-            "central does not know it any more: the connection was broken"
-        )
-        return LockLost(
-            f"{self._what} was lost before it was released: {reason}; others may have used it"
-        )
+        unknown = "central does not know it any more: the connection was broken"
+        why = self._request.why_lock_lost or unknown
+        text = f"{self._what} was lost before it was released: {why}; others may have used it"
+        return LockLost(text)
 
     def __enter__(self) -> Self:
         return self
@@ -88,7 +85,7 @@ class Claim:
         """Release the claim. Returns True if it still held, or had been released before."""
         if self._is_released:
             return True
-        # First, so that a misuse in another thread leaves the claim releasable in its own.
+        # Before the claim counts as released: its own thread can then still release it.
         self._connection.check_thread()
         self._is_released = True
         return self._connection.release(self._request, self._what, at_once=at_once)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, overload
 
-from tca_module.checks import LateText
 from tca_module.errors import MisuseError
 from tca_module.link.connection import Connection
 from tca_module.sending.handler_errors import Reissued
@@ -134,16 +133,16 @@ class MonitorRef(TaskRef, Generic[D]):
             rocks = task.monitor(ROCKS)
             rocks.fire(STOP_WALKING, rock)
         """
-        check_action(LateText(lambda: str(self)), self.action, action)
+        check_action(self, self.action, action)
         name, body = "", b""
         if action is not None:
             name, body = action.name, action.encode_data(data)
             self._connection().declare(action)
-        return self._steer(Fire(0, self._node(), name, self._origin), "firing", body)
+        return self._steer(Fire(0, self._tree_id(), name, self._origin), "firing", body)
 
     def end(self) -> bool:
         """End the monitor; the tasks that it has sent continue. Returns False if it had ended."""
-        return self._steer(EndMonitor(0, self._node(), self._origin), "ending")
+        return self._steer(EndMonitor(0, self._tree_id(), self._origin), "ending")
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
@@ -154,9 +153,9 @@ def check_action(what: object, wanted: str, action: Any) -> None:
     if action is None and not wanted:
         return
     if not isinstance(action, Message) or action.name != wanted:
-        advice = (
-            f"its action is '{wanted}'" if wanted else "it needs none, fire() it without a message"
-        )
+        advice = "it needs none, fire() it without a message"
+        if wanted:
+            advice = f"its action is '{wanted}'"
         given = action.title if isinstance(action, Message) else repr(action)
         raise MisuseError(f"{what} can't be fired with {given:.60}: {advice}")
 
@@ -168,12 +167,8 @@ def context_of(
 
     def arguments_of(involved: parts.Involved) -> tuple[Connection, str, TaskId, int]:
         message, task = involved.message, involved.task
-        return (
-            connection,
-            message,
-            with_epoch(task, connection.session.epoch, numbered(message, task)),
-            origin,
-        )
+        task = with_epoch(task, connection.session.epoch, numbered(message, task))
+        return connection, message, task, origin
 
     def ref(involved: parts.Involved) -> TaskRef | None:
         return TaskRef(*arguments_of(involved)) if involved.task else None

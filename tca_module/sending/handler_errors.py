@@ -39,6 +39,7 @@ class Reissued(Exception):
     """An exception handler passes its failure on."""
 
 
+# Error of the library -> the name of the failure that it becomes.
 _NAMED = (
     (Misfit, failures.BAD_DATA),
     (Deadlock, failures.DEADLOCK),
@@ -49,12 +50,12 @@ _NAMED = (
 )
 
 
-def failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+def failure_of(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """Return the failure for an error that ended a handler, with its data.
 
     A failure that a query or subtask ended with keeps its name, as a kind of "handler error".
     """
-    header, body = _failed(delivery, _unwrapped(error))
+    header, body = _named_failure(delivery, _unwrapped(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
 
 
@@ -63,22 +64,21 @@ def handler_error(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     return Fail(delivery, failures.HANDLER_ERROR, _printable(_describe(error))), b""
 
 
-def module_ended(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+def module_end_failure(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """Return the failure of the message being handled when an error ended the module."""
     what = "".join(traceback.format_exception_only(error)).partition("\n")[0]
     return Fail(delivery, failures.MODULE_LOST, _printable(f"its module was ended by {what}")), b""
 
 
 def _printable(text: str) -> str:
-    """Return a text that can be encoded and that central stores whole.
+    """Return a text that can be encoded, and is short enough for central to store it whole.
 
-    Texts of Python may contain half characters, mostly in file names. Central stores the start and
-    the end of a long text.
+    Texts of Python may contain surrogates, mostly in file names, which can't be encoded.
     """
     return shortened(text.encode(errors="backslashreplace").decode())
 
 
-def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
+def _named_failure(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     if isinstance(error, FailureRaised):
         return Fail(delivery, error.name, error.text, error.kinds), error.body
     if isinstance(error, Rejection):
@@ -90,9 +90,8 @@ def _failed(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     for kind, name in _NAMED:
         if isinstance(error, kind):
             text = str(error) or f"{type(error).__name__} in its handler"
-            return Fail(
-                delivery, name, text, [] if kind is Misfit else [failures.HANDLER_ERROR]
-            ), b""
+            kinds = [] if kind is Misfit else [failures.HANDLER_ERROR]
+            return Fail(delivery, name, text, kinds), b""
     return Fail(delivery, failures.HANDLER_ERROR, _describe(error)), b""
 
 
@@ -109,17 +108,15 @@ def _unwrapped(error: BaseException) -> BaseException:
 
 def _describe(error: BaseException) -> str:
     """Return the error in one line, then its traceback without the frames of the library."""
-    lines = traceback.format_exception(
-        type(error), error, _without_library_frames(error.__traceback__)
-    )
-    text = "".join(lines).rstrip()
+    trace = _without_library_frames(error.__traceback__)
+    text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
     if len(text) > _TRACEBACK_LIMIT:
         text = f"{text[: _TRACEBACK_LIMIT // 2]}\n...\n{text[-_TRACEBACK_LIMIT // 2 :]}"
     return f"{''.join(traceback.format_exception_only(error)).rstrip()}\n{text}"
 
 
 def _without_library_frames(trace: TracebackType | None) -> TracebackType | None:
-    """Return the traceback without the library's frames that called the handler."""
+    """Return the traceback without its first frames, in which the library calls the handler."""
     while trace is not None and trace.tb_next is not None:
         package = trace.tb_frame.f_globals.get("__package__") or ""
         if package.partition(".")[0] != __package__.partition(".")[0]:

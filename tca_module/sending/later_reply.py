@@ -9,7 +9,7 @@ from weakref import WeakMethod
 
 from tca_module.errors import NIL, MisuseError, Stopped
 from tca_module.link.connection import Connection
-from tca_module.sending.handler_errors import failed
+from tca_module.sending.handler_errors import failure_of
 from tca_module.sending.task_requests import ReportingTask, ServerState
 from tca_module.session.open_deliveries import current_delivery, working_on
 from tca_wire.messages.declarations import Message, R
@@ -52,10 +52,10 @@ class LaterReply(ReportingTask, Generic[R]):
         self._open_delivery = current_delivery()  # of the handler that owes the reply
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
-        # Whether the handler has returned. An earlier answer would tell central that its thread is
-        # free.
+        # Whether the handler has returned. No answer is sent before: central would think that the
+        # handler's thread is free.
         self._has_returned = False
-        self._ended = ""  # the reason why no answer is accepted any more
+        self._why_closed = ""  # the reason why no answer is accepted any more
         self._is_stopped = False  # a client's cancel was accepted
         if state is not None:
             # The library holds no strong reference to this object, so that __del__ runs when the
@@ -63,19 +63,14 @@ class LaterReply(ReportingTask, Generic[R]):
             state.on_stop = WeakMethod(self._on_stop)
 
     def __del__(self) -> None:
-        if (
-            getattr(self, "_has_returned", False)
-            and self.is_open
-            and not self._connection.is_inherited
-        ):
+        # An object whose creation failed lacks the attribute.
+        is_owed = getattr(self, "_has_returned", False) and self.is_open
+        if is_owed and not self._connection.is_inherited:
             self._connection.call_soon(self._on_dropped)
 
     def __repr__(self) -> str:
-        return (
-            numbered(self._message.name, self._delivery.task)
-            if self._delivery.task
-            else f"'{self._message.name}'"
-        )
+        name, task = self._message.name, self._delivery.task
+        return numbered(name, task) if task else f"'{name}'"
 
     @property
     def cancelled(self) -> bool:
@@ -84,7 +79,7 @@ class LaterReply(ReportingTask, Generic[R]):
         Stop when that is safe, then reply.
         """
         self._connection.check_process()
-        # By the open delivery: a restarted central may use its number for another one.
+        # A restarted central may use the number for another delivery: this names the right one.
         with working_on(self._open_delivery):
             return self.is_open and self._connection.session.open_deliveries.is_cancelled(
                 self._delivery.delivery
@@ -93,17 +88,16 @@ class LaterReply(ReportingTask, Generic[R]):
     @property
     def is_open(self) -> bool:
         """Whether the reply is still owed."""
-        return self._answer is None and not self._ended
+        return self._answer is None and not self._why_closed
 
-    def _served(self) -> ServerState:
+    def _server_state(self) -> ServerState:
         if self._state is None:
             raise MisuseError(f"{self} is no task of the tree: only goals and commands are")
-        if self._ended:
-            raise Stopped(f"{self} can't be reported on any more: {self._ended}")
+        if self._why_closed:
+            raise Stopped(f"{self} can't be reported on any more: {self._why_closed}")
         if self._answer is not None:
-            raise MisuseError(
-                f"{self} has been answered already: accept(), report() and take() come before that"
-            )
+            text = "has been answered already: accept(), report() and take() come before that"
+            raise MisuseError(f"{self} {text}")
         return self._state
 
     @overload
@@ -138,18 +132,16 @@ class LaterReply(ReportingTask, Generic[R]):
             later.fail(COLLISION(contact))
         """
         if not isinstance(error, BaseException):
-            raise MisuseError(
-                f"{self} can't fail with {error!r:.60}: "
-                "give it FAILURE(data) of a declared Failure, or an exception"
-            )
-        self._answer_with(*failed(self._delivery.delivery, error))
+            advice = "give it FAILURE(data) of a declared Failure, or an exception"
+            raise MisuseError(f"{self} can't fail with {error!r:.60}: {advice}")
+        self._answer_with(*failure_of(self._delivery.delivery, error))
 
     def _answer_with(self, header: Reply | Fail, body: bytes) -> None:
         """Accept the answer, and send it if the handler has returned."""
         self._connection.check_process()
         with self._lock:
-            if self._ended:
-                raise Stopped(f"{self} can't be answered any more: {self._ended}")
+            if self._why_closed:
+                raise Stopped(f"{self} can't be answered any more: {self._why_closed}")
             if self._is_stopped:
                 return
             if self._answer is not None:
@@ -158,7 +150,7 @@ class LaterReply(ReportingTask, Generic[R]):
             if self._has_returned:
                 self._connection.call_soon(self._send)
 
-    def returned(self) -> None:
+    def handler_returned(self) -> None:
         """The handler has returned: send the answer now, if there is one."""
         with self._lock:
             self._has_returned = True
@@ -166,9 +158,9 @@ class LaterReply(ReportingTask, Generic[R]):
                 self._connection.call_soon(self._send)  # after all its reports
 
     def end(self, why: str) -> None:
-        """Refuse replies from now on; the caller answers instead."""
+        """Refuse replies from now on, because the caller answers instead."""
         with self._lock:
-            self._ended = self._ended or why
+            self._why_closed = self._why_closed or why
 
     def _on_stop(self) -> None:
         """The task has ended at its client's request: the reply is not owed any more."""
@@ -184,10 +176,8 @@ class LaterReply(ReportingTask, Generic[R]):
             is_killed = self._connection.session.open_deliveries.is_killed(self._delivery.delivery)
         self._answer = Reply(self._delivery.delivery), NIL
         if not is_killed:
-            text = (
-                f"the LaterReply of {self} was dropped: "
-                "keep a reference to it until you have called its reply() or fail()"
-            )
+            advice = "keep a reference to it until you have called its reply() or fail()"
+            text = f"the LaterReply of {self} was dropped: {advice}"
             self._connection.log.error("%s", text)
             self._answer = Fail(self._delivery.delivery, FORGOTTEN, text, [HANDLER_ERROR]), b""
         self._send()
@@ -195,13 +185,11 @@ class LaterReply(ReportingTask, Generic[R]):
     def module_ends(self) -> None:
         """The handler's thread ends: a reply that is still owed has failed."""
         self.end("its module has ended")
-        failure = (
-            Fail(self._delivery.delivery, MODULE_LOST, "its module ended before it was answered"),
-            b"",
-        )
+        text = "its module ended before it was answered"
+        failure = Fail(self._delivery.delivery, MODULE_LOST, text)
         with working_on(self._open_delivery):
-            # Central ignores it if an answer was sent.
-            self._connection.reply(*(self._answer or failure))
+            # Central ignores this if an answer was sent before.
+            self._connection.reply(*(self._answer or (failure, b"")))
 
     def _send(self) -> None:
         """Send the answer. The connection's thread calls this."""

@@ -93,7 +93,7 @@ class QuestionServices(CentralServices):
             left = self._declare_within(timeout, message)
         except Timeout:
             assert timeout is not None
-            raise reply_timeout(message, timeout, self._connection().silence) from None
+            raise reply_timeout(message, timeout, self._connection().why_silent) from None
         question = self._send_question(message, data, priority=priority, blocking=True, brief=brief)
         return PendingReply(*question, message).receive_within(left, timeout)
 
@@ -128,13 +128,9 @@ class QuestionServices(CentralServices):
             pending = task.query_send(HEIGHT, place)
             height = pending.receive(timeout=5)
         """
-        return self._query_send(message, data, priority)
-
-    def _query_send(self, message: Query[D, R], data: D, priority: int) -> PendingReply[R]:
         check_class(message, Query)
-        return PendingReply(
-            *self._send_question(message, data, priority=priority, is_awaited=False), message
-        )
+        question = self._send_question(message, data, priority=priority, is_awaited=False)
+        return PendingReply(*question, message)
 
     def _send_question(
         self,
@@ -167,9 +163,8 @@ class QuestionServices(CentralServices):
             if_handled=if_handled,
             brief=brief,
         )
-        return connection, connection.request(
-            header, body, wants_answer=True, is_awaited=is_awaited
-        )
+        request = connection.request(header, body, wants_answer=True, is_awaited=is_awaited)
+        return connection, request
 
     @overload
     def multi_query(
@@ -272,7 +267,7 @@ class QuestionServices(CentralServices):
         check(message.title, checks.MAXIMUM, maximum=maximum)
         try:
             left = self._declare_within(timeout, message)
-        except Timeout:
+        except Timeout:  # no replies, as if all handlers were late
             unsent = Request(Send(0, message.name), b"", wants_answer=True)
             unsent.is_over = True
             return PendingReplies(self._connection(), unsent, message, 0)
@@ -287,11 +282,11 @@ class QuestionServices(CentralServices):
         """Ask and wait for the answer. Returns None if the message has no handler."""
         connection, request = self._send_question(message, data, blocking=True, if_handled=True)
         is_over = connection.wait(request, QUERY_TIMEOUT, message.title)
-        # Central accepts a question that it does not send, and answers one that it sends.
+        # Central answers a question that it sends. One that it does not send, it only accepts.
         if request.accepted is not None:
             return None
         if isinstance(message, MultiQuery):
             return list(PendingReplies(connection, request, message, 0))
         if not is_over:
-            raise reply_timeout(message, QUERY_TIMEOUT, connection.give_up(request))
+            raise reply_timeout(message, QUERY_TIMEOUT, connection.abandon_late(request))
         return PendingReply(connection, request, message).receive()

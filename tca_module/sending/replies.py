@@ -98,12 +98,12 @@ class PendingReply(_Question, Generic[R]):
             raise
         if not has_reply:
             self._is_cancelled = True
-            raise reply_timeout(self._message, timeout, self.connection.give_up(self.request))
+            raise reply_timeout(self._message, timeout, self.connection.abandon_late(self.request))
         return self._reply(*self.request.answers[-1])
 
     def __await__(self) -> Generator[Any, None, R]:
         try:
-            yield from self.connection.until_over(self.request, self._checked_name())
+            yield from self.connection.wait_in_coroutine(self.request, self._checked_name())
         except asyncio.CancelledError:
             self.cancel()
             raise
@@ -147,7 +147,7 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
         self._has_reply = False
 
     def __next__(self) -> R:
-        if not self._is_cancelled and self._has_answer():
+        if not self._is_cancelled and self._wait_for_answer():
             answer, body = self.request.answers.popleft()
             if answer.more:
                 self._has_reply = True
@@ -158,19 +158,18 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
         self.cancel()
         raise StopIteration
 
-    def _has_answer(self) -> bool:
-        """Wait for the next answer. False if the time is over, or no more will come."""
+    def _wait_for_answer(self) -> bool:
+        """Wait for the next answer; return False if the time is over, or no more will come."""
         if not self.request.answers and not self.request.is_over:
-            left = (
-                None if self._deadline is None else max(0.0, self._deadline - self.connection.now())
-            )
+            now, deadline = self.connection.now(), self._deadline
+            left = None if deadline is None else max(0.0, deadline - now)
             try:
                 has_arrived = self.connection.wait(
                     self.request, left, self._message.title, lambda: bool(self.request.answers)
                 )
-                # Central's answer to that names a failure, if a handler has failed.
+                # If a handler has failed, central's answer to the GiveUp names its failure.
                 if not has_arrived and not self._has_reply:
-                    self.connection.give_up(self.request)
+                    self.connection.abandon_late(self.request)
             except (TaskKilled, Stopped):
                 self._is_cancelled = True
                 raise
@@ -195,7 +194,7 @@ class Notification(Generic[R]):
         self._pending = pending
         self._callback = callback
         self._on_failure = on_failure
-        pending.request.notify = lambda: connection.waiting.callbacks.append(self._call)
+        pending.request.notify = lambda: connection.wait_loop.callbacks.append(self._call)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the function has been called.

@@ -17,7 +17,7 @@ from tca_module.errors import Refused
 from tca_module.sending.attachments import Recovery
 from tca_module.sending.questions import QuestionServices
 from tca_module.sending.replies import Notification
-from tca_module.sending.task_ref import SentTask, TaskRef, node_of
+from tca_module.sending.task_ref import SentTask, TaskRef, tree_id_of
 from tca_module.sending.watching import TASK, WatchingServices
 from tca_wire.constraints import Constraint, Flags, not_before
 from tca_wire.messages.declarations import (
@@ -229,7 +229,7 @@ class Sender(WatchingServices, QuestionServices):
             user.under(walking).monitor(CUP_GONE, cup, period=0.1)
         """
         check("under()", TASK, task=task)
-        return Sender(node_of(task), self._origin, is_shared=True, connection=self._connection)
+        return Sender(tree_id_of(task), self._origin, is_shared=True, connection=self._connection)
 
     def sequence(self, plan_ahead: int | None = None) -> AbstractContextManager[None]:
         """Start a ``with`` block of subtasks that are achieved one after the other.
@@ -339,7 +339,7 @@ class Sender(WatchingServices, QuestionServices):
         check_function("query_notify()", callback, "(sender, reply)")
         if on_failure is not None:
             check_function("query_notify()", on_failure, "(sender, error)")
-        pending = self._query_send(message, data, priority)
+        pending = self.query_send(message, data, priority=priority)
         return Notification(pending, callback, on_failure)
 
     # --- statements -------------------------------------------------------------------------------
@@ -454,9 +454,8 @@ class Sender(WatchingServices, QuestionServices):
             MisuseError: the message's class cannot be sent.
         """
         check_class(message, *EXECUTED, call="execute")
-        return next(
-            getattr(self, call) for kind, call in EXECUTED.items() if isinstance(message, kind)
-        )(message, data)
+        calls = (call for kind, call in EXECUTED.items() if isinstance(message, kind))
+        return getattr(self, next(calls))(message, data)
 
     @overload
     def execute_if_handled(

@@ -1,8 +1,8 @@
 """The order of a Sender's children: the constraints that the next child needs.
 
-A block (``sequence``, ``parallel``) is one element of the block around it. Its *first* tasks are
-those with which it starts; the ends of its *last* tasks are its end. The module knows task ids
-only. A task that central refuses later counts as never sent.
+A block (``sequence``, ``parallel``) is one element of the block around it. It starts with its
+*first* tasks, and ends when its *last* tasks have ended. A task that central refuses later counts
+as never sent.
 """
 
 from collections import deque
@@ -27,7 +27,7 @@ class _Block:
         self.last: list[TaskId] = []
         self.delays_planning: bool = plan_ahead == 0 or bool(outer and outer.delays_planning)
         self._planned_after = outer.next_planned_after() if outer else []
-        # The first tasks of the newest elements: as many as may be planned ahead.
+        # The first tasks of each of the newest elements: as many as may be planned ahead.
         self._starts: deque[list[TaskId]] = deque(maxlen=plan_ahead or 0)
         self._is_parallel = is_parallel
 
@@ -48,7 +48,7 @@ class _Block:
 
 
 def _replace_refused(tasks: Iterable[TaskId]) -> Iterator[TaskId]:
-    """Yield the tasks; in place of a refused one, those that it would have come after."""
+    """Yield the tasks; a refused one is replaced by the tasks before it."""
     for task in tasks:
         if isinstance(task, SentId) and task.request.has_failed:
             yield from _replace_refused(task.request.after)
@@ -60,7 +60,7 @@ class SiblingOrder:
     """The order among the children of one Sender."""
 
     def __init__(self, *, is_shared: bool) -> None:
-        # Whether others send there, too: central's "last sibling" may be theirs.
+        # Whether others send under the same parent: then they may have sent the last sibling.
         self._is_shared = is_shared
         self._epoch = ""
         self.forget()
@@ -96,7 +96,10 @@ class SiblingOrder:
         return flags, constraints
 
     def _follows_last_sibling(self, block: _Block) -> bool:
-        """Whether a flag can replace the constraints, which spares central the check for cycles."""
+        """Whether the next child comes after its previous sibling only.
+
+        Then a flag replaces the constraints, and central need not check them for cycles.
+        """
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
         return not self._is_shared and block.after == [self._newest]
@@ -129,7 +132,7 @@ class SiblingOrder:
         try:
             yield
         finally:
-            if block in self._blocks:  # false if central was restarted within the block
+            if block in self._blocks:  # else central was restarted within the block
                 self._blocks.remove(block)
                 if block.first:
                     self._blocks[-1].add(block.first, block.last, sequential=True)

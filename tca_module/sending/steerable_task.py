@@ -56,12 +56,12 @@ class TaskInfo(NamedTuple):
         """Return the info in a row of the answer of the central of that *epoch*."""
         task = with_epoch(row["task"], epoch, numbered(row["message"], row["task"]))
         parent = with_epoch(row["parent"], epoch, numbered("task", row["parent"]))
-        return cls(
-            task, row["message"], row["class"], parent, *(row[key] for key in cls._fields[4:])
-        )
+        others = (row[key] for key in cls._fields[4:])
+        return cls(task, row["message"], row["class"], parent, *others)
 
 
-_RELATIONS = {"self": "state", "kept": "kept tasks"}
+_RELATIVES = {"self": "state", "kept": "kept tasks"}
+"""Relation -> the name of what it leads to, if it differs; for errors."""
 
 
 class SteerableTask(TaskIntervals, NamedTask):
@@ -119,9 +119,8 @@ class SteerableTask(TaskIntervals, NamedTask):
         check(what, checks.SECONDS, delay=delay)
         check(what, checks.SCOPE, scope=scope)
         check(what, checks.POINT_OR_NONE, after=after)
-        return self._steer(
-            headers.Kill(0, self._node(), why, scope, after, delay, origin=self._origin), "killing"
-        )
+        header = headers.Kill(0, self._tree_id(), why, scope, after, delay, origin=self._origin)
+        return self._steer(header, "killing")
 
     @overload
     def on_termination(
@@ -153,7 +152,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         """
         check_class(message, Goal, Command, call="on_termination")
         body = message.encode_data(data)
-        header = headers.Send(0, message.name, self._node(), self._origin, when_killed=True)
+        header = headers.Send(0, message.name, self._tree_id(), self._origin, when_killed=True)
         self._connection().declare(message)
         self._connection().call(header, self._action("on termination of"), body)
 
@@ -198,14 +197,13 @@ class SteerableTask(TaskIntervals, NamedTask):
             walking.fail(COLLISION(contact))
         """
         if not isinstance(failure, FailureRaised):
-            hint = (
-                f"'{failure.name}' is only declared, call it"
-                if isinstance(failure, Failure)
-                else "COLLISION(data)"
-            )
-            raise MisuseError(f"fail() takes a failure with its data, not {failure!r:.60}: {hint}")
+            advice = "give COLLISION(data)"
+            if isinstance(failure, Failure):
+                advice = f"'{failure.name}' is only declared, call it"
+            text = f"fail() takes a failure with its data, not {failure!r:.60}: {advice}"
+            raise MisuseError(text)
         header = headers.Raise(
-            0, self._node(), failure.name, failure.text, failure.kinds, self._origin
+            0, self._tree_id(), failure.name, failure.text, failure.kinds, self._origin
         )
         return self._steer(header, f"raising '{failure.name}' on", failure.body)
 
@@ -240,13 +238,12 @@ class SteerableTask(TaskIntervals, NamedTask):
         if message is not None:
             check_message(message)
         elif data is not None:
-            raise MisuseError(
-                f"a retry of {self}: data needs its message, too: retry(MESSAGE, data)"
-            )
+            text = "data needs its message, too: retry(MESSAGE, data)"
+            raise MisuseError(f"a retry of {self}: {text}")
         if message is not None and message.name != self.message:
             raise MisuseError(f"{self} can't be retried with data of '{message.name}'")
         body = message.encode_data(data) if message is not None else b""
-        header = headers.Retry(0, self._node(), message is not None, self._origin)
+        header = headers.Retry(0, self._tree_id(), message is not None, self._origin)
         return self._steer(header, "a retry of", body)
 
     # --- suspending -------------------------------------------------------------------------------
@@ -257,7 +254,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         Returns:
             False if the task had ended.
         """
-        return self._steer(headers.Suspend(0, self._node(), origin=self._origin), "suspending")
+        return self._steer(headers.Suspend(0, self._tree_id(), origin=self._origin), "suspending")
 
     def resume(self) -> bool:
         """Let a suspended task continue. It does nothing to a task that was not suspended.
@@ -266,7 +263,8 @@ class SteerableTask(TaskIntervals, NamedTask):
             False if the task had ended.
         """
         return self._steer(
-            headers.Suspend(0, self._node(), resume=True, origin=self._origin), "resuming"
+            headers.Suspend(0, self._tree_id(), resume=True, origin=self._origin),
+            "resuming",
         )
 
     # --- kept tasks -------------------------------------------------------------------------------
@@ -286,11 +284,13 @@ class SteerableTask(TaskIntervals, NamedTask):
             Refused: "too late": the task has ended; "overload": central already retains 10,000
                 tasks.
         """
-        self._steer(headers.Keep(0, self._node(), origin=self._origin), "keeping")
+        self._steer(headers.Keep(0, self._tree_id(), origin=self._origin), "keeping")
 
     def release(self) -> None:
         """Undo ``keep`` for this module. It does nothing to a task that was not kept."""
-        self._steer(headers.Keep(0, self._node(), release=True, origin=self._origin), "releasing")
+        self._steer(
+            headers.Keep(0, self._tree_id(), release=True, origin=self._origin), "releasing"
+        )
 
     # --- inspecting -------------------------------------------------------------------------------
 
@@ -310,9 +310,8 @@ class SteerableTask(TaskIntervals, NamedTask):
         check_message(message)
         info = self.info()
         if info is None or info.message != message.name:
-            raise MisuseError(
-                f"{self} has ended" if info is None else f"{self} is no '{message.name}'"
-            )
+            why = "has ended" if info is None else f"is no '{message.name}'"
+            raise MisuseError(f"{self} {why}")
         return message.decode_data(info.data)
 
     def _inspect(
@@ -321,15 +320,11 @@ class SteerableTask(TaskIntervals, NamedTask):
         """Ask central about the tasks in a *relation* to this one."""
         check(LateText(lambda: f"the tasks of {self}"), checks.MESSAGE_OR_NAME, message=message)
         name = message.name if isinstance(message, Message) else message or ""
-        header = headers.Inspect(0, self._node(), relation, name)
-        relatives = _RELATIONS.get(relation, relation)
-        what = LateText(
-            lambda: (
-                f"the question for the {relatives} of {self._description}"
-                if self._node()
-                else "the question for the tasks"
-            )
-        )
+        header = headers.Inspect(0, self._tree_id(), relation, name)
+        wanted = _RELATIVES.get(relation, relation)
+        what: object = "the question for the tasks"  # of the whole tree
+        if self._tree_id():
+            what = self._action(f"the question for the {wanted} of")
         request = self._connection().ask_central(header, what)
         for row in msgspec.msgpack.decode(request.answers[-1][1]):
             yield TaskInfo.from_row(row, request.epoch)

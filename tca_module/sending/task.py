@@ -53,7 +53,9 @@ class Task(Sender, TaskNode, ReportingTask):
     ) -> None:
         """*accepts*: the handler itself calls ``accept()``."""
         self._link: Connection | None = connection
-        self._woken: Connection = connection  # for wake(), also after the handler has returned
+        self._connection_to_wake: Connection = (
+            connection  # for wake(), also after the handler has returned
+        )
         self._message = message
         self.message = message.name
         self._delivery = delivery
@@ -105,7 +107,7 @@ class Task(Sender, TaskNode, ReportingTask):
     @property
     def ref(self) -> TaskRef:
         """This task as other programs see it, to follow it or to wait for one of its points."""
-        return TaskRef(self._connection(), self.message, self._node(), self._origin)
+        return TaskRef(self._connection(), self.message, self._tree_id(), self._origin)
 
     @property
     def trouble(self) -> Trouble:
@@ -169,7 +171,7 @@ class Task(Sender, TaskNode, ReportingTask):
             request.accept()
         """
         check(f"wait_for_request() of {self}", checks.TIMEOUT, timeout=timeout)
-        return self._served().wait(timeout)
+        return self._server_state().wait(timeout)
 
     def requests(self) -> Requests:
         """Return the requests of clients, to iterate over as they arrive.
@@ -179,7 +181,7 @@ class Task(Sender, TaskNode, ReportingTask):
             async for request in task.requests():
                 request.reject("too late to change")
         """
-        return Requests(self._served())
+        return Requests(self._server_state())
 
     def rejected(self, why: str = "") -> Exception:
         """Return the error to raise when the handler does not start the task.
@@ -212,7 +214,7 @@ class Task(Sender, TaskNode, ReportingTask):
             raise task.aborted()
         """
         check(f"aborted() of {self}", checks.TEXT, why=why)
-        self._served().stop(why)
+        self._server_state().stop(why)
         return Aborted(str(self), why or "a client has asked for its end")
 
     # --- time -------------------------------------------------------------------------------------
@@ -290,15 +292,14 @@ class Task(Sender, TaskNode, ReportingTask):
         what = f"wait_until() of {self}"
         check(what, checks.TIMEOUT, timeout=timeout)
         connection = self._own_connection()
-        connection.transport.waker()
-        observed = [task._followed().request for task in on]  # noqa: SLF001
-        return connection.wait_until(
-            is_over, what, None if timeout is None else self.time() + timeout, observed
-        )
+        connection.transport.waker()  # so that wake() has effect at once
+        observed = [task._ensure_mirror().request for task in on]  # noqa: SLF001
+        moment = None if timeout is None else self.time() + timeout
+        return connection.wait_until(is_over, what, moment, observed)
 
     def wake(self) -> None:
         """Have ``wait_until()`` call its function again; from any thread, at any time."""
-        self._woken.wake()
+        self._connection_to_wake.wake()
 
     def shielded(self) -> AbstractContextManager[None]:
         """Start a ``with`` block whose waits are not cut short by a kill or the module's end.
@@ -331,33 +332,33 @@ class Task(Sender, TaskNode, ReportingTask):
         connection = self._connection()
         if self.later is None:
             connection.transport.waker()  # so that an answer can wake this thread at once
-            state = self._served() if self._task_id != ROOT else None
+            state = self._server_state() if self._task_id != ROOT else None
             self.later = LaterReply(connection, self._message, self._delivery, state)
         return self.later
 
-    def _served(self) -> ServerState:
+    def _server_state(self) -> ServerState:
         """Return the task's state, with the requests that have arrived."""
-        self._node()
+        self._tree_id()
         connection = self._connection()
         connection.catch_up()
         delivery, message = self._delivery, self._message
         return connection.session.open_deliveries.state_of(
             self.delivery,
-            lambda opened: ServerState(
-                connection, delivery, opened, message, accepts=self._accepts
+            lambda handler: ServerState(
+                connection, delivery, handler, message, accepts=self._accepts
             ),
         )
 
-    def check_sent(self) -> None:
+    def raise_send_errors(self) -> None:
         """Raise the error of a task that the handler has sent, if one is known.
 
-        It is called before the handler returns. For a direct message it waits until central has
-        acknowledged all sends: central cannot report them to that handler later.
+        The library calls it when the handler returns. For a direct message it waits until central
+        has acknowledged all sends, because central does not know that handler.
         """
         if self._link is not None:
             self._link.raise_send_errors(self._origin, wait=self.delivery < 0)
 
-    def returned(self) -> None:
+    def handler_returned(self) -> None:
         """The handler has returned: this Task sends nothing more."""
         self._link = self.later = None
 
@@ -369,24 +370,16 @@ class Task(Sender, TaskNode, ReportingTask):
     def _own_connection(self) -> Connection:
         """Return the handler's connection, even if central has forgotten the task."""
         if self._link is None:
-            raise MisuseError(
-                f"{self} is used after its handler returned: "
-                "send before it returns, or from the module"
-            )
+            advice = "send before it returns, or from the module"
+            raise MisuseError(f"{self} is used after its handler returned: {advice}")
         self._link.check_thread(self, "handles it", FIND_IT)
         return self._link
 
-    def _node(self) -> TaskId:
+    def _tree_id(self) -> TaskId:
         if self._task_id == ROOT:
-            raise MisuseError(
-                f"'{self.message}' is no task of the tree: only goals and commands are"
-            )
+            text = "is no task of the tree: only goals and commands are"
+            raise MisuseError(f"'{self.message}' {text}")
         return self._task_id
 
     def _interval(self, interval: Interval) -> TaskInterval:
-        if self._task_id == ROOT:
-            raise MisuseError(
-                f"'{self.message}' is no task of the tree and has no points: "
-                "only goals and commands have"
-            )
-        return TaskInterval(self._task_id, interval)
+        return TaskInterval(self._tree_id(), interval)

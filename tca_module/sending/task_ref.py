@@ -43,9 +43,9 @@ _NO_RESULT = (
 )
 
 
-def node_of(task: "TaskRef") -> TaskId:
-    """Return the task as requests name it. Its id may not be known yet."""
-    return task._node()  # noqa: SLF001
+def tree_id_of(task: "TaskRef") -> TaskId:
+    """Return a task's id for requests; central may not have assigned it yet."""
+    return task._tree_id()  # noqa: SLF001
 
 
 class TaskNode(SteerableTask):
@@ -219,17 +219,17 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
             what = LateText(lambda: f"the wait for {self._describe_point(point)}")
             is_over = self._connection().wait(request, timeout, what)
         if not is_over:
-            why = self._connection().give_up(request)
-            where = f": {why}" if why else ""
-            raise Timeout(
-                f"{self._describe_point(point)} was not reached within {timeout:g} s{where}",
-                can_wait=True,
-            )
+            why = self._connection().abandon_late(request)
+            text = f"{self._describe_point(point)} was not reached within {timeout:g} s"
+            raise Timeout(f"{text}: {why}" if why else text, can_wait=True)
         return request.answers[-1]
 
     @contextmanager
     def _recalled_if_lost(self) -> Iterator[None]:
-        """Recall a task that can't be waited for, if central has not acknowledged it."""
+        """Return a block that waits for the task; if central is lost, the task is recalled.
+
+        Only a task that central has not acknowledged is recalled.
+        """
         try:
             yield
         except CentralLost as error:
@@ -255,7 +255,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """Return a point for people. Never waits for the id of its task."""
         if isinstance(point.task, SentId) and not point.task.request.is_over:
             return f"{describe_moments(point.moment)[0]} of {point.task.what}"
-        return f"{point} ('{self.message}')" if point.task == self._node() else str(point)
+        return f"{point} ('{self.message}')" if point.task == self._tree_id() else str(point)
 
     # --- failures ---------------------------------------------------------------------------------
 
@@ -289,7 +289,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """
         attachment = Recovery(failure, handler, maximum=maximum).attachment
         self._connection().declare(handler)
-        header = headers.Attach(0, attachment, self._node(), origin=self._origin)
+        header = headers.Attach(0, attachment, self._tree_id(), origin=self._origin)
         number = self._connection().call(header, self._action(f"attaching '{handler.name}' to"))
         return AttachmentRef(self._connection(), number, header)
 
@@ -333,7 +333,8 @@ class Change:
         self._message = message
 
     def __repr__(self) -> str:
-        return f"{self.task}: {self.state}" + (f" ({self.transition})" if self.transition else "")
+        transition = f" ({self.transition})" if self.transition else ""
+        return f"{self.task}: {self.state}{transition}"
 
     @cached_property
     def goal(self) -> Any:
@@ -358,19 +359,16 @@ class Change:
         return decode_untyped(data)
 
     def _goal_of(self, data: bytes) -> Any:
-        return (
-            self._message.decode_data(data)
-            if self._message is not None and data
-            else decode_untyped(data)
-        )
+        if self._message is not None and data:
+            return self._message.decode_data(data)
+        return decode_untyped(data)
 
 
 def change_of(connection: Connection, observed: ObservedChange, origin: int = 0) -> Change:
     """Return a change of any task's state, as its observers see it."""
     name = observed.change.message
-    return Change(
-        observed, TaskRef(connection, name, observed.task, origin), connection.declared(name)
-    )
+    task = TaskRef(connection, name, observed.task, origin)
+    return Change(observed, task, connection.declared(name))
 
 
 class SentTask(TaskRef, Generic[R]):
@@ -417,9 +415,9 @@ class SentTask(TaskRef, Generic[R]):
             except TaskFailed as error:
                 print(error.failure, error.data)
         """
-        is_new = self._end is None
+        is_news = self._end is None
         answer, body = self._await_end(timeout)
-        if is_new and not answer.outcome.lets_successors_continue:
+        if is_news and not answer.outcome.lets_successors_continue:
             self._connection().mark_notified()
         return self._result(answer, body)
 
@@ -429,7 +427,7 @@ class SentTask(TaskRef, Generic[R]):
             request = self._request_point(point, blocking=False)
             with self._recalled_if_lost():
                 what = LateText(lambda: f"the wait for {self._describe_point(point)}")
-                yield from self._connection().until_over(request, what)
+                yield from self._connection().wait_in_coroutine(request, what)
             self._end = request.answers[-1]
             if self._mirror is not None:
                 self._mirror.receive_end()
@@ -441,11 +439,8 @@ class SentTask(TaskRef, Generic[R]):
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:
             raise TaskKilled(repr(self), answer.text)
-        if (
-            answer.outcome is Outcome.RESOLVED
-            and not body
-            and self._message.reply.kind is not type(None)
-        ):
+        has_result = self._message.reply.kind is not type(None)
+        if answer.outcome is Outcome.RESOLVED and has_result and not body:
             first, newline, rest = answer.text.partition("\n")
             text = (f"{first} ({_NO_RESULT})" if first else _NO_RESULT) + newline + rest
             raise TaskFailed(repr(self), answer.failure, text, b"")
@@ -454,7 +449,5 @@ class SentTask(TaskRef, Generic[R]):
         except BadData as error:
             if body:
                 raise
-            raise BadData(
-                f"central no longer retains the result of {self}: "
-                f"call result() sooner after its end ({error})"
-            ) from None
+            what = f"central no longer retains the result of {self}"
+            raise BadData(f"{what}: call result() sooner after its end ({error})") from None

@@ -49,7 +49,7 @@ class TaskRequest:
     """
 
     def __init__(
-        self, served: "ServerState", row: Transition, header: Requested, goal: Any
+        self, server_state: "ServerState", row: Transition, header: Requested, goal: Any
     ) -> None:
         self.transition = header.transition
         self.goal = goal
@@ -57,15 +57,16 @@ class TaskRequest:
         self.serial = header.serial
         self.row = row
         self.is_delivered = False  #: a wait has returned it to the handler
-        self._served = served
+        self._server_state = server_state
 
     def __repr__(self) -> str:
-        return f"'{self.transition}' of {self._served}" + (f": {self.why}" if self.why else "")
+        why = f": {self.why}" if self.why else ""
+        return f"'{self.transition}' of {self._server_state}{why}"
 
     @property
     def is_open(self) -> bool:
         """Whether it waits for the handler's answer. Never waits."""
-        return self._served.is_open(self)
+        return self._server_state.is_open(self)
 
     def accept(self, goal: Any = None) -> bool:
         """Grant the request: the new goal becomes the task's, or the task ends as cancelled.
@@ -83,7 +84,7 @@ class TaskRequest:
             BadData: *goal* does not fit the task's message.
             MisuseError: *goal* is given, and the request is no update.
         """
-        return self._served.accept(self, goal)
+        return self._server_state.accept(self, goal)
 
     def reject(self, why: str = "") -> bool:
         """Refuse the request: the task continues as before, and the client gets the reason.
@@ -97,7 +98,7 @@ class TaskRequest:
         Raises:
             MisuseError: the task's life cycle does not allow to reject it.
         """
-        return self._served.reject(self, why)
+        return self._server_state.reject(self, why)
 
 
 class ServerState:
@@ -107,7 +108,7 @@ class ServerState:
         self,
         connection: Connection,
         delivery: Deliver,
-        opened: OpenDelivery,
+        open_delivery: OpenDelivery,
         message: Message[Any, Any],
         *,
         accepts: bool,
@@ -115,27 +116,26 @@ class ServerState:
         """*accepts*: the handler itself accepts the task."""
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
-        self.has_request_methods = (
-            False  #: a Server's methods answer requests: no wait returns them
-        )
-        #: A weak reference to the function that is called when the task is stopped.
+        #: a Server's methods answer requests: no wait returns them
+        self.has_request_methods = False
+        #: returns the function that is called when the task is stopped: a weak reference to it
         self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None
         self._is_started_by_refusal = False
         self._serial = 0  # of the newest transition of a client
         self._open: list[TaskRequest] = []  # oldest first
         self._connection = connection
         self._message = message
-        self.delivery = opened  #: of its handler
+        self.open_delivery = open_delivery
         self._what = numbered(message.name, delivery.task)
         epoch = connection.session.epoch
         self._task = with_epoch(delivery.task, epoch, self._what)
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
-        # A stand-in for the clients' requests, which a coroutine can await. Its path hides the wait
-        # from the search for deadlocks: any client may end it.
+        # A coroutine awaits this in place of the clients' requests. With a path, it looks like a
+        # direct request: central is not informed of the wait, which any client may end.
         self._awaited = Request(Observe(0), b"", wants_answer=True)
         self._awaited.path = self
-        opened.on_request += (self._wake,)
+        open_delivery.on_request += (self._wake,)
 
     def __repr__(self) -> str:
         return self._what
@@ -197,8 +197,8 @@ class ServerState:
     def _read_requests(self) -> None:
         """Read the requests that have arrived."""
         with self._lock:
-            while self.delivery.requested:
-                header, body = self.delivery.requested.popleft()
+            while self.open_delivery.requested:
+                header, body = self.open_delivery.requested.popleft()
                 if header.serial > self._serial:  # otherwise central has sent it twice
                     self._apply_request(header, body)
 
@@ -234,7 +234,11 @@ class ServerState:
             if request not in self._open:
                 return False
             self._open.remove(request)
-            row = self.life_cycle.grant(self._state) if is_goal else self._row_with(Effect.STOP)
+            row = (
+                self.life_cycle.grant(self._state)
+                if is_goal
+                else self._transition_with(Effect.STOP)
+            )
             if row is not None:
                 self._apply(row, body=body)
             return True
@@ -246,9 +250,8 @@ class ServerState:
                 return False
             row = self.life_cycle.refusal(self._state)
             if row is None:
-                raise MisuseError(
-                    f"{request} can't be rejected: {self.life_cycle} has no transition for that"
-                )
+                text = f"{self.life_cycle} has no transition for that"
+                raise MisuseError(f"{request} can't be rejected: {text}")
             self._open.remove(request)
             self._is_started_by_refusal = request.row.source == self.life_cycle.initial
             self._apply(row, why)
@@ -271,9 +274,8 @@ class ServerState:
             if row is None:
                 raise MisuseError(self._why_impossible(name))
             if cycle.is_over(row.target) and row.effect is not Effect.STOP:
-                raise MisuseError(
-                    f"'{name}' ends {self}: its handler returns, or raises a failure, instead"
-                )
+                advice = "its handler returns, or raises a failure, instead"
+                raise MisuseError(f"'{name}' ends {self}: {advice}")
             if row.effect is not Effect.RESULT:
                 self._open = [one for one in self._open if not self._needs_answer(one)]
             self._apply(row, why, body)
@@ -282,17 +284,13 @@ class ServerState:
         """Explain why the server can't make a transition now."""
         cycle = self.life_cycle
         if name not in (names := cycle.names(Party.SERVER)):
-            return (
-                f"the handler of {self} can't take '{name}': "
-                f"{cycle} has for servers: {quoted(names)}"
-            )
+            text = f"{cycle} has for servers: {quoted(names)}"
+            return f"the handler of {self} can't take '{name}': {text}"
         sources = quoted(cycle.sources(name, Party.SERVER), " or ")
         advice = ""
         if name == cycle.accepted.name:
-            advice = (
-                "; a task is accepted when its handler gets it, "
-                "unless the handler is declared with accepts=True"
-            )
+            when = "a task is accepted when its handler gets it"
+            advice = f"; {when}, unless the handler is declared with accepts=True"
         elif self._state == cycle.initial:
             advice = "; accept() it first"
         return f"{self} is '{self._state}': '{name}' is possible while it is {sources}{advice}"
@@ -304,33 +302,27 @@ class ServerState:
                 return
             rows = [row for row in self.life_cycle.transitions if row.effect is Effect.RESULT]
             if not rows:
-                raise MisuseError(
-                    f"{self} can't report(): {self.life_cycle} has no transition for results"
-                )
-            row = self._row_with(Effect.RESULT) or rows[0]
+                text = f"{self.life_cycle} has no transition for results"
+                raise MisuseError(f"{self} can't report(): {text}")
+            row = self._transition_with(Effect.RESULT) or rows[0]
             self.take_transition(row.name, body=body)
 
     def stop(self, why: str = "") -> None:
         """End the task at its client's request."""
         with self._lock:
             self._read_requests()
-            row = self._row_with(Effect.STOP)
+            row = self._transition_with(Effect.STOP)
             if row is None:
-                raise MisuseError(
-                    f"{self} is '{self._state}', and no client has asked for its end: "
-                    "return, or fail"
-                )
+                text = "and no client has asked for its end: return, or fail"
+                raise MisuseError(f"{self} is '{self._state}', {text}")
             self._open.clear()
             self._apply(row, why)
 
-    def _row_with(self, effect: Effect) -> Transition | None:
+    def _transition_with(self, effect: Effect) -> Transition | None:
         """Return a transition with *effect* out of the present state; None without any."""
-        rows = (
-            row
-            for row in self.life_cycle.transitions
-            if row.source == self._state and row.effect is effect
-        )
-        return next(rows, None)
+        rows = self.life_cycle.transitions
+        here = (one for one in rows if one.source == self._state and one.effect is effect)
+        return next(here, None)
 
     def _apply(self, row: Transition, why: str = "", body: bytes = b"") -> None:
         """Make a transition of the server, and report it to central."""
@@ -363,10 +355,9 @@ class ServerState:
 
     async def next_request(self) -> TaskRequest:
         """Await the next request that no wait has returned yet, without a timeout."""
-        waiting = self._connection.until_over(
-            self._awaited, f"a request to {self}", lambda: self.has_new
-        )
-        await awaited(waiting)
+        what = f"a request to {self}"
+        wait = self._connection.wait_in_coroutine(self._awaited, what, lambda: self.has_new)
+        await awaited(wait)
         request = self.pop_new_request()
         assert request is not None
         return request
@@ -377,14 +368,14 @@ class ReportingTask:
 
     _message: Message[Any, Any]
 
-    def _served(self) -> ServerState:
+    def _server_state(self) -> ServerState:
         """Return the task's state. Raises MisuseError for a message that is no task."""
         raise NotImplementedError
 
     @property
     def state(self) -> str:
         """The task's state, as far as this program knows. Never waits."""
-        return self._served().state
+        return self._server_state().state
 
     def accept(self) -> None:
         """Accept the task, in a handler that is declared with ``accepts=True``.
@@ -394,7 +385,7 @@ class ReportingTask:
         Raises:
             MisuseError: the handler has accepted the task already, or is not declared so.
         """
-        self._served().accept_task()
+        self._server_state().accept_task()
 
     def report(self, data: Any = None) -> None:
         """Report an intermediate result to the observers of the task. Does not wait.
@@ -412,22 +403,18 @@ class ReportingTask:
         """
         message = self._message
         if not isinstance(message, TaskMessage):
-            raise MisuseError(
-                f"{self} can't report(): only goals and commands have intermediate results"
-            )
-        served = self._served()
+            text = "only goals and commands have intermediate results"
+            raise MisuseError(f"{self} can't report(): {text}")
+        server_state = self._server_state()
         if data is not None and message.progress.kind is type(None):
-            raise MisuseError(
-                f"{message.title} is declared without progress=, "
-                f"and report() was given {data!r:.60}"
-            )
+            text = f"is declared without progress=, and report() was given {data!r:.60}"
+            raise MisuseError(f"{message.title} {text}")
         try:
             body = message.progress.encode(data)
         except BadData as error:
-            raise BadData(
-                f"the intermediate results of {message.title} are {message.progress}: {error}"
-            ) from None
-        served.report(body)
+            what = f"the intermediate results of {message.title}"
+            raise BadData(f"{what} are {message.progress}: {error}") from None
+        server_state.report(body)
 
     def take(self, transition: str, why: str = "") -> None:
         """Make a server's transition of the task's own life cycle.
@@ -445,7 +432,7 @@ class ReportingTask:
         """
         check(f"take() of {self}", NAME, transition=transition)
         check(f"'{transition}' of {self}", TEXT, why=why)
-        self._served().take_transition(transition, why)
+        self._server_state().take_transition(transition, why)
 
     @property
     def request(self) -> TaskRequest | None:
@@ -453,7 +440,7 @@ class ReportingTask:
 
         It is for handlers that declare in ``takes=`` which requests they decide about.
         """
-        return self._served().oldest
+        return self._server_state().oldest
 
 
 class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
@@ -463,13 +450,13 @@ class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
     TaskKilled, and the module's end Stopped; in an async handler both raise CancelledError.
     """
 
-    def __init__(self, served: ServerState) -> None:
-        self._served = served
+    def __init__(self, server_state: ServerState) -> None:
+        self._server_state = server_state
 
     def __next__(self) -> TaskRequest:
-        request = self._served.wait(None)
+        request = self._server_state.wait(None)
         assert request is not None
         return request
 
     async def __anext__(self) -> TaskRequest:
-        return await self._served.next_request()
+        return await self._server_state.next_request()

@@ -6,14 +6,14 @@ from typing import Annotated, Any, TypedDict, Unpack, overload
 from tca_module import checks
 from tca_module.checks import LateText, check, check_class, check_message, check_options
 from tca_module.errors import MisuseError
-from tca_module.following.followed_task import cancels_of, check_states, life_cycle_of
+from tca_module.following.followed_task import cancel_transitions, check_states, life_cycle_of
 from tca_module.following.observation import Observation
 from tca_module.following.stream import Stream
 from tca_module.link.connection import Connection
 from tca_module.sending.attachments import AttachmentRef, Recovery
 from tca_module.sending.central_services import CentralServices
 from tca_module.sending.delivery_context import A, MonitorRef, check_action
-from tca_module.sending.task_ref import Change, SentTask, TaskRef, change_of, node_of
+from tca_module.sending.task_ref import Change, SentTask, TaskRef, change_of, tree_id_of
 from tca_module.session.epoch_numbers import EpochNumber, check_epoch, with_epoch
 from tca_module.session.sent_tasks import SentId
 from tca_wire.constraints import Constraint, Flags
@@ -69,12 +69,7 @@ class MonitorOptions(Watched, total=False):
     suspended: Annotated[bool, checks.FLAG]
 
 
-_STATES = checks.ArgumentKind(
-    "a list of states, such as ['running']",
-    lambda value: (
-        isinstance(value, list | tuple | set | frozenset) and all(map(checks.NAME.fits, value))
-    ),
-)
+_STATES = checks.collection_of("a list of states, such as ['running']", checks.NAME)
 TASK = checks.instance_of("a task that was sent or found, such as tasks(WALK)[0]", TaskRef)
 
 
@@ -138,10 +133,8 @@ class WatchingServices(CentralServices):
         check("sent_task()", checks.TEXT, epoch=epoch)
         check_class(message, Goal, Command, call="sent_task")
         connection = self._declare(message)
-        check_epoch(
-            [number := with_epoch(TaskId(task_id), epoch, numbered(message.name, task_id))],
-            connection.session.epoch,
-        )
+        number = with_epoch(TaskId(task_id), epoch, numbered(message.name, task_id))
+        check_epoch([number], connection.session.epoch)
         return SentTask(connection, message, number, self._origin)
 
     def tasks(self, message: Message[Any, Any] | str | None = None) -> list[TaskRef]:
@@ -207,7 +200,7 @@ class WatchingServices(CentralServices):
         check("observe()", TASK.or_none(), below=below)
         connection = self._declare(message) if isinstance(message, Message) else self._connection()
         name = message.name if isinstance(message, Message) else message or ""
-        under = node_of(below) if below is not None else ROOT
+        under = tree_id_of(below) if below is not None else ROOT
         what = LateText(lambda: f"the states of '{name}'" if name else "the states of tasks")
         header = Observe(0, TaskId(0), name, under, wanted_states, self._origin)
         observation, origin = Observation(connection, header, what), self._origin
@@ -247,19 +240,17 @@ class WatchingServices(CentralServices):
         check("cancel_all()", checks.SECONDS_OR_NONE, before=before)
         check("cancel_all()", checks.TEXT, why=why)
         connection = self._connection()
-        name = message.name if message is not None else ""
         sent = [
-            (kind, task)
-            for time, kind, task in self._sent
-            if name in ("", kind) and (before is None or time < before)
+            (name, task)
+            for time, name, task in self._sent
+            if (message is None or name == message.name) and (before is None or time < before)
         ]
         living = {int(task.id) for task in self.tasks(message)} if sent else set()
         number = 0
-        for kind, task in sent:
-            if _may_be_living(task, living, connection) and cancels_of(
-                life_cycle_of(connection.declared(kind))
-            ):
-                TaskRef(connection, kind, task, self._origin).cancel(why)
+        for name, task in sent:
+            cycle = life_cycle_of(connection.declared(name))
+            if _may_be_living(task, living, connection) and cancel_transitions(cycle):
+                TaskRef(connection, name, task, self._origin).cancel(why)
                 number += 1
         return number
 
@@ -309,13 +300,12 @@ class WatchingServices(CentralServices):
             return of.on_failure(failure, handler, maximum=maximum)
         attachment = Recovery(failure, handler, maximum=maximum).attachment
         if of is not None:
-            check("on_failure()", checks.FAILS, of=of)
+            check("on_failure()", checks.CAN_FAIL, of=of)
         connection = self._declare(handler, *([of] if of is not None else []))
         where = f"all '{of.name}'" if of is not None else "the root"
         header = Attach(0, attachment, ROOT, of.name if of is not None else "", self._origin)
-        return AttachmentRef(
-            connection, connection.call(header, f"attaching '{handler.name}' to {where}"), header
-        )
+        number = connection.call(header, f"attaching '{handler.name}' to {where}")
+        return AttachmentRef(connection, number, header)
 
     def tap(
         self,
@@ -376,10 +366,18 @@ class WatchingServices(CentralServices):
             )
         check("tap()", checks.FLAG, at_once=at_once)
         if isinstance(tapped, TaskRef):
-            connection, place = self._declare(listener), LateText(lambda: str(tapped))
+            connection = self._declare(listener)
             of = tapped.message if at_once else ""
             header = Tap(
-                0, condition, listener.name, "", node_of(tapped), watch, self._origin, at_once, of
+                0,
+                condition,
+                listener.name,
+                "",
+                tree_id_of(tapped),
+                watch,
+                self._origin,
+                at_once,
+                of,
             )
         elif at_once:
             raise MisuseError(
@@ -387,8 +385,8 @@ class WatchingServices(CentralServices):
             )
         else:
             connection = self._declare(listener, tapped)
-            place = LateText(lambda: f"'{tapped.name}'")
             header = Tap(0, condition, listener.name, tapped.name, ROOT, watch, self._origin)
+        place = tapped if isinstance(tapped, TaskRef) else f"'{tapped.name}'"
         what = LateText(lambda: f"tapping {place} with '{listener.name}'")
         return AttachmentRef(connection, connection.call(header, what), header)
 
@@ -436,7 +434,6 @@ class WatchingServices(CentralServices):
             epoch = connection.session.epoch
             flags, constraints = self._ordering.place(epoch, is_goal=False, sequential=sequential)
         constraints += options.get("constraints", [])
-        is_suspended = options.get("suspended", False)
         header = Send(
             0,
             monitor.name,
@@ -445,7 +442,7 @@ class WatchingServices(CentralServices):
             flags,
             constraints,
             watch=watch,
-            suspended=is_suspended,
+            suspended=options.get("suspended", False),
         )
         task_id = connection.send_task(header, body, f"monitor '{monitor.name}'")
         if is_task:
@@ -493,7 +490,7 @@ class WatchingServices(CentralServices):
         if isinstance(monitor, MonitorRef):
             return monitor.fire(action, data)
         if isinstance(monitor, TaskRef):
-            node, message = node_of(monitor), ""
+            node, message = tree_id_of(monitor), ""
         else:
             check_class(monitor, Monitor, call="fire")
             check_action(monitor.title, fired_with(monitor), action)
@@ -508,7 +505,7 @@ class WatchingServices(CentralServices):
 
 
 def _may_be_living(task: TaskId, living: set[int], connection: Connection) -> bool:
-    """Whether a sent task is living, or central has not acknowledged it yet."""
+    """Whether a sent task is among the *living*, or central has not acknowledged it yet."""
     if isinstance(task, SentId):
         if not task.request.is_over:
             return True
@@ -519,10 +516,7 @@ def _may_be_living(task: TaskId, living: set[int], connection: Connection) -> bo
 
 
 def fired_with(monitor: Monitor[Any]) -> str:
-    """Return the name of the message that a monitor is fired with.
-
-    It is "" for a monitor that tests a condition, or has no action.
-    """
+    """Return the name of the action that a demon monitor is fired with; "" for other monitors."""
     action = monitor.parts[1] if isinstance(monitor, DemonMonitor) else None
     return action.name if action is not None else ""
 
@@ -537,9 +531,8 @@ def _watch_options(
         if name in options and not isinstance(monitor, PollingMonitor):
             raise MisuseError(f"{what} can't have {name}: only polling monitors test periodically")
     if isinstance(monitor, PollingMonitor) and options.get("period") is None:
-        raise MisuseError(
-            f"{what} needs period: the seconds from one test of its condition to the next"
-        )
+        advice = "the seconds from one test of its condition to the next"
+        raise MisuseError(f"{what} needs period: {advice}")
     return WatchOptions(
         options.get("period", 0),
         options.get("maximum") or 0,

@@ -30,9 +30,7 @@ def check_annotation(name: str, function: Callable[..., Any], message: Message[A
 
 
 def _may_be(kind: Any, hint: Any) -> bool:
-    """Return whether a value of type *kind* may be one of type *hint*; False only if that is
-    certain.
-    """
+    """Return whether values of type *kind* may also be of type *hint*; True in case of doubt."""
     return all(any(_is_like(one, other) for other in _members(hint)) for one in _members(kind))
 
 
@@ -44,6 +42,7 @@ def _members(kind: Any) -> tuple[Any, ...]:
 
 
 def _is_like(kind: Any, hint: Any) -> bool:
+    """Do the same as ``_may_be`` for types that are no unions."""
     if kind == hint or Any in (kind, hint):
         return True
     inner, wanted = get_args(kind), get_args(hint)

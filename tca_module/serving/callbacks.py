@@ -5,7 +5,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from operator import itemgetter
 from typing import Any, Protocol
 
 from tca_module.checks import DELAY, PERIOD, check, check_function
@@ -33,26 +32,27 @@ ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], obje
 
 
 class DueTime:
-    """When something is due: once, or at multiples of a period even if some were missed.
+    """When something is due: once, or at multiples of a period. Missed multiples are skipped.
 
-    Times are passed in.
+    The caller passes the time.
     """
 
     def __init__(self, seconds: float, *, is_once: bool) -> None:
         self.due = math.inf  #: infinite before ``begin`` and while the callback runs
         self.is_once = is_once
         self._seconds = seconds
-        self._start, self._turn = 0.0, 1
+        self._start, self._multiple = 0.0, 1
 
     def begin(self, now: float) -> None:
         """Count from now on."""
-        self._start, self._turn, self.due = now, 1, now + self._seconds
+        self._start, self._multiple, self.due = now, 1, now + self._seconds
 
-    def was_done(self, now: float) -> None:
+    def schedule_next(self, now: float) -> None:
         """Compute the next due time after a call has ended."""
         if not self.is_once:
-            self._turn = max(self._turn, math.floor((now - self._start) / self._seconds)) + 1
-            self.due = self._start + self._turn * self._seconds
+            passed = math.floor((now - self._start) / self._seconds)
+            self._multiple = max(self._multiple, passed) + 1
+            self.due = self._start + self._multiple * self._seconds
 
 
 class Callback(Sender):
@@ -196,25 +196,23 @@ class Callbacks:
         assert self.connection is not None
         return self.connection.transport
 
-    def patience(self, seconds: float) -> float:
-        """Return the seconds, at most *seconds*, until a callback is due."""
+    def seconds_until_due(self, seconds: float) -> float:
+        """Return the seconds until a callback is due, at most *seconds*."""
         with self._lock:
             first = min((time.due for time in self._times().values()), default=math.inf)
             return min(seconds, self._transport.seconds_until(first))
 
     def queue_due(self, ready: Mapping[int, bool]) -> None:
-        """Queue the callbacks that are due after a wait: *ready* files are readable or (False)
-        closed.
+        """Queue the callbacks that are due after a wait.
+
+        *ready*: the files that became readable (True), or are closed (False).
         """
         with self._lock:
             now = self._transport.time()
-            due = [
-                (time.due, callback) for callback, time in self._times().items() if time.due <= now
-            ]
-            for _, callback in sorted(due, key=itemgetter(0)):
+            due = [(time, callback) for callback, time in self._times().items() if time.due <= now]
+            for time, callback in sorted(due, key=lambda one: one[0].due):
                 self._due.append(callback)
-                if callback.when is not None:
-                    callback.when.due = math.inf
+                time.due = math.inf
             for file, is_open in ready.items():
                 waiting = self.files.get(file)
                 if waiting is not None and is_open:
@@ -234,7 +232,7 @@ class Callbacks:
             given = (callback,)[: callback.arguments]
             self.connection.call_back(partial(callback.function, *given), callback)
             if callback.when is not None:
-                callback.when.was_done(self._transport.time())
+                callback.when.schedule_next(self._transport.time())
         return True
 
 
@@ -260,8 +258,6 @@ def _checked_file(source: Any) -> int:
     except (AttributeError, OSError, ValueError):
         file = None
     if isinstance(file, bool) or not isinstance(file, int) or not 0 <= file < 2**31:
-        raise MisuseError(
-            "on_readable(): source must be an open file, socket or pipe, or its number,"
-            f" not {source!r:.60}"
-        )
+        wanted = "an open file, socket or pipe, or its number"
+        raise MisuseError(f"on_readable(): source must be {wanted}, not {source!r:.60}")
     return file

@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 MOST_AWAITED = 1000  # answers; a handler that awaits more at a time is ignored
 
-_Standing = tuple[int, ...]
+_Numbers = tuple[int, ...]  # of the requests at which a handler stands
 
 
 class CoroutineWaits:
@@ -37,29 +37,26 @@ class CoroutineWaits:
     def __init__(
         self, loop: asyncio.AbstractEventLoop, connection: Connection, on_change: Callable[[], None]
     ) -> None:
-        """Create it for *loop*.
-
-        *on_change* is called when a handler continues that central counts as standing.
-        """
+        """*on_change* is called when a handler continues that central counts as standing."""
         self._on_change = on_change
         self._connection = connection
         self._loop = loop
         #: handler -> all asyncio tasks started in it
-        self._begun: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}
-        #: asyncio task -> the request that it awaits
-        self._suspended: WeakKeyDictionary[
-            asyncio.Task[Any], tuple[Request, asyncio.Future[None]]
-        ] = WeakKeyDictionary()
-        #: handler -> the requests that it stands at, and since when
-        self._seen: dict[OpenDelivery, tuple[_Standing, float]] = {}
+        self._tasks_of: dict[OpenDelivery, WeakSet[asyncio.Task[Any]]] = {}
+        #: asyncio task -> the request that it awaits, and the future of its news
+        self._awaited = WeakKeyDictionary[asyncio.Task[Any], tuple[Request, asyncio.Future[None]]]()
+        #: handler -> the numbers of the requests at which it stands, and since when
+        self._standing_since: dict[OpenDelivery, tuple[_Numbers, float]] = {}
         #: handler that central counts as standing -> ``session.breaks`` when central was informed
         self._reported: dict[OpenDelivery, int] = {}
         self._factory = self._create_task
         loop.set_task_factory(self._factory)
 
-    def begin(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+    def start_task(
+        self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]
+    ) -> "asyncio.Task[T]":
         """Start an asyncio task for a handler."""
-        self._begun[handler] = WeakSet()
+        self._tasks_of[handler] = WeakSet()
         with working_on(handler):
             task = self._loop.create_task(coroutine)
         task.add_done_callback(lambda _: self._forget(handler))
@@ -68,40 +65,40 @@ class CoroutineWaits:
     def _create_task(self, loop: asyncio.AbstractEventLoop, coroutine: Any, **options: Any) -> Any:
         task = asyncio.Task(coroutine, loop=loop, **options)
         handler = current_delivery(options.get("context"))
-        if handler is not None and (begun := self._begun.get(handler)) is not None:
-            begun.add(task)
+        if handler is not None and (tasks := self._tasks_of.get(handler)) is not None:
+            tasks.add(task)
             self._report_continued(handler)
         return task
 
     def _forget(self, handler: OpenDelivery) -> None:
-        for known in (self._begun, self._seen, self._reported):
+        for known in (self._tasks_of, self._standing_since, self._reported):
             known.pop(handler, None)
 
     @contextmanager
-    def suspended(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
+    def awaiting(self, request: Request, future: "asyncio.Future[None]") -> Iterator[None]:
         """Return a block in which the current asyncio task awaits news of a request."""
         task = asyncio.current_task()
         assert task is not None
-        self._suspended[task] = request, future
+        self._awaited[task] = request, future
         if (handler := current_delivery()) is not None:
             self._report_continued(handler)
         try:
             yield
         finally:
-            self._suspended.pop(task, None)
+            self._awaited.pop(task, None)
 
-    def update(self, now: float) -> bool:
-        """Inform central of handlers that have stood for a while.
+    def report_standing(self, now: float) -> bool:
+        """Inform central of the handlers that have stood for a second.
 
-        Must be called from time to time while it returns True. After False, call it again only when
-        something has changed: central knows where each handler stands.
+        Call it from time to time while it returns True. False means that central knows where each
+        handler stands: then call it again only after a change.
         """
         session = self._connection.session
-        for handler in list(self._begun):
+        for handler in list(self._tasks_of):
             standing = self._standing(handler)
-            before, since = self._seen.get(handler, ((), now))
-            if standing != before or not standing:
-                self._seen[handler] = standing, now
+            previous, since = self._standing_since.get(handler, ((), now))
+            if standing != previous or not standing:
+                self._standing_since[handler] = standing, now
                 self._report_continued(handler)
             elif (
                 now - since >= BRIEF
@@ -110,32 +107,32 @@ class CoroutineWaits:
             ):
                 self._reported[handler] = session.breaks
                 self._report(handler, standing)
-        return any(self._reported.get(handler) != session.breaks for handler in self._begun)
+        return any(self._reported.get(handler) != session.breaks for handler in self._tasks_of)
 
     def _report_continued(self, handler: OpenDelivery) -> None:
         if self._reported.pop(handler, None) is not None:
             self._report(handler, ())
             self._on_change()
 
-    def _report(self, handler: OpenDelivery, standing: _Standing) -> None:
+    def _report(self, handler: OpenDelivery, standing: _Numbers) -> None:
         """Inform central where a handler stands, unless a restarted central has forgotten it."""
         session = self._connection.session
-        if session.open_deliveries.knows(handler):
+        if session.open_deliveries.is_open(handler):
             delivery = with_epoch(handler.delivery, session.epoch, handler.name)
             with suppress(CentralLost):  # it was restarted just now
                 self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
-    def _standing(self, handler: OpenDelivery) -> _Standing:
+    def _standing(self, handler: OpenDelivery) -> _Numbers:
         """Return the requests of which any answer lets a handler continue.
 
         Empty if anything else may let it continue.
         """
         if self._loop.get_task_factory() != self._factory:
-            return ()  # another task factory creates asyncio tasks that are unknown here
-        tasks = {task for task in self._begun[handler] if not task.done()}
+            return ()  # the user's task factory creates asyncio tasks that are unknown here
+        tasks = {task for task in self._tasks_of[handler] if not task.done()}
         requests = []
         for task in tasks:
-            request, future = self._suspended.get(task, (None, None))
+            request, future = self._awaited.get(task, (None, None))
             if request is None or future is None:
                 members = _members(task)
                 if not members or not tasks.issuperset(members):

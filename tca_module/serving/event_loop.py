@@ -42,7 +42,7 @@ class EventLoop:
         self._connection = connection
         self._handle_delivery = handle_delivery
         #: handler -> its unfinished asyncio task
-        self._handled: dict[OpenDelivery, asyncio.Task[Any]] = {}
+        self._tasks: dict[OpenDelivery, asyncio.Task[Any]] = {}
         #: request -> the futures that wait for news of it
         self._waiting: dict[Request, list[asyncio.Future[None]]] = {}
         #: set while the slot is idle; done when it has something to do
@@ -58,16 +58,17 @@ class EventLoop:
         self._has_warned: set[str] = set()  #: the handlers that the log has warned of
         files = (connection.transport.fileno(), connection.transport.waker().fileno())
         self._selector = selector = _Selector(
-            files[0], self._has_work, connection.transport, self._check_turn
+            files[0], self._has_work, connection.transport, self._warn_of_blocking
         )
         self._runner = asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector))
         self._loop = self._runner.get_loop()
-        self._awaiting = CoroutineWaits(
+        self._coroutine_waits = CoroutineWaits(
             self._loop, connection, partial(self._schedule_keep_alive, STEP)
         )
         for file in files:
             self._loop.add_reader(file, self._on_news)
-        self._since = self._turned = self._loop.time()
+        #: when central's silence starts at the earliest; when ``_keep_alive`` was last called
+        self._silent_since = self._kept_alive = self._loop.time()
         connection.await_news, connection.await_moment = self._await_news, selector.sleep_until
 
     @property
@@ -75,12 +76,12 @@ class EventLoop:
         """Whether the caller runs inside the loop."""
         return self._loop.is_running()
 
-    def run(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
+    def run(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run the coroutine of a handler to its end; return its result."""
-        self._since = self._turned = self._loop.time()
+        self._silent_since = self._kept_alive = self._loop.time()
         self._timer = self._loop.call_later(STEP, self._keep_alive)
         try:
-            return self._run_until(self.start(delivery, coroutine))
+            return self._run_until(self.start(handler, coroutine))
         finally:
             self._timer.cancel()
             self._timer = None
@@ -88,43 +89,39 @@ class EventLoop:
     def _run_until(self, future: asyncio.Future[T]) -> T:
         """Run until a future is done.
 
-        Raises also the error of another handler, which asyncio would only store in its task.
+        Also raises an error of another handler that must end the module.
         """
         self._selector.turned = time.monotonic()
         try:
             return self._loop.run_until_complete(future)
         finally:
-            self._check_turn()
+            self._warn_of_blocking()
             if self._fatal is not None:
                 raise self._fatal
 
-    def start(self, delivery: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
+    def start(self, handler: OpenDelivery, coroutine: Coroutine[Any, Any, T]) -> "asyncio.Task[T]":
         """Run the coroutine of a handler beside the one that is being run."""
-        task = self._awaiting.begin(delivery, coroutine)
-        self._handled[delivery] = task
-        task.add_done_callback(partial(self._is_done, delivery))
+        task = self._coroutine_waits.start_task(handler, coroutine)
+        self._tasks[handler] = task
+        task.add_done_callback(partial(self._on_done, handler))
         return task
 
-    def _is_done(self, delivery: OpenDelivery, task: asyncio.Task[Any]) -> None:
-        self._handled.pop(delivery, None)
-        self._ended.append(delivery)
-        if (
-            not task.cancelled()
-            and (error := task.exception()) is not None
-            and not self._is_closing
-        ):
+    def _on_done(self, handler: OpenDelivery, task: asyncio.Task[Any]) -> None:
+        self._tasks.pop(handler, None)
+        self._ended.append(handler)
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not self._is_closing:
             self._fatal = error
             self._loop.stop()
 
-    def _check_turn(self) -> None:
-        """Warn of handlers that have blocked the loop: nothing else in the slot could run."""
+    def _warn_of_blocking(self) -> None:
+        """Warn of handlers that have blocked the loop for a second."""
         now, ended = time.monotonic(), self._ended
         seconds, self._selector.turned, self._ended = now - self._selector.turned, now, []
         if seconds < BRIEF:
             return
-        names = " or ".join(
-            sorted({one.name.partition(" {")[0] for one in (*self._handled, *ended)})
-        )
+        messages = {one.name.partition(" {")[0] for one in (*self._tasks, *ended)}
+        names = " or ".join(sorted(messages))
         if names and names not in self._has_warned:
             self._has_warned.add(names)
             self._connection.log.warning(
@@ -135,13 +132,13 @@ class EventLoop:
             )
 
     def wait(self, seconds: float, files: Collection[int]) -> dict[int, bool]:
-        """Run the loop until something has arrived, like ``transport.wait``."""
+        """Run the loop until something has arrived, like ``wait_for_files``."""
         ready: dict[int, bool] = {}
         self._idle = idle = self._loop.create_future()
         timer = self._loop.call_later(max(0.0, seconds), self._end_wait)
         for file in files:
             try:
-                self._loop.add_reader(file, self._found, ready, file)
+                self._loop.add_reader(file, self._on_readable, ready, file)
             except OSError:
                 ready[file] = False
                 self._end_wait()
@@ -162,14 +159,15 @@ class EventLoop:
         self._connection.await_news = self._connection.await_moment = None
 
     def _has_work(self) -> bool:
-        """Return whether there is something to do that no file shows: a blocking call may have read
-        it.
+        """Return whether there is something to do, which its file may no longer show.
+
+        A blocking call in a coroutine may have read the packets.
         """
         connection = self._connection
         return (
             connection.transport.has_arrived()
-            or connection.waiting.has_pending_call
-            or any(map(connection.session.open_deliveries.wake_reason, self._handled))
+            or connection.wait_loop.has_pending_call
+            or any(map(connection.session.open_deliveries.wake_reason, self._tasks))
             or bool(connection.direct.has_delivery and not self._is_closing)
         )
 
@@ -179,26 +177,25 @@ class EventLoop:
         else:
             self._listen()
         open_deliveries = self._connection.session.open_deliveries
-        for delivery, task in list(self._handled.items()):
-            if why := open_deliveries.wake_reason(delivery):
-                open_deliveries.mark_notified(delivery)
+        for handler, task in list(self._tasks.items()):
+            if why := open_deliveries.wake_reason(handler):
+                open_deliveries.mark_notified(handler)
                 task.cancel(why)
 
     def _end_wait(self) -> None:
         if self._idle is not None and not self._idle.done():
             self._idle.set_result(None)
 
-    def _found(self, ready: dict[int, bool], file: int) -> None:
+    def _on_readable(self, ready: dict[int, bool], file: int) -> None:
         ready[file] = True
         self._end_wait()
 
     def _listen(self) -> float:
         """Process arrived packets and pending calls; return the seconds of central's silence."""
         connection = self._connection
-        self._check_turn()
-        silence = connection.keep_alive(self._since)
-        while connection.waiting.has_pending_call:
-            connection.waiting.run_pending_call()
+        self._warn_of_blocking()
+        silence = connection.keep_alive(self._silent_since)
+        connection.wait_loop.run_pending_calls()
         while not self._is_closing and (delivery := connection.direct.next_delivery()) is not None:
             self._handle_delivery(*delivery)
         self._selector.turned = time.monotonic()  # plain handlers and callbacks may take long
@@ -207,15 +204,16 @@ class EventLoop:
     def _keep_alive(self) -> None:
         """Keep the connection alive, and give up on a silent central, as every wait does."""
         self._schedule_keep_alive(STEP)
-        before, self._turned = self._turned, self._loop.time()
-        if self._turned - before > STALL:
-            self._since = self._turned
-        if self._listen() > self._connection.waiting.patience:
+        before, now = self._kept_alive, self._loop.time()
+        self._kept_alive = now
+        if now - before > STALL:  # this process stood still: central's silence proves nothing
+            self._silent_since = now
+        if self._listen() > self._connection.wait_loop.patience:
             for request in list(self._waiting):
                 self._wake_waiters(request, self._connection.line.lost_error())
-        if not self._awaiting.update(self._turned):
-            calm = min(_CALM, quiet_within(self._connection.waiting.patience))
-            self._schedule_keep_alive(max(STEP, self._connection.direct.patience(calm)))
+        if not self._coroutine_waits.report_standing(now):
+            calm = min(_CALM, quiet_within(self._connection.wait_loop.patience))
+            self._schedule_keep_alive(max(STEP, self._connection.direct.seconds_until_due(calm)))
 
     def _schedule_keep_alive(self, seconds: float) -> None:
         """Schedule ``_keep_alive`` if a coroutine is run."""
@@ -232,7 +230,7 @@ class EventLoop:
         if self._connection.session.outgoing and not self._is_flushing:
             self._is_flushing = True
             self._loop.call_soon(self._flush)
-        with self._awaiting.suspended(request, future):
+        with self._coroutine_waits.awaiting(request, future):
             yield from future
 
     def _flush(self) -> None:
@@ -248,7 +246,7 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while there is other news, and then reports *file* as readable.
+    """A selector that does not wait while *has_work* is true: then it reports *file* as readable.
 
     It also ends the sleeps of coroutines, on the handlers' clock: a test may step that.
     """

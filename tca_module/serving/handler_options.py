@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict
 
 from tca_module import checks
-from tca_module.checks import ArgumentKind, check_options, quoted
+from tca_module.checks import check_options, quoted
 from tca_module.errors import MisuseError
 from tca_module.following.followed_task import life_cycle_of
 from tca_wire.messages.controls import Monitor
@@ -16,12 +16,8 @@ WhenBusy = Literal["queue", "preempt", "reject"]
 
 
 BUSY = checks.one_of("'queue', 'preempt' or 'reject'", Busy)
-_TRANSITIONS = ArgumentKind(
-    "a list of transitions, such as ['update', 'cancel']",
-    lambda value: (
-        isinstance(value, list | tuple | set | frozenset)
-        and all(isinstance(one, str) for one in value)
-    ),
+_TRANSITIONS = checks.collection_of(
+    "a list of transitions, such as ['update', 'cancel']", checks.instance_of("a name", str)
 )
 
 
@@ -75,18 +71,19 @@ class ResourcePlan(NamedTuple):
 def checked_format(
     message: Message[Any, Any],
     options: HandlerOptions,
-    own: str,
+    own_resource: str,
     resources: Mapping[str, ResourcePlan],
 ) -> HandlerFormat:
-    """Return a handler as it is declared to central. *own* is its module's resource.
+    """Return a handler as it is declared to central.
 
-    Raises MisuseError for options with which the message can't be handled.
+    *own_resource*: the default, which has the module's name. Raises MisuseError for options with
+    which the message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, HandlerOptions)
-    _check(message, options.get("pending"), direct=options.get("direct", False))
+    _check_class(message, options.get("pending"), direct=options.get("direct", False))
     _check_transitions(message, options)
-    resource = options.get("resource") or own
+    resource = options.get("resource") or own_resource
     when_busy: WhenBusy = "queue"
     if message.message_class.is_task:
         when_busy = resources.get(resource, ResourcePlan()).when_busy
@@ -103,16 +100,14 @@ def checked_format(
     )
 
 
-def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
+def _check_class(message: Message[Any, Any], pending: int | None, *, direct: bool) -> None:
     what = message.title
     if isinstance(message, Monitor):
-        raise MisuseError(
-            f"{what} can't be handled: central carries it out; handle the messages that it sends"
-        )
+        why = "central carries it out; handle the messages that it sends"
+        raise MisuseError(f"{what} can't be handled: {why}")
     if isinstance(message, Variable) and pending not in (None, 1):
-        raise MisuseError(
-            f"{what} can't be handled with pending={pending}: only its newest value waits"
-        )
+        why = "only its newest value waits"
+        raise MisuseError(f"{what} can't be handled with pending={pending}: {why}")
     if direct and not isinstance(message, Inform | Query):
         raise MisuseError(f"{what} can't be handled with direct=True: only informs and queries can")
     if direct and pending:
@@ -123,19 +118,14 @@ def _check(message: Message[Any, Any], pending: int | None, *, direct: bool) -> 
 def _check_transitions(message: Message[Any, Any], options: HandlerOptions) -> None:
     given = [name for name in _OF_TASKS if options.get(name)]
     if given and not message.message_class.is_task:
-        raise MisuseError(
-            f"{message.title} can't be handled with {given[0]}=: only tasks have states"
-        )
+        what = f"{message.title} can't be handled with {given[0]}="
+        raise MisuseError(f"{what}: only tasks have states")
     cycle = life_cycle_of(message)
     names = cycle.names(Party.CLIENT)
     takes, refuses = set(options.get("takes", ())), set(options.get("refuses", ()))
     if unknown := sorted((takes | refuses) - set(names)):
-        raise MisuseError(
-            f"{message.title} has no client's transition '{unknown[0]}':"
-            f" {cycle} has {quoted(names)}"
-        )
+        what = f"{message.title} has no client's transition '{unknown[0]}'"
+        raise MisuseError(f"{what}: {cycle} has {quoted(names)}")
     if both := sorted(takes & refuses):
-        raise MisuseError(
-            f"{message.title} can't be handled with '{both[0]}' in both takes= and refuses=:"
-            " choose one"
-        )
+        what = f"{message.title} can't be handled with '{both[0]}' in both takes= and refuses="
+        raise MisuseError(f"{what}: choose one")

@@ -7,7 +7,7 @@ from typing import Any, Protocol, TypeVar, overload
 from tca_module.checks import check_function, is_async
 from tca_module.errors import NIL, ORDINARY, MisuseError, Stopped, TaskKilled
 from tca_module.link.connection import Connection
-from tca_module.sending.handler_errors import Aborted, Misfit, failed, handler_error
+from tca_module.sending.handler_errors import Aborted, Misfit, failure_of, handler_error
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.task import Task
 from tca_module.serving.annotations import check_annotation
@@ -74,21 +74,21 @@ class Handler:
     """A function that handles a message, in a resource."""
 
     def __init__(
-        self, message: Message[Any, Any], function: Callable[..., Any], known_as: HandlerFormat
+        self,
+        message: Message[Any, Any],
+        function: Callable[..., Any],
+        handler_format: HandlerFormat,
     ) -> None:
         self.message = message
         self.function = function
-        self.resource = known_as.resource
-        self.format = known_as  #: this handler, as it is declared to central
+        self.resource = handler_format.resource
+        self.format = handler_format  #: this handler, as it is declared to central
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
-        # Without data, one argument is tried first: a second one with a default is the author's
-        # own.
+        # Without data, one argument is tried first: a second parameter with a default keeps it.
         has_data = message.data.kind is not type(None)
-        wanted, possible = (
-            (f"(task, data: {message.data})", (2,)) if has_data else ("(task)", (1, 2))
-        )
-        what = f"a handler of {message.title}"
+        wanted = f"(task, data: {message.data})" if has_data else "(task)"
+        what, possible = f"a handler of {message.title}", (2,) if has_data else (1, 2)
         self._arguments = check_function(what, function, wanted, possible, may_be_async=True)
         if has_data:
             check_annotation(self.name, function, message)
@@ -103,7 +103,7 @@ class Handler:
         Raises errors that must end the module.
         """
         try:
-            return self._answer(task, self.function(*self._arguments_for(task, body)))
+            return self._outcome(task, self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
@@ -111,7 +111,7 @@ class Handler:
         """Call the coroutine function; otherwise like ``handle``."""
         task.is_async = True
         try:
-            return self._answer(task, await self.function(*self._arguments_for(task, body)))
+            return self._outcome(task, await self.function(*self._arguments_for(task, body)))
         except ORDINARY as error:
             return self._failed(task, error)
 
@@ -121,15 +121,17 @@ class Handler:
         except BadData as error:
             raise Misfit(str(error)) from None
 
-    def _answer(self, task: Task, returned: Any) -> Answer:
-        task.check_sent()
+    def _outcome(self, task: Task, returned: Any) -> Answer:
+        """Return the outcome of a handler that has returned a value."""
+        task.raise_send_errors()
         later = task.later
         if isinstance(returned, LaterReply) or later is not None:
             if later is None or returned is not later:
-                raise MisuseError(
-                    f"handler {self.name} called reply_later() but returned {returned!r:.60}:"
-                    " return the LaterReply"
-                )
+                text = f"called reply_later() but returned {returned!r:.60}: return the LaterReply"
+                if later is None:
+                    own = "return the one of its own task.reply_later()"
+                    text = f"returned the LaterReply of another handler: {own}"
+                raise MisuseError(f"handler {self.name} {text}")
             return later
         try:
             return Reply(task.delivery), self.message.encode_reply(returned)
@@ -137,14 +139,15 @@ class Handler:
             raise Misfit(f"{error} (handler {self.name})") from None
 
     def _failed(self, task: Task, error: BaseException) -> Answer:
+        """Return the outcome of a handler that has raised an error."""
         if task.later is not None:
             task.later.end(f"its handler failed: {type(error).__name__}")
         is_woken = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
         is_stopped = isinstance(error, Stopped) and task_is_killed()
-        # The task was killed and its handler ends as requested: no failure.
+        # The handler was asked to end, and does: no failure.
         if is_woken or is_stopped or isinstance(error, Aborted):
             return Reply(task.delivery), NIL
         # The handler itself was not cancelled, but a coroutine that it ran.
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)
-        return failed(task.delivery, error)
+        return failure_of(task.delivery, error)

@@ -161,6 +161,5 @@ class ModuleCallbacks(Sender):
 
     def _check_not_running(self, call: str) -> None:
         if self._link is not None:
-            raise MisuseError(
-                f"{call} of module '{self.name}' comes too late: declare it before run()"
-            )
+            what = f"{call} of module '{self.name}'"
+            raise MisuseError(f"{what} comes too late: declare it before run()")

@@ -108,9 +108,8 @@ def server_transitions(message: Message[Any, Any], server: Server[Any, Any]) -> 
     for name in cycle.names(Party.CLIENT):
         method = _method_for(cycle, name)
         if getattr(type(server), method) is not getattr(Server, method):
-            check_function(
-                f"{type(server).__name__}.{method}", getattr(server, method), "(task, goal)"
-            )
+            what = f"{type(server).__name__}.{method}"
+            check_function(what, getattr(server, method), "(task, goal)")
             found.append(name)
     return found
 
@@ -127,56 +126,59 @@ class ServerHandler(Handler):
     """A server as a handler."""
 
     def __init__(
-        self, message: Message[Any, Any], server: Server[Any, Any], known_as: HandlerFormat
+        self, message: Message[Any, Any], server: Server[Any, Any], handler_format: HandlerFormat
     ) -> None:
-        super().__init__(message, server.initiated, known_as)
+        super().__init__(message, server.initiated, handler_format)
         self._server = server
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
         """Create the Task of a delivered message; the server answers its clients' requests."""
         task = super().task(connection, delivery)
-        served = task._served()  # noqa: SLF001 - not for users
-        served.has_request_methods = True
+        server_state = task._server_state()  # noqa: SLF001 - not for users
+        server_state.has_request_methods = True
 
         def answer_requests() -> None:
-            while connection.session.open_deliveries.knows(served.delivery):
-                if (request := served.pop_new_request()) is None:
+            while connection.session.open_deliveries.is_open(server_state.open_delivery):
+                if (request := server_state.pop_new_request()) is None:
                     return
-                with working_on(served.delivery):
-                    self._decide(connection, delivery, served, request)
+                with working_on(server_state.open_delivery):
+                    self._decide(connection, delivery, server_state, request)
 
-        answer_soon = partial(connection.waiting.callbacks.append, answer_requests)
-        served.delivery.on_request += (answer_soon,)
-        if served.delivery.requested:
+        answer_soon = partial(connection.wait_loop.callbacks.append, answer_requests)
+        server_state.open_delivery.on_request += (answer_soon,)
+        if server_state.open_delivery.requested:
             answer_soon()
         return task
 
     def _decide(
-        self, connection: Connection, delivery: Deliver, served: ServerState, request: TaskRequest
+        self,
+        connection: Connection,
+        delivery: Deliver,
+        server_state: ServerState,
+        request: TaskRequest,
     ) -> None:
         """Ask the server about a client's request, and send the answer."""
         task, why = super().task(connection, delivery), ""
         try:
-            is_granted = self._ask(task, served, request)
-            task.check_sent()
+            is_granted = self._ask(task, server_state, request)
+            task.raise_send_errors()
         except TaskKilled:
             return
         except Rejection as error:
             is_granted, why = False, str(error)
         except ORDINARY as error:
-            connection.log.exception(
-                "%s: the server's answer to %s failed", type(self._server).__name__, request
-            )
+            what = type(self._server).__name__
+            connection.log.exception("%s: the server's answer to %s failed", what, request)
             is_granted, why = False, f"its handler failed: {type(error).__name__}: {error}"
         finally:
-            task.returned()
-        if is_granted or not served.can_reject:
+            task.handler_returned()
+        if is_granted or not server_state.can_reject:
             request.accept()
         else:
             request.reject(why)
 
-    def _ask(self, task: Task, served: ServerState, request: TaskRequest) -> bool:
-        method = _method_for(served.life_cycle, request.transition)
+    def _ask(self, task: Task, server_state: ServerState, request: TaskRequest) -> bool:
+        method = _method_for(server_state.life_cycle, request.transition)
         if method == "update":
             return self._server.update(task, request.goal)
         if method == "cancel":

@@ -16,7 +16,7 @@ from tca_module.link.connection import Connection
 from tca_module.link.opening import CentralAddress, open_connection
 from tca_module.link.stop import Stop
 from tca_module.log import log_of
-from tca_module.sending.handler_errors import module_ended
+from tca_module.sending.handler_errors import module_end_failure
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task
@@ -26,7 +26,7 @@ from tca_module.serving.handler_options import ResourcePlan
 from tca_module.serving.handlers import Answer, Handler
 from tca_module.session.lasting_attachments import LastingAttachments
 from tca_module.session.open_deliveries import working_on
-from tca_module.sockets.transport import wait
+from tca_module.sockets.transport import wait_for_files
 from tca_wire.messages.failures import HANDLER_ERROR, MODULE_LOST
 from tca_wire.packets.headers import Deliver, Fail, Hello, Reply, Unregister
 
@@ -34,7 +34,7 @@ CALLBACKS = "callbacks"
 """The resource whose thread calls the callbacks that name no resource."""
 
 # seconds that handlers have to end before the log says that they are waited for
-_PATIENCE = 1.0
+_WARN_AFTER = 1.0
 
 
 class Serving(NamedTuple):
@@ -60,7 +60,7 @@ class Slot:
         self.handling = ""  #: the message whose handler runs
         self.is_replaced = False  #: its handler hung, and another slot has taken its place
         self.callbacks = callbacks  #: the callbacks that its thread calls
-        self.opened = threading.Event()  #: set when messages are handled, or *error* says why not
+        self.ready = threading.Event()  #: set when it handles messages, or cannot (see *error*)
         self._serving = serving
         #: names its resource and the number of its connection
         self.hello = hello
@@ -69,18 +69,9 @@ class Slot:
         #: replies that handlers owe. Weak: a LaterReply that the program drops counts as lost
         self._owed = WeakSet[LaterReply[Any]]()
         self._log = log_of(hello.module)
-        self._thread = threading.Thread(
-            target=self._run, name=f"{hello.resource} {hello.connection}", daemon=True
-        )
-        self._thread.start()
-
-    def join(self, timeout: float | None = None) -> bool:
-        """Wait until the thread has ended, at most *timeout* seconds; return whether it has.
-
-        The module's stop must be set.
-        """
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
+        name = f"{hello.resource} {hello.connection}"
+        self.thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.thread.start()
 
     def _run(self) -> None:
         central, patience, _, handlers, stop, attachments = self._serving
@@ -91,22 +82,22 @@ class Slot:
                 open_connection(central, self.hello, patience, stop.is_set, direct, attachments)
             )
         except Stopped:
-            self.opened.set()
+            self.ready.set()
         except BaseException as error:  # noqa: BLE001 - raised by the module's own thread
             if self.is_replaced:
                 return
             self.error = error
             self._serving.stop.set()
-            self.opened.set()
+            self.ready.set()
 
     def _serve(self, connection: Connection) -> None:
         self._connection = connection
         self._serving.stop.on_set(connection.transport.wake)
-        connection.waiting.handle_delivery = self._handle_delivery
+        connection.wait_loop.handle_delivery = self._handle_delivery
         connection.session.open_deliveries.is_ending = self._is_over
         connection.root_sender = Sender(connection=lambda: connection)
         self.callbacks.begin(connection)
-        self.opened.set()
+        self.ready.set()
         with contextlib.ExitStack() as stack:
             stack.callback(connection.drop)  # for the case that the goodbye itself fails
             try:
@@ -115,13 +106,8 @@ class Slot:
                 if self.is_replaced:
                     return
                 self._serving.stop.set()
-                what, module = type(error).__name__, self.hello.module
-                self._log.error(
-                    "module '%s' ends and handles no more messages: %s",
-                    module,
-                    what,
-                    exc_info=error,
-                )
+                text = f"module '{self.hello.module}' ends and handles no more messages"
+                self._log.error("%s: %s", text, type(error).__name__, exc_info=error)
                 # From now on, senders find the handlers of other modules.
                 connection.post(Unregister(0, []), b"")
                 stack.callback(self._close_connection, connection, error)
@@ -144,7 +130,7 @@ class Slot:
             later.module_ends()
         if error is not None:
             for delivery in connection.session.open_deliveries.begun:
-                connection.reply(*module_ended(delivery, error))
+                connection.reply(*module_end_failure(delivery, error))
         try:
             connection.close(self._serving.linger, connection.lost)
         except NotSent as lost:
@@ -159,11 +145,11 @@ class Slot:
             return True
         if self._loop is None and not callbacks:
             return False
-        patience, files = callbacks.patience(seconds), callbacks.files
+        patience, files = callbacks.seconds_until_due(seconds), callbacks.files
         if self._loop is not None:
             ready = self._loop.wait(patience, files)
         else:
-            ready = wait(self._connection.transport, patience, files)
+            ready = wait_for_files(self._connection.transport, patience, files)
         callbacks.queue_due(ready)
         return True
 
@@ -175,10 +161,8 @@ class Slot:
         connection, loop = self._connection, self._loop
         handler = self._serving.handlers.get(delivery.message)
         if handler is None:
-            connection.reply(
-                Fail(delivery.delivery, "no handler", f"nothing here handles '{delivery.message}'"),
-                b"",
-            )
+            text = f"nothing here handles '{delivery.message}'"
+            connection.reply(Fail(delivery.delivery, "no handler", text), b"")
             return
         task, self.handling = handler.task(connection, delivery), delivery.message
         begun = connection.session.open_deliveries.begin(delivery.delivery, repr(task))
@@ -195,9 +179,8 @@ class Slot:
             self._finish(handler, task, (Fail(delivery.delivery, HANDLER_ERROR, text), b""))
         else:
             if loop is None:
-                loop = self._loop = EventLoop(
-                    connection, partial(self._handle_delivery, in_loop=True)
-                )
+                handle = partial(self._handle_delivery, in_loop=True)
+                loop = self._loop = EventLoop(connection, handle)
             # The reply leaves when the loop has stopped: the next message must not be handled
             # inside this one.
             answer = loop.run(begun, handler.handle_async(task, body))
@@ -210,22 +193,20 @@ class Slot:
     def _finish(self, handler: Handler, task: Task, answer: Answer) -> None:
         """Send the outcome of a handler to central, or register the reply that it owes."""
         if task.later is not None and not isinstance(answer, LaterReply):
-            # what other threads have reported comes before the failure
+            # Other threads may have reported results, which must come before the failure.
             self._connection.run_requested_calls()
-        task.returned()
+        task.handler_returned()
         if self.is_replaced:
-            self._log.warning(
-                "handler %s has returned after all: another thread has taken its place",
-                handler.name,
-            )
+            text = "has returned after all: another thread has taken its place"
+            self._log.warning("handler %s %s", handler.name, text)
             return
         if isinstance(answer, LaterReply):
             self._owed.add(answer)
-            answer.returned()
+            answer.handler_returned()
             return
         header, body = answer
         open_deliveries = self._connection.session.open_deliveries
-        # A handler that was woken by the end of its module may have stopped halfway.
+        # The handler may have stopped halfway.
         if isinstance(header, Reply) and open_deliveries.was_woken_to_end(task.delivery):
             text = f"its module ended while {handler.name} ran"
             header, body = Fail(task.delivery, MODULE_LOST, text), b""
@@ -249,7 +230,7 @@ class Slots:
         self._callbacks: dict[str, Callbacks] = {}  #: resource -> callbacks of its thread
         self._lock = threading.Lock()
         self._slots: list[Slot] = []
-        self._opened = 0  #: number of slots that were ever opened
+        self._count = 0  #: number of slots that were opened in this run
         self.left_behind = 0  #: number of slots whose handlers hung
         self._open_slot: OpenSlot | None = None  #: set while the module runs
 
@@ -267,7 +248,7 @@ class Slots:
                     self._open(resource, open_slot)
             opened = list(self._slots)
         for slot in opened:
-            slot.opened.wait()
+            slot.ready.wait()
             if slot.error is not None:
                 raise slot.error
 
@@ -278,9 +259,10 @@ class Slots:
         """
         with self._lock:
             self._open_slot = None
-        patience = time.monotonic() + _PATIENCE
+        warn_at = time.monotonic() + _WARN_AFTER
         for slot in self._slots:
-            if not slot.join(max(0.0, patience - time.monotonic())):
+            slot.thread.join(max(0.0, warn_at - time.monotonic()))
+            if slot.thread.is_alive():
                 self._log.warning(
                     "module '%s' ends%s, and waits for its handler of '%s' to return"
                     " (it can check task.cancelled)",
@@ -288,10 +270,10 @@ class Slots:
                     f" ({type(why).__name__}: {why})" if why is not None else "",
                     slot.handling,
                 )
-                slot.join()
+                slot.thread.join()
         errors = [slot.error for slot in self._slots if slot.error is not None]
         self._slots.clear()
-        self._opened = 0
+        self._count = 0
         return errors
 
     @property
@@ -316,14 +298,14 @@ class Slots:
         return any(slot.hello.resource == resource for slot in self._slots)
 
     def _open(self, resource: str, open_slot: OpenSlot) -> None:
-        callbacks = Callbacks(self._module)  # empty, for a further thread of the resource
-        if not self._has_thread(resource):
+        callbacks = Callbacks(self._module)
+        if not self._has_thread(resource):  # only the first thread of a resource calls callbacks
             callbacks = self._callbacks.setdefault(resource, callbacks)
         self._add(resource, callbacks, open_slot)
 
     def _add(self, resource: str, callbacks: Callbacks, open_slot: OpenSlot) -> None:
-        self._opened += 1
-        self._slots.append(open_slot(self._opened, resource, callbacks))
+        self._count += 1
+        self._slots.append(open_slot(self._count, resource, callbacks))
 
     def replace(self, number: int, why: str) -> None:
         """Leave a slot behind whose handler hangs, and open another one in its place."""
@@ -334,10 +316,6 @@ class Slots:
             hung.is_replaced = True
             self._slots.remove(hung)
             self.left_behind += 1
-            self._log.warning(
-                "module '%s': %s; another thread takes its place (left behind: %d)",
-                self._module,
-                why,
-                self.left_behind,
-            )
+            text = f"another thread takes its place (left behind: {self.left_behind})"
+            self._log.warning("module '%s': %s; %s", self._module, why, text)
             self._add(hung.hello.resource, hung.callbacks, self._open_slot)

@@ -37,10 +37,10 @@ N = TypeVar("N", bound=int)
 
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
-    """Return the number as one of that central.
+    """Return the number as one of the central of *epoch*.
 
-    A number that names nothing (0) is unchanged, and so is any number of a central that never
-    restarts (epoch "").
+    It returns the plain number if that names nothing (0), or if the central never restarts (epoch
+    "").
     """
     if number <= 0 or not epoch:
         return number
@@ -67,8 +67,8 @@ def _collect(parts: Iterable[Any], found: list[EpochNumber]) -> None:
             found += numbers_in(part)
 
 
-_NUMBERS = ("origin", "delivery", "id")
-_NAMING = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
+_NUMBER_FIELDS = ("origin", "delivery", "id")
+_NUMBER_TYPES = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
 """The names, and the types, of header fields that hold numbers of tasks and other objects."""
 
 
@@ -76,16 +76,15 @@ _NAMING = (TaskId, Point, Point | None, list[Constraint], WatchOptions | None)
 def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
     """Return a reader of the fields that may hold such numbers; cached for speed."""
     hints = get_type_hints(kind)
-    names = [name for name, hint in hints.items() if name in _NUMBERS or hint in _NAMING]
-    return (
-        attrgetter(*names)
-        if len(names) > 1
-        else lambda part: tuple(getattr(part, name) for name in names)
-    )
+    fields = hints.items()
+    names = [name for name, hint in fields if name in _NUMBER_FIELDS or hint in _NUMBER_TYPES]
+    if len(names) > 1:
+        return attrgetter(*names)  # for a single name it returns no tuple
+    return lambda part: tuple(getattr(part, name) for name in names)
 
 
 def first_foreign(numbers: Iterable[int], epoch: str) -> EpochNumber | None:
-    """Return the first number that another central than that of *epoch* has assigned."""
+    """Return the first number that a central of another epoch has assigned; None without any."""
     for one in numbers:
         if isinstance(one, EpochNumber) and one.epoch != epoch:
             return one
@@ -98,6 +97,6 @@ def forgotten_text(what: str) -> str:
 
 
 def check_epoch(numbers: Iterable[int], epoch: str) -> None:
-    """Raise CentralLost if another central than that of *epoch* has assigned one of the numbers."""
+    """Raise CentralLost if a central of another epoch has assigned one of the numbers."""
     if (lost := first_foreign(numbers, epoch)) is not None:
         raise CentralLost(forgotten_text(lost.what))

@@ -13,25 +13,25 @@ from tca_wire.points import TaskId
 
 
 def abandon(session: Session, request: Request) -> None:
-    """Give a request up."""
+    """Give up a request."""
     number, origin = request.header.number, getattr(request.header, "origin", 0)
     if isinstance(request.header, headers.Release | headers.GiveUp):
-        return  # must reach central all the same
+        return  # central must get it, though nothing waits for its answer
     if request.path is not None:
         request.path.abandon(request)
     elif session.requests.pop(number, None) is not None and request.wants_answer:
         # Central may have it, even if it is away now. The GiveUp is repeated as any request is.
         if request.was_sent:
-            ask_why(session, request)
+            abandon_asking_why(session, request)
     elif _is_killed_if_given_up(session, request.header) and not (request.what and request.is_over):
         why = "its sender has given up waiting for its id"
         session.request(headers.Kill(0, TaskId(-number), why, origin=origin))
         if request.what:
             session.sends.unacknowledged -= 1
-            request.is_over, request.lost = True, "it was given up"
+            request.is_over, request.why_lost = True, "it was given up"
 
 
-def ask_why(session: Session, request: Request) -> Request | None:
+def abandon_asking_why(session: Session, request: Request) -> Request | None:
     """Give up a request that took too long.
 
     Returns the request that asks central for the reason of the delay; None if the request was sent
@@ -48,7 +48,7 @@ def ask_why(session: Session, request: Request) -> Request | None:
 
 
 def fate_of(session: Session, request: Request) -> str:
-    """Return the fate of a request that was given up, in words."""
+    """Return what becomes of a request that was given up, in words."""
     if _is_killed_if_given_up(session, request.header):
         return "is killed as soon as central answers, if central received it"
     if isinstance(request.header, HARMLESS):

@@ -18,17 +18,17 @@ class HeldReplies:
     """
 
     def __init__(self) -> None:
-        self._present = 0  #: the delivery that is handled in this turn (0: none)
-        self._begun: float | None = None  #: when its handler started
+        self._current = 0  #: the delivery that is being handled (0: none)
+        self._started: float | None = None  #: when its handler started
         self.ended: dict[int, float] = {}  #: delivery -> when its handler ended
 
     def begin(self, delivery: int, now: float) -> None:
         """Start with the next delivery of the turn."""
-        self._present, self._begun = delivery, now
+        self._current, self._started = delivery, now
 
     def stop(self) -> None:
         """End the turn."""
-        self._present, self._begun = 0, None
+        self._current, self._started = 0, None
 
     def clear(self) -> None:
         """Forget all held replies."""
@@ -36,7 +36,7 @@ class HeldReplies:
 
     def hold(self, header: Reply | Fail, now: float) -> bool:
         """Hold a reply if it belongs to the turn; return whether it does."""
-        if header.delivery != self._present or not isinstance(header, Reply):
+        if header.delivery != self._current or not isinstance(header, Reply):
             return False
         self.ended[header.delivery] = now
         self.stop()
@@ -44,9 +44,10 @@ class HeldReplies:
 
     def joined(self, items: list[Item], now: float) -> list[Item]:
         """Return the items to send, with adjacent held replies joined. They are no longer held."""
-        # Walked from the newest: a header says how long ago the run after its last one started.
+        # From the newest to the oldest, because a joined header says how long ago the handler after
+        # its last one started.
         found: list[Item] = []
-        next_began_ago = -1.0 if self._begun is None else now - self._begun
+        next_began_ago = -1.0 if self._started is None else now - self._started
         runs: list[EndedRun] = []
         bodies: list[bytes] = []
         size = 0

@@ -64,9 +64,9 @@ class LastingAttachments:
         """
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
-            before = self._wanted.get(key)
-            if before is not None and isinstance(header, Tap) and before.header == header:
-                before.number = number
+            previous = self._wanted.get(key)
+            if previous is not None and isinstance(header, Tap) and previous.header == header:
+                previous.number = number
                 return
             self._wanted.pop(key, None)
             name = header.listener if isinstance(header, Tap) else header.attachment.handler

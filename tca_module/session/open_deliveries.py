@@ -29,7 +29,7 @@ def never() -> bool:
 
 
 class OpenDelivery:
-    """A delivery that is being handled, or about to be."""
+    """A delivery that is being handled, or about to be. It represents its handler."""
 
     __slots__ = (
         "delivery",
@@ -50,14 +50,14 @@ class OpenDelivery:
         self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False
     ) -> None:
         self.owner = owner
-        self.delivery = delivery
-        self.name = ""  #: its message, for people
+        self.delivery = delivery  #: its number
+        self.name = ""  #: its message, for people; "" until its handler starts
         self.is_killed = False  #: its task was killed, is retried, or was forgotten
         self.why_killed = ""  #: the reason of the kill
         self.is_shielded = False  #: its handler cleans up and must not be woken
         self.is_suspended = is_suspended  #: its task is suspended
-        self.knows_of_kill = False  #: the handler knows of the kill
-        self.knows_of_end = False  #: the handler knows that the module ends
+        self.knows_of_kill = False  #: its handler knows of the kill
+        self.knows_of_end = False  #: its handler knows that the module ends
         #: requests of clients, if any
         self.requested: deque[tuple[Requested, bytes]] | None = None
         self.on_request: tuple[Callable[[], None], ...] = ()  #: called soon after each request
@@ -80,7 +80,7 @@ class OpenDeliveries:
     def __len__(self) -> int:
         return len(self._known)
 
-    def knows(self, handler: OpenDelivery | None) -> bool:
+    def is_open(self, handler: OpenDelivery | None) -> bool:
         """Return whether a delivery is still open: neither answered nor forgotten by central."""
         return handler is not None and self._known.get(handler.delivery) is handler
 
@@ -91,8 +91,7 @@ class OpenDeliveries:
 
     def name_of(self, delivery: int) -> str:
         """Return the message of a delivery whose handler has started."""
-        handler = self._known.get(delivery)
-        return handler.name if handler is not None else ""
+        return self._known[delivery].name if delivery in self._known else ""
 
     def add(self, delivery: int, *, is_suspended: bool) -> None:
         """Add a delivery that will be handled."""
@@ -127,7 +126,7 @@ class OpenDeliveries:
         }
 
     def begin(self, delivery: int, name: str) -> OpenDelivery:
-        """Start the handler of a delivery."""
+        """Record that the handler of a delivery starts."""
         handler = self._known.get(delivery)
         if handler is None:
             handler = self._known[delivery] = OpenDelivery(self, delivery)
@@ -137,7 +136,7 @@ class OpenDeliveries:
     def remove(self, delivery: int) -> bool:
         """Remove a delivery that has been handled; return False if central has forgotten it."""
         handler = self._find(delivery)
-        if not self.knows(handler):
+        if not self.is_open(handler):
             return False
         del self._known[delivery]
         return True
@@ -145,7 +144,7 @@ class OpenDeliveries:
     def _find(self, delivery: int) -> OpenDelivery | None:
         """Return the open delivery of that number.
 
-        A handler that asks for its own number never gets a newer delivery of the same number.
+        A restarted central may use the number again: the handler itself still gets its own.
         """
         own = current_delivery()
         if own is not None and own.owner is self and own.delivery == delivery:
@@ -153,9 +152,7 @@ class OpenDeliveries:
         return self._known.get(delivery)
 
     def state_of(self, delivery: int, make: Callable[[OpenDelivery], S]) -> S:
-        """Return the state of a delivery's task as its handler knows it; create it when first
-        needed.
-        """
+        """Return the state of a delivery's task, as its handler knows it; *make* it if needed."""
         handler = self._find(delivery)
         assert handler is not None
         if handler.state is None:
@@ -172,10 +169,7 @@ class OpenDeliveries:
         return handler.is_killed if handler is not None else delivery > 0
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Return whether a delivery's handler should clean up and return.
-
-        It should if its task was killed or the module ends.
-        """
+        """Return whether a handler should return: its task was killed, or its module ends."""
         return self.is_killed(delivery) or self.is_ending()
 
     def read_cancelled(self, delivery: int) -> bool:
@@ -190,9 +184,7 @@ class OpenDeliveries:
         return handler is not None and handler.is_suspended and not self.is_cancelled(delivery)
 
     def was_woken_to_end(self, delivery: int) -> bool:
-        """Return whether the handler was woken because the module ends, and so may have stopped
-        halfway.
-        """
+        """Return whether only its module's end woke a handler, which may have stopped halfway."""
         handler = self._find(delivery)
         return handler is not None and handler.knows_of_end and not handler.is_killed
 
@@ -205,12 +197,11 @@ class OpenDeliveries:
             return ""
         if handler is not None and handler.is_killed and not handler.knows_of_kill:
             return KILLED
-        return (
-            ENDS if self.is_ending() and not (handler is not None and handler.knows_of_end) else ""
-        )
+        knows_of_end = handler is not None and handler.knows_of_end
+        return ENDS if self.is_ending() and not knows_of_end else ""
 
     def mark_notified(self, handler: OpenDelivery | None) -> None:
-        """Record that a handler knows of its kill and of the module's end, if there are such."""
+        """Record that a handler knows whether its task was killed and whether its module ends."""
         if handler is not None:
             handler.knows_of_kill = handler.is_killed
             handler.knows_of_end = self.is_ending()
@@ -219,14 +210,14 @@ class OpenDeliveries:
     def shielded(self) -> Iterator[None]:
         """Return a block in which the calling handler is not woken, so that it can clean up."""
         handler = self.waiting_handler()
-        before = handler is not None and handler.is_shielded
+        was_shielded = handler is not None and handler.is_shielded
         if handler is not None:
             handler.is_shielded = True
         try:
             yield
         finally:
             if handler is not None:
-                handler.is_shielded = before
+                handler.is_shielded = was_shielded
 
     def waiting_handler(self) -> OpenDelivery | None:
         """Return the calling handler; None in a callback or outside of handlers."""
@@ -250,7 +241,7 @@ _at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 
 # A class rather than a generator, which would cost every message two microseconds.
 class working_on:  # noqa: N801
-    """A block in which work is for that delivery (None: for none)."""
+    """A block whose work is for the handler of one delivery; None: for no handler."""
 
     __slots__ = ("_handler", "_token")
 

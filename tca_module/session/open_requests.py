@@ -14,7 +14,7 @@ from tca_wire.packets import headers
 from tca_wire.packets.changes import ChangeState
 from tca_wire.vocabulary import Refusal
 
-_SPENT = headers.Send(0, "")
+_ENDED = headers.Send(0, "")  # replaces the header of a send that is over
 
 
 class OpenRequests:
@@ -45,7 +45,7 @@ class OpenRequests:
     def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
         """Send a task, or a change of a task's state, without waiting for central.
 
-        *what* names it. If central refuses it, the error is kept in ``sends``.
+        *what* names it. If central refuses it, ``sends`` retains the error.
         """
         check_fields(header)
         if isinstance(header, headers.Send):
@@ -58,11 +58,11 @@ class OpenRequests:
 
     def _send(self, request: Request) -> None:
         request.was_sent, request.epoch = True, self.epoch
-        request.mark, request.seen = self._posted, 0
+        request.statements_before, request.answers_seen = self._posted, 0
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
-        """Send a request to central. It may have been sent directly before, but not begun."""
+        """Send a request to central: a new one, or one whose direct handler will not start it."""
         request.path = None
         self._number(request)
         if self.is_welcome:
@@ -81,12 +81,11 @@ class OpenRequests:
             request.refused = self.refused
             self.finish(request)
 
-    def finish(self, request: Request, lost: str = "") -> None:
-        """Finish a request that is over or *lost*, and notify its waiters."""
+    def finish(self, request: Request, why_lost: str = "") -> None:
+        """Finish a request, and notify its waiters. *why_lost*: how it was lost, if it was."""
         self.requests.pop(request.header.number, None)  # a direct request has no number here
         request.is_over = True
-        if lost:
-            request.lost = lost
+        request.why_lost = why_lost or request.why_lost
         if request.what:
             self._finish_send(request)
         if request.on_over is not None:
@@ -97,15 +96,15 @@ class OpenRequests:
         """Finish a send that central has accepted or refused, or never will."""
         self.sends.unacknowledged -= 1
         origin = request.header.origin
-        if request.lost:
+        if request.why_lost:
             self.sends.lost.append(request)
         elif request.refused is None:
             # Free the memory: the program may hold the id, and so this request, for ever.
-            request.header, request.body, request.after = _SPENT, b"", []
+            request.header, request.body, request.after = _ENDED, b"", []
         elif request.refused.refusal is Refusal.TOO_LATE and isinstance(
             request.header, ChangeState
         ):
-            self.complaints.append(request.why_failed)  # the sender could not know that it was late
+            self.complaints.append(request.why_failed)  # the sender could not avoid being late
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
         else:  # its handler has returned, and central has failed it

@@ -10,13 +10,13 @@ from typing import Any
 
 from tca_module.session.epoch_numbers import RESTARTED
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
-from tca_module.session.registering import registers
+from tca_module.session.registering import register_headers
 from tca_module.session.request import Request
 from tca_wire.packets import headers
 from tca_wire.packets.parts import MessageFormat
 
-AGAIN = 5.0  # seconds until a refused request is tried again
-PATIENCE = 5.0  # seconds of waiting for required messages before this is logged
+RETRY_AFTER = 5.0  # seconds until a refused request is tried again
+LOGGED_AFTER = 5.0  # seconds of waiting for required messages before this is logged
 _NEVER = float("inf")
 
 Ask = Callable[..., Request]
@@ -26,7 +26,7 @@ Ask = Callable[..., Request]
 class Redeclaration:
     """Declares everything to a restarted central.
 
-    Only the connection that declares a module's handlers does so.
+    Of a module's connections, only the one that declares its handlers does so.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class Redeclaration:
 
     def _reset(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         self._epoch, self._messages = epoch, messages
-        self._open = 0  #: number of unanswered requests
-        self._attached = 0
+        self._unanswered = 0  #: number of unanswered requests
+        self._attached = 0  #: number of attachments that were made again
         self._is_refused = False
         self._is_waiting = False  #: for required messages
         self._due = _NEVER  #: when there is something to do even if central sends nothing
@@ -58,11 +58,6 @@ class Redeclaration:
     def is_restless(self) -> bool:
         """Whether ``send_due`` may have something to do."""
         return not self.is_over or bool(self._attachments.unwanted)
-
-    @property
-    def is_answered_soon(self) -> bool:
-        """Whether a request is open that central answers at once."""
-        return self._open > 0 and not self._is_waiting
 
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """Start with the central of that epoch, which knows nothing.
@@ -89,7 +84,7 @@ class Redeclaration:
         formats = self._messages | {
             one.name: one for attachment in unknown for one in attachment.formats
         }
-        for header in registers(formats.values()):
+        for header in register_headers(formats.values()):
             self._request(header, "messages that were declared")
         for attachment in unknown:
             self._request(attachment.header, f"the {attachment}", attachment)
@@ -102,30 +97,29 @@ class Redeclaration:
         *,
         waits: bool = False,
     ) -> None:
-        self._open += 1
+        self._unanswered += 1
         request = self._ask(header, wants_answer=waits)
         request.on_over = lambda over: self._on_request_over(over, what, attachment)
 
     def _on_request_over(
         self, request: Request, what: str, attachment: LastingAttachment | None
     ) -> None:
-        if request.lost:
-            return  # that central was restarted, too: ``begin`` follows
-        self._open -= 1
+        if request.why_lost:
+            return  # central was restarted once more: ``begin`` follows
+        self._unanswered -= 1
         if request.refused is not None:
             text = f"central was restarted, and refuses {what}: {request.refused.text}"
-            # later refusals may only follow from the first
+            # A later refusal may only follow from the first one: it is not logged.
             if not self._is_refused or attachment is None:
-                self._log_once(
-                    f"{text}; tried again every {AGAIN:g} s, and no handler is declared before"
-                )
+                again = f"tried again every {RETRY_AFTER:g} s, and no handler is declared before"
+                self._log_once(f"{text}; {again}")
             self._is_refused = True
         elif attachment is not None and request.accepted is not None:
             self._attached += 1
             attachment.number = request.accepted
             if not self._attachments.is_wanted(attachment):  # removed in the meantime
                 self._ask(headers.Remove(0, attachment.number))
-        if not self._open:
+        if not self._unanswered:
             self._continue()
 
     def _continue(self) -> None:
@@ -149,14 +143,15 @@ class Redeclaration:
         """Make the requests that are due; return when the next ones will be."""
         for attachment in self._attachments.pop_unwanted(self._epoch):
             self._ask(headers.Remove(0, attachment.number))
-        if self.is_over or self.is_answered_soon:
+        is_answered_soon = self._unanswered > 0 and not self._is_waiting
+        if self.is_over or is_answered_soon:
             return _NEVER
         if self._due == _NEVER:
-            self._due = now + (AGAIN if self._is_refused else PATIENCE)
+            self._due = now + (RETRY_AFTER if self._is_refused else LOGGED_AFTER)
         elif now >= self._due and self._is_refused:
             self._declare()
         elif now >= self._due:
-            self._due = now + PATIENCE
+            self._due = now + LOGGED_AFTER
             names = ", ".join(f"'{name}'" for name in self.required)
             self._log_once(f"waits for handlers of {names}, which it requires; see 'tca messages'")
         return self._due

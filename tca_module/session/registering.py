@@ -6,20 +6,21 @@ from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.vocabulary import Limit
 
-# declarations in one request: all others wait while central handles it
+# The most declarations, and bytes of formats, in one request. Less than central accepts, because
+# central handles nothing else at the same time.
 _MOST = int(Limit.LIST) // 2
-_BYTES = int(Limit.HEADER) // 2
+_MOST_BYTES = int(Limit.HEADER) // 2
 
 
-def registers(
+def register_headers(
     messages: Iterable[MessageFormat],
     handlers: Iterable[HandlerFormat] = (),
     *,
     is_ready: bool = False,
 ) -> list[Register]:
-    """Return the requests that declare messages and handlers, in order; most times one."""
+    """Return the requests that declare messages and handlers, in order; mostly one."""
     messages, handlers = list(messages), list(handlers)
-    if len(messages) + len(handlers) <= _MOST and sum(map(_size, messages)) <= _BYTES:
+    if len(messages) + len(handlers) <= _MOST and sum(map(_size, messages)) <= _MOST_BYTES:
         return [Register(0, messages, handlers, is_ready)]
     parts = [handlers[at : at + _MOST] for at in range(0, len(handlers), _MOST)] or [[]]
     declared = [Register(0, part) for part in _split(messages)]
@@ -32,7 +33,7 @@ def _split(messages: list[MessageFormat]) -> Iterator[list[MessageFormat]]:
     part: list[MessageFormat] = []
     size = 0
     for message in messages:
-        if part and (len(part) == _MOST or size + _size(message) > _BYTES):
+        if part and (len(part) == _MOST or size + _size(message) > _MOST_BYTES):
             yield part
             part, size = [], 0
         part.append(message)

@@ -40,7 +40,7 @@ _WITHOUT_TASKS = (
 """Requests that any central understands, whatever it remembers."""
 
 
-class DirectWay(Protocol):
+class RequestPath(Protocol):
     """The path of a request that does not go through central."""
 
     def abandon(self, request: "Request") -> None:
@@ -60,27 +60,27 @@ class Request:
         "accepted",
         "after",
         "answers",
+        "answers_seen",
         "body",
         "epoch",
         "forgotten_subject",
         "header",
         "is_announced",
         "is_over",
-        "lost",
-        "mark",
         "notify",
-        "number",
         "on_over",
         "path",
+        "path_number",
         "refused",
-        "repeated",
-        "seen",
         "sender_name",
+        "statements_before",
         "wake",
         "wants_answer",
+        "was_repeated",
         "was_sent",
         "what",
         "why_lock_lost",
+        "why_lost",
     )
 
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
@@ -89,29 +89,28 @@ class Request:
         self.wants_answer = wants_answer  #: an Answer follows, so Accepted does not end it
         self.was_sent = False  #: central may have received it
         self.epoch = ""  #: of the central that it was sent to last
-        self.repeated = False  #: it was sent more than once
+        self.was_repeated = False  #: it was sent more than once
         self.is_over = False
-        self.seen = 0  #: number of answers, other than the last one, since it was sent
-        #: central knows that the sender, which had continued, now waits for the answer
+        self.answers_seen = 0  #: number of its answers since it was sent, without the last one
+        #: central knows that its sender, which did not wait at first, now waits for the answer
         self.is_announced = False
         self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
-        self.lost = ""  #: how it was lost with central's memory
+        self.why_lost = ""  #: how it was lost with central's memory
         #: the name of its object, if a restarted central has forgotten that
         self.forgotten_subject = ""
         self.why_lock_lost = ""  #: for a granted lock: how it was lost
-        #: the direct path on which it was sent, with *number*
-        self.path: DirectWay | None = None
-        self.number = 0
-        # Three attributes of tasks and changes that were sent without waiting for central:
+        self.path: RequestPath | None = None  #: the direct path on which it was sent, if any
+        self.path_number = 0  #: its number on that path
+        # The next three are for tasks and changes that were sent without waiting for central.
         self.what = ""  #: its name, for people
         self.sender_name = ""  #: the message whose handler has sent it
         self.after: list[TaskId] = []  #: the siblings it must come after, until it is accepted
-        self.mark = 0  #: number of statements that were sent before it
+        self.statements_before = 0  #: number of statements that were sent before it
         #: called soon after each answer, and when it is over
         self.notify: Callable[[], None] | None = None
-        #: the same for coroutines that await the request
+        #: called like *notify*; wakes the coroutines that await the request
         self.wake: Callable[[], None] | None = None
         #: called at once by the session when it is over
         self.on_over: Callable[[Request], None] | None = None
@@ -120,17 +119,12 @@ class Request:
     def is_unannounced(self) -> bool:
         """Whether it is open, and central does not know whether its sender waits by now."""
         header = self.header
+        if self.is_over or self.is_announced or not isinstance(header, Send):
+            return False
         if self.what:
-            return (
-                isinstance(header, Send)
-                and not self.is_over
-                and header.quiet
-                and not self.is_announced
-            )
-        is_open = self.wants_answer and not self.is_over and not self.answers and self.path is None
-        return (
-            is_open and isinstance(header, Send) and not header.blocking and not self.is_announced
-        )
+            return header.quiet
+        is_unanswered = self.wants_answer and not self.answers and self.path is None
+        return is_unanswered and not header.blocking
 
     @property
     def waits_for_others(self) -> bool:
@@ -146,7 +140,7 @@ class Request:
     @property
     def has_failed(self) -> bool:
         """Whether it was refused or lost."""
-        return self.is_over and (self.refused is not None or bool(self.lost))
+        return self.is_over and (self.refused is not None or bool(self.why_lost))
 
     @property
     def why_failed(self) -> str:
@@ -173,11 +167,11 @@ class Request:
             raise kind(str(what), self.refused.refusal, self.refused.text)
         if self.forgotten_subject:
             raise CentralLost(forgotten_text(self.forgotten_subject))
-        if self.lost:
+        if self.why_lost:
             advice = "start again" if refers_to_tasks(self.header) else "ask again"
             if isinstance(self.header, headers.AwaitPoint):
                 advice = "send the task again"
-            raise CentralLost(f"{what} is lost: {self.lost}; {advice}")
+            raise CentralLost(f"{what} is lost: {self.why_lost}; {advice}")
 
 
 def is_for_any_central(header: Any) -> bool:
@@ -192,10 +186,10 @@ def refers_to_tasks(header: Any) -> bool:
     watch = getattr(header, "watch", None)
     if watch is not None and watch.until is not None:
         return True
-    if isinstance(header, Send | headers.Lock):
-        return bool(
-            header.origin or (isinstance(header, Send) and (header.parent or header.constraints))
-        )
+    if isinstance(header, Send):
+        return bool(header.origin or header.parent or header.constraints)
+    if isinstance(header, headers.Lock):
+        return bool(header.origin)
     if isinstance(header, headers.Inspect):
         return header.task != ROOT
     if isinstance(header, Observe):

@@ -22,10 +22,10 @@ class Acknowledging(Protocol):
 
 
 class SentId(EpochNumber):
-    """The id of a sent task.
+    """The id of a sent task, which central may not have assigned yet.
 
-    Reading it before central has assigned the number waits for that. In headers the number of the
-    request that sent the task stands for it.
+    Reading it waits for central. A header names the task by the number of the request that sent it
+    instead, and so needs no wait.
     """
 
     connection: Acknowledging
@@ -40,12 +40,9 @@ class SentId(EpochNumber):
     @property
     def assigned_id(self) -> EpochNumber:
         """The assigned id. Waits for it; raises the error of the send."""
-        request = self.request
-        return (
-            request.accepted
-            if request.accepted is not None
-            else self.connection.wait_for_id(request)
-        )
+        if self.request.accepted is not None:
+            return self.request.accepted
+        return self.connection.wait_for_id(self.request)
 
     @property
     def on_wire(self) -> int:
@@ -61,9 +58,8 @@ class SentId(EpochNumber):
     @property
     def what(self) -> str:  # type: ignore[override]
         """The task's name, for people."""
-        return str(
-            self.request.accepted.what if self.request.accepted is not None else self.request.what
-        )
+        request = self.request
+        return request.what if request.accepted is None else request.accepted.what
 
     def check_nameable(self, connection: object) -> None:
         """Ensure that headers on *connection* can name the task. Raises the error of the send.
@@ -84,9 +80,8 @@ class SentId(EpochNumber):
     def __eq__(self, other: object) -> bool:
         if isinstance(other, SentId):
             return self.request is other.request
-        return (
-            other != 0 and self.assigned_id == other
-        )  # 0 names no task, so there is no need to wait
+        # 0 names no task: this needs no wait.
+        return other != 0 and self.assigned_id == other
 
     def __ne__(self, other: object) -> bool:
         return not self == other
@@ -118,15 +113,15 @@ class SentId(EpochNumber):
 
 
 class TaskSends:
-    """The tasks that were sent without waiting, with the errors of refused ones until they are
-    raised.
+    """The tasks that were sent without waiting, and the errors that were not raised yet.
 
     Errors are sorted by the delivery whose handler sent the task (0: code outside of handlers).
     """
 
     def __init__(self) -> None:
         self.unacknowledged = 0  #: number of sends that central has neither accepted nor refused
-        self.lost: list[Request] = []  #: sends lost with central whose error was not raised yet
+        #: sends that are lost with central's memory, until their error is raised
+        self.lost: list[Request] = []
         self.failed: dict[int, list[Request]] = {}  #: delivery of the sender -> refused sends
         self._known: dict[int, int] = {}  #: delivery -> number of refusals that its handler knows
 
@@ -147,7 +142,7 @@ class TaskSends:
             raise
 
     def discard(self, request: Request) -> None:
-        """Drop the error of a send, if it has one: it is about to be raised."""
+        """Forget the error of a send, if it has one: the caller raises it."""
         if request in self.lost:
             self.lost.remove(request)
         failed = self.failed.get(request.header.origin, [])
@@ -161,11 +156,10 @@ class TaskSends:
 
     def pop_refusals(self, delivery: int) -> tuple[int, list[str]]:
         """Return, for an ended handler, how many refusals it knows, and its unraised errors."""
-        if not (self._known or self.failed):
+        if not (self._known or self.failed):  # the usual case, fast
             return 0, []
-        return self._known.pop(delivery, 0), [
-            one.error_for_log for one in self.failed.pop(delivery, [])
-        ]
+        errors = [one.error_for_log for one in self.failed.pop(delivery, [])]
+        return self._known.pop(delivery, 0), errors
 
     def forget(self) -> None:
         """Forget the deliveries of a restarted central, which may use the same numbers again."""

@@ -24,7 +24,7 @@ from tca_module.session.joined_replies import HeldReplies, Item
 from tca_module.session.lasting_attachments import LastingAttachments, is_lasting
 from tca_module.session.open_requests import OpenRequests
 from tca_module.session.redeclaration import Redeclaration
-from tca_module.session.registering import registers
+from tca_module.session.registering import register_headers
 from tca_module.session.request import (
     HARMLESS,
     Request,
@@ -52,6 +52,9 @@ _REPLIES_RETAINED = PREFETCH + 8
 # with Unknown if Hello is due again.
 _PROBE = headers.Register(0, [], [])
 
+_STATEMENTS = headers.Send | headers.SetVariable
+"""The headers that are statements if they have no number."""
+
 
 def quiet_within(patience: float, *, is_idle: bool = False) -> float:
     """Return the seconds of silence after which to probe central, given a wait's patience."""
@@ -65,9 +68,9 @@ class Session(OpenRequests):
     replace_slot: Callable[[int, str], object] | None = None
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
-        """Create the session. *attachments*: the module's, if it has several connections.
+        """*attachments*: those of the module, if it has several connections.
 
-        The first connection makes the attachments again after a restart of central.
+        After a restart of central, the module's first connection makes them again.
         """
         super().__init__(HELLO_NUMBER)
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
@@ -79,8 +82,8 @@ class Session(OpenRequests):
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()
         self._replies: dict[int, tuple[headers.Reply | headers.Fail, bytes]] = {}
         """Delivery -> its reply, oldest first: replies that central may not have received."""
-        self._asked = float("-inf")  #: when central was last probed
-        self.asked_since = float("-inf")  #: when the first probe without an answer was sent
+        self._probed_at = float("-inf")  #: when central was last probed
+        self.probed_since = float("-inf")  #: when the first probe without an answer was sent
         self.heard = float("-inf")  #: when the last packet from central arrived
         #: replies in ``outgoing`` that leave together when their turn ends
         self.held_replies = HeldReplies()
@@ -90,11 +93,11 @@ class Session(OpenRequests):
         self.prefetched: deque[tuple[headers.Deliver, bytes]] = deque()
         #: headers about direct messages
         self.routing: deque[headers.Welcome | Route | EntranceGone | Barred] = deque()
-        #: number of statements that never left; number on their way in a break
-        self.dropped = self.doubtful = 0
+        self.dropped = 0  #: number of statements that never left
+        self.doubtful = 0  #: number of statements that were on their way when a connection broke
         self._arrived = 0  #: number of statements that central has received
-        self._confirming: Request | None = None  #: the open probe, if any
-        self._replies_before: list[int] = []  #: the deliveries answered before that probe
+        self._confirmation: Request | None = None  #: the newest probe by ``confirm``, if any
+        self._replies_to_confirm: list[int] = []  #: the deliveries answered before that probe
         self.breaks = 0  #: how often the connection has broken
         #: central must be told that the module handles nothing more; set by any thread
         self.is_to_withdraw = False
@@ -115,7 +118,7 @@ class Session(OpenRequests):
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
         """Send a header that has no answer; return False if it is lost: central is not there."""
-        is_statement = isinstance(header, headers.Send | headers.SetVariable)
+        is_statement = isinstance(header, _STATEMENTS)
         if not self.is_welcome:
             self.dropped += is_statement
             return False
@@ -123,14 +126,14 @@ class Session(OpenRequests):
         if is_statement:
             self._posted += 1
             if self.unconfirmed >= CONFIRM_EVERY and (
-                self._confirming is None or self._confirming.is_over
+                self._confirmation is None or self._confirmation.is_over
             ):
                 self.confirm()
         return True
 
     def confirm(self) -> None:
         """Probe central: the answer shows that everything sent before has arrived."""
-        self._confirming, self._replies_before = self.probe(), list(self._replies)
+        self._confirmation, self._replies_to_confirm = self.probe(), list(self._replies)
 
     def probe(self) -> Request:
         """Probe central. The answer comes after everything that central has sent before."""
@@ -145,8 +148,8 @@ class Session(OpenRequests):
     def lost(self) -> int:
         """The number of messages that are lost, or may be.
 
-        Counts statements that did not reach central, or may not have when the connection broke.
-        Counts also tasks that may not have reached a central that ended.
+        These are statements that never left, or were on their way when a connection broke. They are
+        also tasks that may not have reached a central that ended.
         """
         return self.dropped + self.doubtful + len(self.sends.lost)
 
@@ -186,41 +189,36 @@ class Session(OpenRequests):
             del self._replies[next(iter(self._replies))]
 
     @property
-    def has_next(self) -> bool:
-        """Whether a prefetched message may begin: no handler owes a reply, and the module does not
-        end.
-        """
+    def may_begin_next(self) -> bool:
+        """Whether a prefetched message may begin: no handler runs, and the module does not end."""
         is_free = bool(self.prefetched) and len(self.open_deliveries) == len(self.prefetched)
         return is_free and not self.open_deliveries.is_ending()
 
     @property
     def is_claiming(self) -> bool:
-        """Whether a claim is open. Messages that must wait for it may still be prefetched."""
+        """Whether a claim is requested or given up. Prefetched messages may have to wait for it."""
         return any(
             isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values()
         )
 
     def return_before_claim(self, header: headers.ToCentral) -> None:
-        """Return the prefetched messages before a claim, which might wait for them.
+        """Return the prefetched messages to central before a claim, which might wait for them.
 
-        If no handler runs, but a callback, the next message stays: central has given it to this
-        slot, or recalls it.
+        If a callback makes the claim, the next message stays, unless central recalls it.
         """
         if isinstance(header, headers.Lock) and self.prefetched:
-            retained = [self.prefetched.popleft()] if self.has_next else []
+            retained = [self.prefetched.popleft()] if self.may_begin_next else []
             self.return_prefetched()
             self.prefetched.extend(retained)
 
-    def return_prefetched(self, wanted: Collection[int] | None = None) -> None:
-        """Return prefetched deliveries that have not begun to central: those in *wanted* (None:
-        all).
-        """
-        waiting = [header.delivery for header, _ in self.prefetched]
-        returned = [number for number in waiting if wanted is None or number in wanted]
+    def return_prefetched(self, recalled: Collection[int] | None = None) -> None:
+        """Return prefetched deliveries to central: those in *recalled*, or all."""
+        numbers = [header.delivery for header, _ in self.prefetched]
+        returned = [number for number in numbers if recalled is None or number in recalled]
         self.prefetched = deque(one for one in self.prefetched if one[0].delivery not in returned)
         for delivery in returned:
             self.open_deliveries.remove(delivery)
-        self.post(headers.Recalled(returned, is_answer=wanted is not None))
+        self.post(headers.Recalled(returned, is_answer=recalled is not None))
 
     def add_declared(
         self,
@@ -253,35 +251,34 @@ class Session(OpenRequests):
             self.request(headers.Unregister(0, []))
         is_restless = self.is_welcome and self.redeclaration.is_restless
         due = self.redeclaration.send_due(now) if is_restless else float("inf")
-        asks_at = max(self.heard, since) + quiet if self.is_welcome else self._asked + REPEAT
-        if self.heard < self._asked:
-            asks_at = max(asks_at, self._asked + REPEAT)
-        if now >= asks_at:
-            if self.heard >= self._asked:
-                self.asked_since = now
-            self._asked, asks_at = now, now + REPEAT
+        probe_at = max(self.heard, since) + quiet if self.is_welcome else self._probed_at + REPEAT
+        if self.heard < self._probed_at:
+            probe_at = max(probe_at, self._probed_at + REPEAT)
+        if now >= probe_at:
+            if self.heard >= self._probed_at:
+                self.probed_since = now
+            self._probed_at, probe_at = now, now + REPEAT
             self.outgoing.append((_PROBE if self.is_welcome else self._hello, b""))
-        return min(asks_at, due)
+        return min(probe_at, due)
 
     def break_off(self) -> None:
         """Start over with Hello: the connection broke, or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
-        dropped = self.dropped
+        unsent = 0
         for header, _ in self.outgoing:
-            self.dropped += (
-                isinstance(header, headers.Send | headers.SetVariable) and not header.number
-            )
+            unsent += isinstance(header, _STATEMENTS) and not header.number
             if (request := self.requests.get(getattr(header, "number", 0))) is not None:
-                request.was_sent = request.repeated
-        self.doubtful += self.unconfirmed - (self.dropped - dropped)
+                request.was_sent = request.was_repeated
+        self.dropped += unsent
+        self.doubtful += self.unconfirmed - unsent
         self._arrived = self._posted
         self.outgoing.clear()
         self.held_replies.clear()
         for header, _ in self.prefetched:  # central delivers it again
             self.open_deliveries.remove(header.delivery)
         self.prefetched.clear()
-        self._asked = float("-inf")
+        self._probed_at = float("-inf")
 
     def receive(self, header: headers.ToModule, body: bytes, now: float) -> None:
         """Process a header from central."""
@@ -290,28 +287,28 @@ class Session(OpenRequests):
 
     def _on_welcome(self, header: headers.Welcome, _: bytes) -> None:
         self.routing.append(header)  # central sends all routes again after a Welcome
-        is_back, is_new = bool(self.epoch), header.epoch != self.epoch
+        was_welcomed, is_new_epoch = bool(self.epoch), header.epoch != self.epoch
         if self.is_welcome:
-            if not is_new:
+            if not is_new_epoch:
                 return  # Hello was sent twice
             self.break_off()  # the second Hello reached a restarted central
         self.epoch, self.module, self.refused = header.epoch, header.module, None
-        if is_back and is_new:
+        if was_welcomed and is_new_epoch:
             self._forget()
             self._renew()
         self.is_welcome = True
-        is_anything = self.messages or self._handlers or self._is_ready
-        if is_back and is_anything and (self.redeclaration.is_over or not is_new):
+        has_declared = self.messages or self._handlers or self._is_ready
+        if was_welcomed and has_declared and (self.redeclaration.is_over or not is_new_epoch):
             is_over, messages = self.redeclaration.is_over, list(self.messages.values())
             handlers = list(self._handlers.values()) if is_over else []
-            # Number 0, because central takes lower numbers than the highest one so far for
-            # answered, and the requests repeated below have lower ones.
+            # Without a number: central counts a request as answered if its number is lower than the
+            # highest one so far, and the requests repeated below have lower numbers.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
-        if is_back and not is_new:
+        if was_welcomed and not is_new_epoch:
             self._repeat_declarations()
             self._observe_again()
         for request in self.requests.values():
-            request.repeated = request.was_sent
+            request.was_repeated = request.was_sent
             # A repeated send needs an answer of its own.
             if request.what and isinstance(request.header, headers.Send):
                 request.header = msgspec.structs.replace(request.header, quiet=False)
@@ -321,7 +318,7 @@ class Session(OpenRequests):
     def _repeat_declarations(self) -> None:
         """Declare the handlers that central may have accepted and forgotten with the connection.
 
-        To the repeated request it only repeats its first answer.
+        Repeating the request is not enough: central then only repeats its first answer.
         """
         for header in [request.header for request in self.requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
@@ -364,7 +361,7 @@ class Session(OpenRequests):
         self, messages: list[MessageFormat], handlers: list[HandlerFormat], *, is_ready: bool
     ) -> None:
         self.outgoing += [
-            (header, b"") for header in registers(messages, handlers, is_ready=is_ready)
+            (header, b"") for header in register_headers(messages, handlers, is_ready=is_ready)
         ]
 
     def _forget(self) -> None:
@@ -373,9 +370,9 @@ class Session(OpenRequests):
             if request.on_over is not None:
                 del self.requests[number]  # ``redeclaration`` starts again and repeats it
                 continue
-            named = first_foreign(numbers_in(request.header), self.epoch)
-            if named is not None or refers_to_tasks(request.header):
-                request.forgotten_subject = named.what if named is not None else ""
+            subject = first_foreign(numbers_in(request.header), self.epoch)
+            if subject is not None or refers_to_tasks(request.header):
+                request.forgotten_subject = subject.what if subject is not None else ""
                 self.finish(request, RESTARTED)
             elif request.was_sent and not is_for_any_central(request.header):
                 self.finish(request, "central was restarted and has forgotten it")
@@ -390,18 +387,18 @@ class Session(OpenRequests):
         self.deliveries.clear()
         self.prefetched.clear()
 
-    def _answered(self, number: int) -> Request | None:
-        """Return the request that central answers. Everything sent before it has arrived."""
+    def _confirm_arrival(self, number: int) -> Request | None:
+        """Return the request that central answers. All that was sent before it has arrived."""
         request = self.requests.get(number)
         if request is not None:
-            self._arrived = max(self._arrived, request.mark)
-            if request is self._confirming:
-                for delivery in self._replies_before:
+            self._arrived = max(self._arrived, request.statements_before)
+            if request is self._confirmation:
+                for delivery in self._replies_to_confirm:
                     self._replies.pop(delivery, None)
         return request
 
     def _on_accepted(self, header: headers.Accepted, _: bytes) -> None:
-        request = self._answered(header.number)
+        request = self._confirm_arrival(header.number)
         was_not_sent = (
             request is not None and isinstance(request.header, headers.Send) and not header.id
         )
@@ -420,7 +417,7 @@ class Session(OpenRequests):
             self._on_accepted(headers.Accepted(number, task), b"")
 
     def _on_refused(self, header: headers.Refused, _: bytes) -> None:
-        request = self._answered(header.number)
+        request = self._confirm_arrival(header.number)
         if header.refusal is Refusal.SHUT_OUT:
             self._on_not_welcome(header)
         elif request is None:
@@ -430,7 +427,7 @@ class Session(OpenRequests):
                 self.complaints.append(f"central refused: {header.text}")
             elif not header.number:  # with a number, it was given up in the meantime
                 self.complaints.append(header.text)
-        elif header.refusal is Refusal.TOO_LATE and request.repeated and request.wants_answer:
+        elif header.refusal is Refusal.TOO_LATE and request.was_repeated and request.wants_answer:
             self._ask_again(request)
         else:
             request.refused = header
@@ -461,7 +458,7 @@ class Session(OpenRequests):
         """Repeat a request that central dropped when the connection broke."""
         if isinstance(request.header, HARMLESS):
             del self.requests[request.header.number]
-            request.why_lock_lost, request.repeated = "", False
+            request.why_lock_lost, request.was_repeated = "", False
             self._number(request)
             self._send(request)
         else:
@@ -469,7 +466,7 @@ class Session(OpenRequests):
             self.finish(request, "the connection to central broke before the answer came")
 
     def _on_answer(self, header: headers.Answer, body: bytes) -> None:
-        request = self._answered(header.number)
+        request = self._confirm_arrival(header.number)
         if request is not None:
             request.answers.append((header, body))
             if not header.more:
@@ -477,7 +474,7 @@ class Session(OpenRequests):
                     self._locks[header.number] = request
                 self.finish(request)
             else:
-                request.seen += 1
+                request.answers_seen += 1
                 self._notify_waiters(request)
 
     def _on_deliver(self, header: headers.Deliver, body: bytes) -> None:
@@ -494,7 +491,7 @@ class Session(OpenRequests):
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
-        # The answer that granted it may have been lost; then it is repeated after this.
+        # The answer that granted it may have been lost: then the request is still open.
         if lock is not None:
             lock.why_lock_lost = header.text
 
@@ -505,7 +502,7 @@ class Session(OpenRequests):
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self.requests.get(header.number)) is not None:
             # This central did not carry it out. If it was sent only once, no other did either.
-            request.was_sent = request.repeated
+            request.was_sent = request.was_repeated
         if self.is_welcome:
             self.break_off()
 
@@ -538,8 +535,8 @@ class Session(OpenRequests):
         headers.Beat: lambda *_: None,
         headers.Unknown: _on_unknown,
         headers.Closing: _on_closing,
-        Route: lambda self, header, _: self.routing.append(header),
-        EntranceGone: lambda self, header, _: self.routing.append(header),
-        Barred: lambda self, header, _: self.routing.append(header),
+        **dict.fromkeys(
+            (Route, EntranceGone, Barred), lambda self, header, _: self.routing.append(header)
+        ),
     }
     """One handler per type of header from central."""

@@ -7,24 +7,23 @@ from tca_module.errors import MisuseError
 from tca_wire.errors import KeyRefused
 from tca_wire.keys import NO_KEY, VARIABLE, ClientKey, client_key
 
-# milliseconds; central ends an unfinished handshake after two seconds
-_ANSWERED_WITHIN = 2500
+# central ends an unfinished handshake after two seconds
+_HANDSHAKE_MILLISECONDS = 2500
 _EVENTS = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
-    | (zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+    | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 )
 
 
-def show_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
+def set_client_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
     """Set this program's key for the central at *address* on a socket, before it connects.
 
     The socket then talks to no other central. Returns the key; None if none is used. Raises
     MisuseError.
     """
-    key = key_for(address)
-    if key is not None:
+    if (key := key_for(address)) is not None:
         set_key(socket, key)
     return key
 
@@ -59,7 +58,7 @@ def make_server(socket: "zmq.Socket[bytes]") -> str:
 
 
 def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
-    """Make a socket talk only to the holder of a key's secret half, with a new pair of its own."""
+    """Make a socket talk only to the owner of the public key *server*; it gets a new key itself."""
     public, secret = zmq.curve_keypair()
     set_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
@@ -67,20 +66,20 @@ def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
 def key_problem(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
     """Return why the central at *address* rejects this program's key; "" if it does not.
 
-    Takes a moment.
+    It tries to connect, for up to 2.5 seconds.
     """
     if not address.startswith("tcp://"):
         return ""
     with context.socket(zmq.DEALER) as socket:
         socket.setsockopt(zmq.LINGER, 0)
         try:
-            key = show_key(socket, address)
+            key = set_client_key(socket, address)
         except MisuseError as error:
             return str(error)
         monitor = socket.get_monitor_socket(_EVENTS)
         try:
             socket.connect(address)
-            has_event = monitor.poll(_ANSWERED_WITHIN)
+            has_event = monitor.poll(_HANDSHAKE_MILLISECONDS)
             event = recv_monitor_message(monitor)["event"] if has_event else None
         finally:
             socket.disable_monitor()

@@ -38,7 +38,7 @@ Address = bytes
 
 
 class _DirectSocket:
-    """A socket of that kind, such as zmq.DEALER."""
+    """A ZeroMQ socket for direct messages. *kind*: such as zmq.DEALER."""
 
     def __init__(self, kind: int) -> None:
         self._socket: zmq.Socket[bytes] = context().socket(kind)

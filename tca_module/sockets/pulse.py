@@ -12,7 +12,7 @@ from secrets import token_hex
 
 import zmq
 
-from tca_module.sockets.curve import show_key
+from tca_module.sockets.curve import set_client_key
 
 KEEPALIVE = (
     (zmq.TCP_KEEPALIVE, 1),
@@ -24,10 +24,7 @@ KEEPALIVE = (
 
 
 class Pulse:
-    """The pulse that all connections of this process to one central share.
-
-    ``pulse_to`` returns it, and ``release`` ends a use of it.
-    """
+    """The pulse that all connections of this process to one central share; see ``pulse_to``."""
 
     def __init__(self, address: str) -> None:
         self.users = 0
@@ -40,14 +37,15 @@ class Pulse:
         for option, value in _OPTIONS:
             socket.setsockopt(option, value)
         socket.setsockopt(zmq.ROUTING_ID, self.name)
-        show_key(socket, address)
+        set_client_key(socket, address)
         socket.connect(address)
         is_started = threading.Event()
         self._thread = threading.Thread(
             target=_echo, args=(socket, is_started), name="pulse", daemon=True
         )
         self._thread.start()
-        # running before central knows of it, and before any thread holds Python's lock for long
+        # The thread must run before central knows of it, and before another one holds Python's lock
+        # for long.
         is_started.wait()
 
     def release(self) -> None:

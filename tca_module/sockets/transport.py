@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import zmq
 
 from tca_module.errors import MisuseError
-from tca_module.sockets.curve import show_key
+from tca_module.sockets.curve import set_client_key
 from tca_module.sockets.pulse import KEEPALIVE, Pulse, pulse_to
 
 _OPTIONS = (
@@ -111,29 +111,29 @@ class Waker:
 
     def __init__(self) -> None:
         if hasattr(os, "eventfd"):
-            self._near = self._far = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+            self._read_end = self._write_end = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         else:
-            self._near, self._far = os.pipe()
+            self._read_end, self._write_end = os.pipe()
         self._lock = threading.RLock()  # reentrant, because a signal handler may set it, too
         self._is_set = False
 
     def fileno(self) -> int:
         """Return the file that is readable while this is set."""
-        return self._near
+        return self._read_end
 
     def set(self) -> None:
         """End the current wait, or the next one."""
         with self._lock:
             if not self._is_set:
                 self._is_set = True
-                os.write(self._far, _ONE)
+                os.write(self._write_end, _ONE)
 
     def clear(self) -> bool:
         """Reset; return whether it was set."""
         if not self._is_set:
             return False
         with self._lock:
-            os.read(self._near, len(_ONE))
+            os.read(self._read_end, len(_ONE))
             self._is_set = False
         return True
 
@@ -142,7 +142,7 @@ class Waker:
         with self._lock:
             # Set, so that no later ``set`` writes into a file that gets the same number.
             self._is_set = True
-            files, self._near, self._far = {self._near, self._far}, -1, -1
+            files, self._read_end, self._write_end = {self._read_end, self._write_end}, -1, -1
             for file in files - {-1}:
                 os.close(file)
 
@@ -194,7 +194,9 @@ def _probe(address: str) -> sockets.socket:
 _NO_PAUSE = contextlib.nullcontext()
 
 
-def wait(transport: Transport, seconds: float, files: Collection[int] = ()) -> dict[int, bool]:
+def wait_for_files(
+    transport: Transport, seconds: float, files: Collection[int] = ()
+) -> dict[int, bool]:
     """Wait until *transport* or one of the *files* (their numbers) is readable, at most *seconds*.
 
     Returns the ready files; False stands for a file that is not open.
@@ -240,7 +242,7 @@ class DealerTransport:
         for option, value in _OPTIONS:
             self._socket.setsockopt(option, value)
         try:
-            show_key(self._socket, address)
+            set_client_key(self._socket, address)
             self._socket.connect(address)
         except MisuseError:
             self._socket.close(linger=0)
@@ -280,7 +282,7 @@ class DealerTransport:
             self._is_lively = False
             timeout_seconds -= _LIVELY
         if timeout_seconds > 0:
-            wait(self, timeout_seconds)
+            wait_for_files(self, timeout_seconds)
         return self.receive(0)
 
     def _receive_soon(self, timeout_seconds: float) -> bytes | None:
@@ -310,11 +312,10 @@ class DealerTransport:
         return self._selector
 
     def has_arrived(self) -> bool:
-        """Return whether a packet or another source is ready, or ``wake`` was called since the last
-        time.
-        """
+        """Return whether something has arrived, or ``wake`` was called since the last call."""
         is_woken = self._waker.clear()
-        arrived = [source.has_arrived() for source in self._sources]  # every source must be asked
+        # All are asked, not only the first with news: that resets their files.
+        arrived = [source.has_arrived() for source in self._sources]
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
     def time(self) -> float:

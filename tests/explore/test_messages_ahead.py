@@ -84,7 +84,7 @@ def recalled_message_lost(patch: Patch) -> None:
 
 
 def next_started_before_answer(patch: Patch) -> None:
-    patch.setattr(Session, "has_next", property(lambda self: bool(self.prefetched)))
+    patch.setattr(Session, "may_begin_next", property(lambda self: bool(self.prefetched)))
 
 
 def recalled_order_reversed(patch: Patch) -> None:

@@ -145,7 +145,7 @@ def test_prefetched_messages_wait_while_later_reply_is_owed(quick: Quick, user: 
 def test_hanging_handler_does_not_delay_earlier_replies(
     quick: Quick, user: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(turns, "QUICK", SOON)
+    monkeypatch.setattr(turns, "TURN_SECONDS", SOON)
     hang, may_return = Query("hang", reply=bool), threading.Event()
     quick.module.handles(hang, resource="ear")(lambda _: may_return.wait(SOON))
     with quick.module.running():
@@ -208,7 +208,7 @@ def test_waiting_callback_lets_its_slot_handle_messages(
     """Guards against a deadlock: the callback asks another module, which asks the slot of the
     callback.
     """
-    monkeypatch.setattr(turns, "QUICK", 0.0)  # callbacks come between any two messages
+    monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)  # callbacks come between any two messages
     asker, answers, is_ready = (
         Module("asker", daemon.address),
         queue.Queue[int](),

@@ -75,9 +75,9 @@ def test_delay_counts_from_module_start(clock: Clock) -> None:
     clock.advance(50.0)
     clock.begin()
     clock.callbacks.after(1.0, lambda: called.append(clock.now))
-    assert clock.callbacks.patience(0.2) == 0.2
+    assert clock.callbacks.seconds_until_due(0.2) == 0.2
     clock.advance(0.9)
-    assert clock.callbacks.patience(0.2) == pytest.approx(0.1)
+    assert clock.callbacks.seconds_until_due(0.2) == pytest.approx(0.1)
     clock.advance(0.1)
     clock.advance(1.0)
     clock.advance(9.0)
@@ -310,7 +310,7 @@ def test_one_shot_timer_is_due_once() -> None:
     time.begin(2.0)
     assert time.due == 7.0
     time.due = math.inf
-    time.was_done(8.0)
+    time.schedule_next(8.0)
     assert time.due == math.inf
 
 
@@ -319,14 +319,14 @@ def test_period_does_not_drift() -> None:
     time.begin(100.0)
     for turn in range(1, 1001):
         assert time.due == pytest.approx(100.0 + turn * 0.1, abs=1e-9)
-        time.was_done(time.due + 0.04)  # always a little late
+        time.schedule_next(time.due + 0.04)  # always a little late
 
 
 def test_missed_periods_are_skipped() -> None:
     """After a stall, or a long call, the next call is at a multiple of the period again."""
     time = DueTime(1.0, is_once=False)
     time.begin(0.0)
-    time.was_done(9.4)
+    time.schedule_next(9.4)
     assert time.due == 10.0
 
 
@@ -336,5 +336,5 @@ def test_call_ending_at_next_due_time_is_not_repeated() -> None:
     times: list[float] = []
     for _ in range(1000):
         times.append(time.due)
-        time.was_done(times[-1])
+        time.schedule_next(times[-1])
     assert len(set(times)) == 1000

@@ -133,7 +133,7 @@ def test_delivery_is_handled_inside_wait() -> None:
         connection.reply(Reply(delivery.delivery), b"")
         central.deliver(Answer(2))
 
-    connection.waiting.handle_delivery = handle
+    connection.wait_loop.handle_delivery = handle
     request = connection.request(Send(0, "stance"), wants_answer=True)
     central.deliver(Deliver(8, "stance"))
     assert connection.wait(request, 1.0, "query")
@@ -169,8 +169,8 @@ def test_next_central_gets_unsent_requests_but_not_sent_one() -> None:
     )
     assert not connection.wait(requests[2], 0.3, "query")
     assert [getattr(header, "message", "") for header in central.received][2:] == ["", "1", "2"]
-    assert requests[0].lost
-    assert not requests[1].lost
+    assert requests[0].why_lost
+    assert not requests[1].why_lost
 
 
 def test_only_unsent_informs_count_as_dropped() -> None:
@@ -193,7 +193,7 @@ def test_interrupted_wait_gives_up_its_request() -> None:
     def interrupt(_delivery: Deliver, _body: bytes) -> None:
         raise KeyboardInterrupt
 
-    connection.waiting.handle_delivery = interrupt
+    connection.wait_loop.handle_delivery = interrupt
     central.deliver(Deliver(8, "walk"))
     with pytest.raises(KeyboardInterrupt):
         connection.wait(request, None, "query")
@@ -220,7 +220,7 @@ class ScriptedSlot:
         self.recall_answered: list[
             bool
         ] = []  #: for each begun delivery, whether the recall had been answered by then
-        self.connection.waiting.handle_delivery = self.handle
+        self.connection.wait_loop.handle_delivery = self.handle
         self.connection.session.open_deliveries.is_ending = lambda: ends_in in self.begun
         self.arrivals, self.durations, self.is_nested = arrivals, durations, is_nested
 
@@ -347,7 +347,7 @@ def test_lost_informs_are_warned_of_once(caplog: pytest.LogCaptureFixture) -> No
 def test_serving_connection_reconnects_when_central_returns() -> None:
     connection, central = scripted_connection()
     stop = []
-    connection.waiting.handle_delivery = lambda delivery, _: stop.append(delivery)
+    connection.wait_loop.handle_delivery = lambda delivery, _: stop.append(delivery)
     central.is_present = False
 
     def restart_central() -> bool:
@@ -390,19 +390,19 @@ def test_wait_ends_at_timeout_when_central_is_dead(timeout: float) -> None:
         began = central.now
         request = connection.request(Send(0, "stance"), wants_answer=True, is_awaited=True)
         assert not connection.wait(request, timeout, "query 'stance'")
-        assert connection.silence.startswith("central at ipc://scripted has said nothing for ")
+        assert connection.why_silent.startswith("central at ipc://scripted has said nothing for ")
         connection.abandon(request)
         assert central.now == pytest.approx(began + timeout)
 
 
 def test_answering_central_is_not_silent() -> None:
     connection, central = scripted_connection()
-    assert not connection.silence
+    assert not connection.why_silent
     central.now += QUIET
-    assert connection.silence.startswith("central at ipc://scripted has said nothing for 2.5 s")
+    assert connection.why_silent.startswith("central at ipc://scripted has said nothing for 2.5 s")
     central.deliver(Beat())
     connection.keep_alive(central.now)
-    assert not connection.silence
+    assert not connection.why_silent
 
 
 def test_timeout_names_silence_of_central() -> None:
@@ -424,6 +424,6 @@ def test_idle_central_is_asked_before_it_counts_as_silent() -> None:
     central.script = lambda _: []
     central.now += 20.0
     request = connection.request(Send(0, "stance"), wants_answer=True)
-    assert not connection.silence
+    assert not connection.why_silent
     assert not connection.wait(request, 0.3, "query")
-    assert connection.silence.startswith("central at ipc://scripted has said nothing for 20.3 s")
+    assert connection.why_silent.startswith("central at ipc://scripted has said nothing for 20.3 s")

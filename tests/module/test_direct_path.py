@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tca_module.direct import path as direct_path
 from tca_module.direct.inbox import MOST_SENDERS, Inbox
-from tca_module.direct.note_batch import FAR, NoteBatch
+from tca_module.direct.note_batch import NEVER, NoteBatch
 from tca_module.direct.path import MOST_UNDER_WAY, DirectPath
 from tca_module.direct.routes import DirectRoutes
 from tca_module.session.request import Request
@@ -202,7 +202,7 @@ def test_direct_query_is_answered_and_inform_is_not(pair: Pair) -> None:
 def test_leaving_sender_learns_that_informs_arrived(pair: Pair) -> None:
     pair.path.send_inform(Send(0, "pose"), b"1")
     assert pair.path.unconfirmed == 1
-    pair.path.is_asked = True
+    pair.path.must_ask = True
     pair.greet()
     assert (pair.path.unconfirmed, pair.handled) == (0, [])
 
@@ -234,7 +234,7 @@ def test_discarded_answer_is_lost_and_query_not_handled_again(pair: Pair) -> Non
     pair.line.cut()
     pair.run_until_idle()
     assert len(pair.handled) == 1
-    assert request.lost == "the line to the module broke before the answer came"
+    assert request.why_lost == "the line to the module broke before the answer came"
 
 
 def test_forgotten_sender_repeats_no_query(pair: Pair) -> None:
@@ -246,7 +246,7 @@ def test_forgotten_sender_repeats_no_query(pair: Pair) -> None:
         pair.line.there.append((b"other %d" % number, [pack_item(greet)]))
         pair.inbox.listen()
     pair.run_until_idle()
-    assert request.lost
+    assert request.why_lost
     assert pair.ask().is_over is False
     pair.run_until_idle()
     assert len(pair.handled) == 2
@@ -291,7 +291,7 @@ def test_leaving_receiver_returns_unbegun_queries(pair: Pair) -> None:
     assert begun.answers
     assert pair.handed_over == [waiting, unread]
     assert not pair.path.is_usable
-    assert pair.notes.due != FAR
+    assert pair.notes.due != NEVER
 
 
 def test_informs_unbegun_at_receiver_death_are_lost(pair: Pair) -> None:
@@ -357,7 +357,7 @@ def test_late_answer_of_departed_receiver_is_accepted(pair: Pair) -> None:
     pair.path.receive()
     assert answered.answers
     assert not silent.is_over
-    pair.now += direct_path.LAST_WORDS
+    pair.now += direct_path.LEAVE_WITHIN
     pair.path.send_due(pair.now)
     assert silent.answers[0][0].failure == "module lost"
 
@@ -522,11 +522,11 @@ def test_routes_rotate_over_usable_slots(usable: tuple[bool, bool]) -> None:
     routes = DirectRoutes.__new__(DirectRoutes)
     paths: list[Any] = [SimpleNamespace(is_usable=one) for one in usable]
     routes._routes = {"height": deque(paths)}
-    chosen = [routes._path("height") for _ in range(4)]
+    chosen = [routes._path_for("height") for _ in range(4)]
     assert {id(one) for one in chosen if one is not None} == {
         id(one) for one in paths if one.is_usable
     }
-    assert routes._path("unknown") is None
+    assert routes._path_for("unknown") is None
 
 
 def test_sender_with_withdrawn_licence_is_cut_off() -> None:
@@ -540,7 +540,7 @@ def test_sender_with_withdrawn_licence_is_cut_off() -> None:
     assert pair.handled == []
     assert pair.path.is_over
     assert pair.ended == [asked]
-    assert "no licence" in asked.lost
+    assert "no licence" in asked.why_lost
     assert pair.lost == ["pose"]
 
 

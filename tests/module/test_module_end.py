@@ -82,7 +82,7 @@ def test_block_error_is_logged_while_handler_is_awaited(
     """The handler does not check ``cancelled``, so the module logs the error while it waits for
     it.
     """
-    monkeypatch.setattr("tca_module.serving.slot._PATIENCE", 0.1)
+    monkeypatch.setattr("tca_module.serving.slot._WARN_AFTER", 0.1)
     gate = Gate([])
     legs.handles(STANCE)(gate)
 

@@ -485,14 +485,14 @@ def test_task_given_up_unacknowledged_is_killed(
         stop = user.command(STOP)
         link = user._connection()
         monkeypatch.setattr(link.transport, "receive", lambda *_: None)
-        link.waiting.patience = 0.0
+        link.wait_loop.patience = 0.0
         with pytest.raises(
             CentralLost,
             match="command 'stop' is killed as soon as central answers, if central received",
         ):
             stop.result()
         monkeypatch.undo()
-        link.waiting.patience = SOON
+        link.wait_loop.patience = SOON
         with pytest.raises(CentralLost, match="command 'stop' is lost: it was given up"):
             stop.result()
         user.modules()

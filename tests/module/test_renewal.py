@@ -7,7 +7,7 @@ from tca_module import Command, Inform, PointMonitor, Query
 from tca_module.session import given_up
 from tca_module.session.epoch_numbers import EpochNumber, with_epoch
 from tca_module.session.lasting_attachments import LastingAttachment, LastingAttachments
-from tca_module.session.redeclaration import AGAIN, PATIENCE
+from tca_module.session.redeclaration import LOGGED_AFTER, RETRY_AFTER
 from tca_module.session.session import Session
 from tca_wire.packets.headers import (
     PROTOCOL_VERSION,
@@ -122,7 +122,7 @@ def test_repeated_hello_answered_by_new_central_shows_restart(
     under = session.request(Send(0, "walk", parent=TaskId(7)))
     pop_headers(session)
     receive(session, welcome("two"))
-    assert under.lost
+    assert under.why_lost
     assert [type(header) for header in pop_headers(session)] == [Register, Tap, Attach]
     assert walk.accepted is not None
     assert (walk.accepted, walk.accepted.epoch) == (
@@ -138,8 +138,8 @@ def test_variable_of_forgotten_handler_is_not_set(session: Session) -> None:
     )
     kept, lost = session.request(mine), session.request(handlers)
     receive(session, welcome("two"))
-    assert not kept.lost
-    assert (lost.lost, lost.forgotten_subject) == (
+    assert not kept.why_lost
+    assert (lost.why_lost, lost.forgotten_subject) == (
         "central was restarted and has forgotten its tree",
         "'walk'",
     )
@@ -221,14 +221,14 @@ def test_refused_attachment_is_retried(session: Session) -> None:
     )
     for now, expected in [
         (1.0, []),
-        (1.0 + AGAIN / 2, []),
-        (1.0 + AGAIN, [Register(7, [WALK, CHECK], []), attach(8)]),
+        (1.0 + RETRY_AFTER / 2, []),
+        (1.0 + RETRY_AFTER, [Register(7, [WALK, CHECK], []), attach(8)]),
     ]:
         session.heard = now
         session.send_due(now, now)
         assert pop_headers(session) == expected
     receive(session, Accepted(7), Refused(8, Refusal.OVERLOAD, "there are 1000 already"))
-    for session.heard in (2.0 + AGAIN, 2.0 + 2 * AGAIN):
+    for session.heard in (2.0 + RETRY_AFTER, 2.0 + 2 * RETRY_AFTER):
         session.send_due(session.heard, session.heard)
     assert pop_headers(session) == [Register(9, [WALK, CHECK], []), attach(10)]
     assert len(session.complaints) == 1
@@ -241,7 +241,7 @@ def test_requirements_are_awaited_after_reattachment(session: Session) -> None:
     restart(session, "two")
     receive(session, Accepted(4), Accepted(5, 1), Accepted(6, 2))
     assert pop_headers(session) == [Wait(7, ["check"])]
-    for now in (1.0, 1.0 + PATIENCE, 2.0 + PATIENCE):
+    for now in (1.0, 1.0 + LOGGED_AFTER, 2.0 + LOGGED_AFTER):
         session.heard = now
         session.send_due(now, now)
     assert session.complaints == [

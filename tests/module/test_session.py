@@ -233,14 +233,14 @@ def test_harmless_request_dropped_in_break_is_asked_again(
     assert not request.is_over
     assert pop_headers(session) == [msgspec.structs.replace(question, number=3)]
     receive(session, Answer(3))
-    assert (request.is_over, request.lost) == (True, "")
+    assert (request.is_over, request.why_lost) == (True, "")
 
 
 @pytest.mark.parametrize("question", [A_QUERY, SWAP])
 def test_unsafe_request_dropped_in_break_is_lost(session: Session, question: Send) -> None:
     (request,) = send_requests(session, question)
     receive(session, Unknown(), welcome(), TOO_LATE)
-    assert request.lost == "the connection to central broke before the answer came"
+    assert request.why_lost == "the connection to central broke before the answer came"
 
 
 def test_repeated_goal_that_is_too_late_is_refused(session: Session) -> None:
@@ -463,7 +463,7 @@ def test_old_observation_is_given_up_after_break(session: Session) -> None:
 
 def test_give_up_is_repeated_when_its_answer_is_abandoned(session: Session) -> None:
     (lock,) = send_requests(session, Lock(0, "legs"))
-    why = given_up.ask_why(session, lock)
+    why = given_up.abandon_asking_why(session, lock)
     assert why is not None
     given_up.abandon(session, why)
     receive(session, Unknown(), welcome())
@@ -477,7 +477,7 @@ def test_new_epoch_loses_requests_and_repeats_declarations(session: Session) -> 
     session.add_declared([WALK], [HANDLES_WALK])
     (stance,) = send_requests(session, A_QUERY)
     receive(session, Deliver(8, "walk", TaskId(8)), Unknown(), welcome("two"))
-    assert (stance.is_over, stance.lost) == (True, FORGOTTEN)
+    assert (stance.is_over, stance.why_lost) == (True, FORGOTTEN)
     assert not session.deliveries
     assert pop_headers(session) == [Register(0, [WALK], [HANDLES_WALK])]
     session.reply(Reply(8), b"")
@@ -498,7 +498,7 @@ def test_new_central_gets_unsent_requests_that_name_no_task(
         session.request(STATUS, wants_answer=True),
     )
     receive(session, welcome("two"))
-    lost = [bool(request.lost) for request in (gone, unsent, walk, below, wait, question)]
+    lost = [bool(request.why_lost) for request in (gone, unsent, walk, below, wait, question)]
     assert lost == [True, False, False, True, True, False]
     assert pop_headers(session) == [Send(3, "walk"), Send(4, "walk"), Ask(7, "status")]
 
@@ -508,7 +508,7 @@ def test_request_discarded_by_central_is_sent_again(session: Session, epoch: str
     walk, stance = send_requests(session, A_GOAL, A_QUERY)
     receive(session, Unknown(walk.header.number), Unknown(stance.header.number), welcome(epoch))
     assert pop_headers(session) == [Send(2, "walk"), Send(3, "stance")]
-    assert (walk.lost, stance.lost) == ("", "")
+    assert (walk.why_lost, stance.why_lost) == ("", "")
 
 
 def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
@@ -516,13 +516,13 @@ def test_repeated_request_is_lost_with_old_central(session: Session) -> None:
     receive(session, Unknown(), welcome())  # the line broke at an unknown time
     assert pop_headers(session) == [Send(2, "walk")]
     receive(session, Unknown(2), welcome("two"))
-    assert walk.lost == FORGOTTEN
+    assert walk.why_lost == FORGOTTEN
 
 
 def test_unknown_without_request_number_saves_no_request(session: Session) -> None:
     (walk,) = send_requests(session, A_GOAL, wants_answer=False)
     receive(session, Unknown(), Unknown(77), welcome("two"))
-    assert walk.lost
+    assert walk.why_lost
 
 
 def test_discarded_request_naming_old_task_is_lost(
@@ -532,8 +532,8 @@ def test_discarded_request_naming_old_task_is_lost(
         session, Send(0, "walk", parent=TaskId(3)), Lock(0, "legs", origin=3)
     )
     receive(session, Unknown(2), Unknown(3), welcome("two"))
-    assert below.lost
-    assert lock.lost
+    assert below.why_lost
+    assert lock.why_lost
     assert pop_headers(session) == []
 
 
@@ -550,7 +550,7 @@ def test_read_only_questions_go_to_new_central(session: Session) -> None:
     )
     assert {request.epoch for request in kept} == {"one"}
     receive(session, Unknown(), welcome("two"))
-    assert all(request.lost for request in lost)
+    assert all(request.why_lost for request in lost)
     assert [type(header) for header in pop_headers(session)] == [type(each) for each in questions]
     assert {request.epoch for request in kept} == {"two"}
 
@@ -559,7 +559,7 @@ def test_pending_handler_registration_is_left_to_redeclaration(session: Session)
     """Otherwise they would be declared before the attachments."""
     (request,) = send_requests(session, Register(0, [], [HANDLES_WALK]), wants_answer=False)
     receive(session, Unknown(), welcome("two"))
-    assert request.lost
+    assert request.why_lost
     assert pop_headers(session) == []
 
 

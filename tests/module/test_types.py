@@ -28,7 +28,7 @@ from tca_module import (
     Task,
     TaskOptions,
 )
-from tca_module.session.registering import registers
+from tca_module.session.registering import register_headers
 from tca_wire.messages.declarations import Declaring
 from tca_wire.packets import codec
 from tca_wire.packets.headers import Register
@@ -167,7 +167,7 @@ def test_unfitting_data_annotation_is_refused(kind: Any, hint: Any, *, fits: boo
 def test_any_number_of_declarations_is_accepted(number: int, size: int, expected: int) -> None:
     messages = [MessageFormat(f"m{one}", MessageClass.INFORM, "x" * size) for one in range(number)]
     handlers = [HandlerFormat(message.name, "r") for message in messages] if expected > 1 else []
-    found = registers(messages, handlers, is_ready=True)
+    found = register_headers(messages, handlers, is_ready=True)
     assert len(found) == expected
     assert [message for one in found for message in one.messages] == messages
     assert [handled for one in found for handled in one.handlers] == handlers

@@ -64,7 +64,7 @@ class Lost(Exception):
     def __init__(self, request: Request) -> None:
         refused = request.refused
         super().__init__(
-            f"{refused.refusal}: {refused.text}" if refused is not None else request.lost
+            f"{refused.refusal}: {refused.text}" if refused is not None else request.why_lost
         )
         self.request = request
 
@@ -220,11 +220,11 @@ class Thread:
             pass
         elif session.deliveries:
             self._begin(*session.deliveries.popleft())
-        elif session.has_next and not session.is_claiming and not self.stack:
+        elif session.may_begin_next and not session.is_claiming and not self.stack:
             header, body = session.prefetched.popleft()
             session.held_replies.begin(header.delivery, self.now)
             self._begin(header, body)
-            if self.is_busy or not session.has_next:
+            if self.is_busy or not session.may_begin_next:
                 self._end_turn()
         else:
             return self.process.is_leaving and self._leaves()
@@ -287,7 +287,7 @@ class Thread:
             self._give_up(work, reason)
         elif is_over:
             assert request is not None
-            has_failed = request.refused is not None or request.lost
+            has_failed = request.refused is not None or request.why_lost
             self._go_on(work, Lost(request) if has_failed else None)
         elif self.now >= work.until:
             self._give_up(work, "time is over") if request is not None else self._go_on(work)

@@ -152,7 +152,7 @@ class Hands:
             try:
                 yield sent.request
             except Woken:
-                sent.request.is_over, sent.request.lost = True, "it was given up"
+                sent.request.is_over, sent.request.why_lost = True, "it was given up"
         if sent.request.accepted is None:
             raise Lost(sent.request)
         self._note_acknowledgement(sent)

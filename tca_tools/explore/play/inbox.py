@@ -51,7 +51,7 @@ class SlotInbox:
     def send(self, header: headers.ToCentral, body: bytes) -> bool:
         """Queue a header of a script for ``outgoing``; return whether the session holds it."""
         if isinstance(header, headers.Reply | headers.Fail):
-            return self.session.reply(header, body) and self.session.has_next
+            return self.session.reply(header, body) and self.session.may_begin_next
         self.session.return_before_claim(header)
         self.session.outgoing.append((header, body))
         return False

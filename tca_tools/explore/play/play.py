@@ -117,7 +117,7 @@ class Play(Exchange):
                 yield Action(ActionKind.REPLY, line.name)
             elif inbox.in_transit:
                 yield Action(ActionKind.RECEIVE, line.name)
-            if inbox.session.has_next and not line.run.is_leaving:
+            if inbox.session.may_begin_next and not line.run.is_leaving:
                 yield Action(ActionKind.START, line.name)
 
     def _passing_of_time(self) -> Iterator[Action]:

@@ -23,7 +23,7 @@ from tca_module.errors import (
     VariableNotSet,
 )
 from tca_module.link.connection import Connection
-from tca_module.sending.handler_errors import Reissued, failed
+from tca_module.sending.handler_errors import Reissued, failure_of
 from tca_module.sending.later_reply import LaterReply
 from tca_module.sending.sender import Sender
 from tca_module.sending.task import Task as ModuleTask
@@ -138,7 +138,7 @@ class Task(_Choices, ModuleTask):
         Returns:
             The request, each once; None when the time is over.
         """
-        served = self._served()
+        served = self._server_state()
         if not served.has_new:
             self._explored.wait_for_client(timeout, f"a request to {self}")
         return served.pop_new_request()
@@ -244,11 +244,11 @@ class Program:
             link.raise_refusals()
             return self._result_step(script, result)
         except (FailureRaised, Reissued) as error:
-            return _end_step(*failed(steps.HERE, error))
+            return _end_step(*failure_of(steps.HERE, error))
         except _RUNTIME_ERRORS as error:
             was_killed = isinstance(error, TaskKilled | Stopped)
             return replace(
-                _end_step(*failed(steps.HERE, error)), text=str(error), was_killed=was_killed
+                _end_step(*failure_of(steps.HERE, error)), text=str(error), was_killed=was_killed
             )
         except Refused as error:
             if error.refusal not in _CHANCE_REFUSALS:
@@ -259,8 +259,8 @@ class Program:
         if isinstance(script, Task) and script.later is not None:
             if result is not script.later:
                 raise ScenarioError("it called reply_later(), so it must return the LaterReply")
-            script.returned()
-            result.returned()
+            script.handler_returned()
+            result.handler_returned()
             script._explored.returned_reply = ref(result)  # noqa: SLF001
             return None
         return steps.Return(self.message.encode_reply(result) if self.message else b"")

@@ -44,7 +44,7 @@ _NOT_EXPLORED = {
     Observe: "observing",
     "listen": "to follow a task (state, changes(), progress(), update(); take() and cancel() are)",
     "is_lock_lost": "held",
-    "until_over": "await",
+    "wait_in_coroutine": "await",
     "wait_until": "sleep() and wait_until()",
     "callbacks": "query_notify()",
 }
@@ -143,7 +143,7 @@ class ScriptConnection:
         )
         self.is_own_thread = True  #: a script has one thread
         self._all_declared: dict[str, Message[Any, Any]] = {}
-        self.silence = ""  #: central is never silent here
+        self.why_silent = ""  #: central is never silent here
         self.is_inherited = False  #: no script forks
         self.log = SimpleNamespace(error=lambda *_: None)  #: each run would log the error again
         self.kept: Any = None  #: the LaterReply given to ``keep_reply``, and its function
@@ -400,7 +400,7 @@ class ScriptConnection:
             request.is_over = True
             self.do(steps.Abandon(request.place))
 
-    def give_up(self, request: ScriptRequest) -> str:
+    def abandon_late(self, request: ScriptRequest) -> str:
         """Abandon a request. The reason stays empty: its words would differ from run to run."""
         self.abandon(request)
         return ""
