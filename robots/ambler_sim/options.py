@@ -96,13 +96,11 @@ def walk_options(program: str = "", description: str | None = None) -> argparse.
     )
     add("--film-from", type=int, default=0, metavar="STEP", help="film from that footstep on")
     add(
-        "--number_between-arcs",
+        "--between-arcs",
         choices=("swap", "ask"),
         help="swap: stop the controller and start another; ask: wait for Enter",
     )
-    add(
-        "--swap-to", choices=BACKENDS[1:], help="the other controller of --number_between-arcs swap"
-    )
+    add("--swap-to", choices=BACKENDS[1:], help="the other controller of --between-arcs swap")
     return parser
 
 
