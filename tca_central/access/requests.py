@@ -50,10 +50,12 @@ def _need(connection: Connection, permission: Permission, name: str) -> None:
 
 
 def _may(connection: Connection, permission: Permission, name: str) -> bool:
+    """Whether a permission of a connection includes a name."""
     return connection.rights is None or connection.rights.allow(permission, name)
 
 
-def _may_one_of(connection: Connection, permissions: Iterable[Permission], name: str) -> bool:
+def _may_any(connection: Connection, permissions: Iterable[Permission], name: str) -> bool:
+    """Whether any of these permissions includes a name."""
     return any(_may(connection, permission, name) for permission in permissions)
 
 
@@ -98,10 +100,8 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
     """Raise RequestError if a connection may not see what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
-        is_own = _is_own(connection, task) or _may_one_of(
-            connection, (TAP, KILL), task.message.name
-        )
-        if not is_own and not _decides_for(central, connection, task):
+        may_see = _is_own(connection, task) or _may_any(connection, (TAP, KILL), task.message.name)
+        if not may_see and not _decides_for(central, connection, task):
             raise forbidden(connection, f"see {task}, which is not its own")
         return
     owner = central.registry.permissions.outcome_owners.get(number)
@@ -117,8 +117,9 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
+    """Whether a connection may see the record of an ended task: its principal retains it, too."""
     is_own = any(module.principal == connection.principal for module in record.keeping.by)
-    return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
+    return is_own or _may_any(connection, (TAP, KILL), record.message.name)
 
 
 def _constrain(
@@ -145,7 +146,7 @@ def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
 
 def _register(_: State, connection: Connection, header: headers.Register) -> None:
     for declared in header.messages:
-        if not _may_one_of(connection, (SEND, HANDLE, TAP), declared.name):
+        if not _may_any(connection, (SEND, HANDLE, TAP), declared.name):
             raise forbidden(connection, f"declare '{declared.name}'")
         for part in declared.parts:
             _need(connection, SEND, part)
@@ -222,7 +223,7 @@ def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
 
 
 def _get_variable(_: State, connection: Connection, header: headers.GetVariable) -> None:
-    if not _may_one_of(connection, (HANDLE, SEND), header.variable):
+    if not _may_any(connection, (HANDLE, SEND), header.variable):
         raise forbidden(connection, f"get '{header.variable}'")
 
 

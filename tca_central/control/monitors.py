@@ -132,11 +132,11 @@ def on_test(central: State, watch: Watch) -> None:
         return
     if watch.condition is not None or watch.task.suspended:
         _test_later(central, watch)
-    elif not _test_as_fired(central, watch):
+    elif not _test_if_owed(central, watch):
         _test(central, watch)
 
 
-def _test_as_fired(central: State, watch: Watch) -> bool:
+def _test_if_owed(central: State, watch: Watch) -> bool:
     """Make a test that is owed because a module fired the monitor. Return whether one was owed.
 
     The monitor's period starts again. A suspended polling monitor delays the test until it is
@@ -154,7 +154,7 @@ def proceed(central: State, task: Task) -> None:
     """Make the test of a resumed monitor that was fired while it was suspended."""
     watch = _watch_of(task)
     if watch.is_on and watch.condition is None:
-        _test_as_fired(central, watch)
+        _test_if_owed(central, watch)
 
 
 def _test(central: State, watch: Watch) -> None:
@@ -200,7 +200,7 @@ def on_condition_answered(
         central.facts.append(facts.MonitorTested(task.id, holds))
         if holds:
             _fire(central, watch, task.body if body == TRUE else body)
-    if watch.is_on and not _test_as_fired(central, watch) and is_point:
+    if watch.is_on and not _test_if_owed(central, watch) and is_point:
         end_monitor(central, watch, "it has been tested")
 
 
@@ -251,7 +251,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
         elif watch.is_on:  # the failure of an earlier one may have ended this one
             watch.tests_owed += 1
             if watch.condition is None:
-                _test_as_fired(central, watch)
+                _test_if_owed(central, watch)
     central.accept(connection, header.number, watching[0].task.id)
 
 

@@ -135,6 +135,7 @@ def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str
 
 
 def _fail(central: State, claim: ModuleClaim, why: str, answer: ToModule) -> None:
+    """End a claim that was not granted, and answer its request."""
     _end(central, claim, why)
     if claim.slot.outstanding.pop(claim.number, None) is not None:
         central.answer(claim.slot, claim.number, answer)

@@ -170,6 +170,7 @@ def _licensed(central: State, connection: Connection, entrance: Entrance) -> Ent
 
 
 def _licence_name(central: State, number: int) -> str:
+    """Return the name by which slots know a licence."""
     return f"{central.epoch}.{number}"
 
 
@@ -314,4 +315,5 @@ def _count(central: State, resource: ModuleResource | None, note: Note) -> None:
 
 
 def _is_time(seconds: float) -> bool:
+    """Whether a module's number of seconds is a possible duration."""
     return math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME

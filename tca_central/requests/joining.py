@@ -142,15 +142,18 @@ def _check_hello(header: headers.Hello) -> None:
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
-    """Raise RequestError if another user owns the module or lost connection with these names."""
-    before = central.registry.lost.get(session)
-    if before is not None and before.was_replaced:
+    """Raise RequestError if another user owns a module or lost connection with these names.
+
+    Also raise it for a slot that was given up because its handler hung.
+    """
+    lost = central.registry.lost.get(session)
+    if lost is not None and lost.was_replaced:
         text = (
             f"slot {header.connection} of module '{header.module}' was given up, "
             "because its handler did not return"
         )
         raise RequestError(Refusal.TOO_LATE, text)
-    known = central.registry.modules.get(header.incarnation) or before
+    known = central.registry.modules.get(header.incarnation) or lost
     if known is not None and known.principal != principal:
         text = (
             f"another user's run of module '{header.module}' has this incarnation: draw a new one"
@@ -176,15 +179,11 @@ def _rights(central: State, header: headers.Hello, principal: str) -> Rights | N
 def _join(central: State, connection: Connection, resource_name: str) -> None:
     """Add a connection to its module. It inherits from a lost connection of the same session."""
     module = connection.module
-    if before := central.registry.lost.pop(connection.session, None):
-        central.answers.transfer(before, connection)
-        connection.last_number = before.last_number
-        connection.tasks = before.tasks
-        connection.orphans, connection.late, connection.lost_claims = (
-            before.orphans,
-            before.late,
-            before.lost_claims,
-        )
+    if lost := central.registry.lost.pop(connection.session, None):
+        central.answers.transfer(lost, connection)
+        connection.last_number, connection.tasks = lost.last_number, lost.tasks
+        connection.orphans, connection.late = lost.orphans, lost.late
+        connection.lost_claims = lost.lost_claims
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
@@ -217,9 +216,9 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     central.unconfirmed.pop(connection, None)
     is_uncertain = connection in central.restart_pause.awaited
     central.restart_pause.awaited.pop(connection, None)
-    # A lost connection may come back for its answers.
-    forgotten = central.registry.forget_connection(connection)
-    for one in (forgotten, None if lost else connection):
+    # The answers of lost connections stay, because these may come back; except of the oldest ones.
+    oldest_lost = central.registry.forget_connection(connection)
+    for one in (oldest_lost, None if lost else connection):
         central.answers.forget_all(one)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
@@ -233,7 +232,7 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
-        _record_orphan(connection, delivery, why)
+        _remember_orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
@@ -281,7 +280,7 @@ def on_hung(central: State, delivery: Delivery) -> None:
             central.notify(connection, headers.Replace(slot.number, why))
 
 
-def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+def _remember_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
     name = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.handling_id)

@@ -67,10 +67,12 @@ def _task(connection: Connection, task: TaskId) -> TaskId:
 
 
 def _point(connection: Connection, point: Point) -> Point:
+    """Return a point with its task named by id."""
     return point if point.task >= THIS else Point(_task(connection, point.task), point.moment)
 
 
 def _constraints(connection: Connection, constraints: list[Constraint]) -> list[Constraint]:
+    """Return constraints with their tasks named by id; the same list if they are already."""
     if all(one.before.task >= THIS and one.after.task >= THIS for one in constraints):
         return constraints
     return [
@@ -80,6 +82,7 @@ def _constraints(connection: Connection, constraints: list[Constraint]) -> list[
 
 
 def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
+    """Return a monitor's options with the task of its end point named by id."""
     until = _point(connection, watch.until) if watch.until is not None else None
     return watch if until is watch.until else msgspec.structs.replace(watch, until=until)
 

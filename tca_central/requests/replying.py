@@ -166,8 +166,8 @@ def refuse_body(central: State, connection: Connection, header: ToCentral, size:
     )
     if not isinstance(header, headers.Reply | headers.Fail):
         raise RequestError(Refusal.PROTOCOL, text)
-    failed = headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}")
-    on_fail(central, connection, failed, b"")
+    failure = headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}")
+    on_fail(central, connection, failure, b"")
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) -> None:

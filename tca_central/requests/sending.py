@@ -218,7 +218,7 @@ def record_refusal(central: State, header: Send, text: str) -> None:
 
 def _check_extras(central: State, header: Send) -> None:
     """Raise RequestError if constraints, attachments or the deadline of a task are not possible."""
-    _check_number(header.constraints)
+    _check_count(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
     timers = 1 + sum(one.delay > 0 for one in header.constraints)
@@ -289,7 +289,7 @@ SENDERS = {
 """One row per message class: the function that sends its messages."""
 
 
-def _check_number(constraints: list[Constraint]) -> None:
+def _check_count(constraints: list[Constraint]) -> None:
     """Raise RequestError if there are too many constraints for one request."""
     if len(constraints) > MOST_CONSTRAINTS:
         text = (
@@ -303,7 +303,7 @@ def on_constrain(
     central: State, connection: Connection, header: headers.Constrain, _: bytes
 ) -> None:
     """Add constraints between existing tasks."""
-    _check_number(header.constraints)
+    _check_count(header.constraints)
     central.check_room(EDGE_BYTES * len(header.constraints))
     central.check_declared(TIMER_BYTES * sum(one.delay > 0 for one in header.constraints))
     if added := central.agenda.constrain(header.constraints):

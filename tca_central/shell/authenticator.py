@@ -94,6 +94,7 @@ class Authenticator:
         self._end_sender.close(0)
 
     def _run(self) -> None:
+        """Answer handshakes until ``close``, or until the context ends."""
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
         poller.register(self._end_receiver, zmq.POLLIN)

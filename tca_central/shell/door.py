@@ -106,6 +106,7 @@ class Door:
         self._is_shut = file == self._placeholder
 
     def _watch(self) -> None:
+        """Count closed connections, and shut and open the door, until libzmq's events end."""
         poller = zmq.Poller()
         poller.register(self._monitor, zmq.POLLIN)
         while True:
@@ -157,6 +158,7 @@ class Door:
             )
 
     def _open_if_there_is_room(self) -> None:
+        """Open the shut door when enough descriptors are free, with a margin."""
         used = sum(1 for _ in Path("/dev/fd").iterdir())
         if used < self.shut_at - self.limit // 16:
             self._accept_from(self._listener)

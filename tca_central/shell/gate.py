@@ -191,7 +191,7 @@ class KeyGate(Gate):
         yield from super().changes(now, central)
 
     def _refresh_keys(self) -> None:
-        """Note which keys the folder allows and revokes since the last call."""
+        """Note which keys were allowed and revoked since the last call."""
         added, removed = self._allowed.refresh()
         if added or removed:
             self._changed_keys[0].extend(added)

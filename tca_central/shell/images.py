@@ -52,8 +52,9 @@ class Images:
         if self._child:
             self._reap_child()
             return
-        pause = max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
-        if central.event_count >= self._image_events + pause or self._inputs.size >= SEGMENT_BYTES:
+        events_between = max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
+        new_events = central.event_count - self._image_events
+        if new_events >= events_between or self._inputs.size >= SEGMENT_BYTES:
             self.start(central)
 
     def start(self, central: Central) -> None:
@@ -84,7 +85,7 @@ class Images:
             self._reap_child(0)
 
     def _reap_child(self, options: int = os.WNOHANG) -> None:
-        """If the child has ended, remove the files that its image replaces, or log its failure."""
+        """Remove the files that the child's image replaces, or log its failure, if it has ended."""
         try:
             child, status = os.waitpid(self._child, options)
         except ChildProcessError:  # SIGCHLD is ignored, so the exit status is unknown

@@ -116,6 +116,7 @@ class LogLines:
             )
 
     def _retried(self, fact: facts.Retried, _: Record) -> None:
+        """Warn once of a task that is retried often."""
         task = self._central.tree.tasks.get(fact.task)
         attempts = task.recovery.attempts if task is not None and task.recovery is not None else 0
         if attempts >= OFTEN and fact.task not in self._often:

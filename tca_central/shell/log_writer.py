@@ -306,6 +306,7 @@ class LogWriter:
                     return
 
     def _central_error(self, error: OSError) -> CentralError:
+        """Return the error with which central stops."""
         return disk_error(
             error,
             f"journal {self.folder}",
@@ -325,6 +326,7 @@ class LogWriter:
                 sync_path(self.folder.parent)  # the folder may be new
 
     def _close_full(self) -> None:
+        """Sync and close the files of earlier segments. Raises OSError."""
         while self._full_files:
             with self._lock:
                 file = self._full_files.pop(0)

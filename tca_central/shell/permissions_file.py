@@ -95,6 +95,7 @@ def _rule(table: dict[str, Any]) -> AccessRule:
 
 
 def _texts(value: str | list[str]) -> tuple[str, ...]:
+    """Return the texts of an entry, which is a text or a list of texts."""
     return (value,) if isinstance(value, str) else tuple(value)
 
 
@@ -114,6 +115,7 @@ def _mistakes_in(content: dict[str, Any], text: str) -> Iterator[tuple[int, str]
 
 
 def _mistakes_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tuple[int, str]]:
+    """Yield the mistakes in the rule of that index."""
     if "key" not in table:
         yield (
             _line_of(text, index, ""),

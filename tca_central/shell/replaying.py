@@ -161,7 +161,7 @@ class InputReplay:
     def _inputs(self) -> Iterator[Input]:
         """Yield the inputs of all segments, up to the first damaged or missing one.
 
-        Raises CentralError if it must not be damaged or missing.
+        Raises CentralError if no crash of central or its computer explains that.
         """
         for number, segment in enumerate(self._segments, self._segments[0].number):
             if segment.number > number:

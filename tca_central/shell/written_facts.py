@@ -61,17 +61,17 @@ class WrittenFacts:
             if self._next is None:
                 missing.append(entry)
                 continue
-            offset, written, before = self._next_at, self._next, self.last
+            written_at, written, before = self._next_at, self._next, self.last
             if written.number == entry.number:
                 written = self._read_whole()
                 if written == entry:
                     self.compared += 1
                     continue
             elif written.number > entry.number and self._has_holes:
-                continue
+                continue  # the entry was in damaged bytes
             missing.append(entry)
             self.last = before
-            return Difference(*offset, written, entry)
+            return Difference(*written_at, written, entry)
         return Difference(*self._next_at, self._next, None) if self._next is not None else None
 
     def _read_whole(self) -> Entry:
@@ -109,7 +109,7 @@ class WrittenFacts:
         """Return the run's segments, from the one that contains the entry number ``_after``."""
         found: list[Path] = []
         for path in reversed(files_of(self._folder, SEGMENT_SUFFIX)):
-            opened, first = _head_of(path)
+            opened, entry_before = _head_of(path)
             if opened is None:
                 if not has_no_record(path):  # else central ended while creating it
                     self._has_holes = True
@@ -119,7 +119,7 @@ class WrittenFacts:
                 break
             self.opened = self.opened or opened
             found.append(path)
-            if first <= self._after:
+            if entry_before <= self._after:
                 break
         return found[::-1] if self.opened is not None else []
 

@@ -192,6 +192,7 @@ def _is_held(task: Task) -> bool:
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
+    """Return a held task with its waits, and their final cause unless it is one of them."""
     waits, end = tuple(waits_of(central, next_of(task))), ends.end_of(next_of(task))
     return _waiter(central, task, task.since, waits, None if end in waits else end)
 
@@ -199,6 +200,7 @@ def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
 def _waiter(
     central: State, task: Task, since: float, waits: tuple[WaitFor, ...], end: WaitFor | None = None
 ) -> Waiter:
+    """Return a task that has waited *since* that time."""
     seconds = max(central.clock.now - since, 0.0)
     return Waiter(
         task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end

@@ -137,6 +137,7 @@ def describe(task: Task | TaskRecord) -> dict[str, Any]:
 
 
 def _living(task: Task) -> dict[str, Any]:
+    """Return the progress of a living task."""
     return {
         "reached": describe_moments(task.reached),
         "held": {
@@ -152,6 +153,7 @@ def _living(task: Task) -> dict[str, Any]:
 
 
 def _ended(task: TaskRecord) -> dict[str, Any]:
+    """Return the end of a retained task, in the same fields."""
     outcome, failure, text, _ = task.outcome
     return {
         "reached": describe_moments(ALL_MOMENTS),
