@@ -126,7 +126,7 @@ def _constrain(
     central: State, connection: Connection, header: headers.Send | headers.Constrain
 ) -> None:
     for constraint in header.constraints:
-        if constraint.after.task > 0:  # else the new task, or the root, which no constraint holds
+        if constraint.after.task > 0:  # else the sent task itself, or the root
             _check_control(central, connection, constraint.after.task, "constrain")
 
 
