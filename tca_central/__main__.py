@@ -53,7 +53,8 @@ class _NoRoom(click.ClickException):
     exit_code = DISK_FULL
 
 
-def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int) -> int:
+def _checked_lost_after(_context: click.Context, _option: click.Parameter, seconds: int) -> int:
+    """Return the value of --lost-after. Raise BadParameter if it is too short."""
     if seconds == 1:
         msg = (
             "1 is too short to tell a stopped process from a busy computer: "
@@ -64,18 +65,21 @@ def _lost_after(_context: click.Context, _option: click.Parameter, seconds: int)
 
 
 def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
-    """The journal of an address's last central, if its run is unfinished. Raises CentralError."""
+    """Return the journal of an address's last central if its run is unfinished and continues.
+
+    Return None otherwise. Raises CentralError.
+    """
     try:
         folder = journal_link(address).readlink()
-        is_left = not is_fresh and folder.is_dir() and not is_in_use(folder)
-        is_open = is_left and bool(unfinished_segments(folder, accept=accept))
+        if is_fresh or not folder.is_dir() or is_in_use(folder):
+            return None
+        return folder if unfinished_segments(folder, accept=accept) else None
     except (OSError, NoHome):
         return None
-    return folder if is_open else None
 
 
 def _check_address(bind: str, *, insecure: bool) -> None:
-    """Raise UsageError for a bad address, and where other machines could connect without a key."""
+    """Raise UsageError if an address is invalid, or lets other machines connect without a key."""
     port = bind.rpartition(":")[2]
     is_number = port.isascii() and port.isdigit()
     is_tcp = bind.startswith("tcp://") and (port == "*" or (is_number and 0 < int(port) < 65536))
@@ -97,9 +101,10 @@ def _check_address(bind: str, *, insecure: bool) -> None:
 
 
 def _link_journal(address: str, journal: Path | None, *, is_named: bool) -> None:
-    """Link the journal, or none, to the address, so that tools find it.
+    """Link a journal to its address, so that tools find it. Without a journal remove the link.
 
-    With `is_named` also link it as the newest one, which tools show by default.
+    A journal that *is_named* by an option is also linked as the newest one, which tools show by
+    default.
     """
     with contextlib.suppress(OSError, NoHome):
         link = journal_link(address)
@@ -119,7 +124,8 @@ def _link(link: Path, folder: Path) -> None:
     link.symlink_to(folder, target_is_directory=True)
 
 
-def _log_lines(*, quiet: bool) -> None:
+def _set_up_logging(*, quiet: bool) -> None:
+    """Log to standard error, in limited lines."""
     replace_closed_streams()
     lines = logging.StreamHandler()
     lines.setFormatter(LineFormatter("central: %(message)s"))
@@ -128,6 +134,7 @@ def _log_lines(*, quiet: bool) -> None:
 
 
 def _install_signal_handlers(server: Daemon) -> None:
+    """Stop at SIGINT and SIGTERM. At SIGHUP check files again or, without a terminal, stop."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: server.stop(signal.Signals(number).name))
     has_terminal = os.isatty(sys.stderr.fileno())
@@ -189,7 +196,7 @@ def _install_signal_handlers(server: Daemon) -> None:
 @click.option(
     "--lost-after",
     type=click.IntRange(min=0),
-    callback=_lost_after,
+    callback=_checked_lost_after,
     default=LOST_AFTER,
     show_default=True,
     metavar="SECONDS",
@@ -257,7 +264,7 @@ def central(  # noqa: PLR0913 - one parameter per option
     quiet: bool,
 ) -> None:
     """Run the daemon that routes messages and keeps the task tree."""
-    _log_lines(quiet=quiet)
+    _set_up_logging(quiet=quiet)
     endpoint = bind or default_endpoint()
     _check_address(endpoint, insecure=insecure)
     raise_descriptor_limit()

@@ -1,4 +1,4 @@
-"""Whether the core is machine code: an installation may have it instead of Python (setup.py)."""
+"""Tells whether the installed core is compiled (setup.py), and gives the compiler information."""
 
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 else:
 
     def mypyc_attr(**_: bool) -> Callable[[type], type]:
-        """Give the compiler more information about a class. In Python it does nothing."""
+        """Return a decorator that changes nothing. The compiler reads its arguments."""
         return lambda kind: kind
 
 

@@ -3,7 +3,7 @@
 They are checked only if there are rules. A principal needs no permission for tasks that it has sent
 or handles. Answers need none, since they count only from the slot that was given the message.
 Requests that end a connection's own waits need none. A request that names something that does not
-exist passes here: the function that carries it out refuses it.
+exist passes here: the function that carries out the request refuses it.
 """
 
 from collections.abc import Callable, Iterable
@@ -30,29 +30,32 @@ OPEN_TOPICS = ("messages", "modules")
 
 def check(central: State, connection: Connection, header: headers.ToCentral) -> None:
     """Raise RequestError if a connection may not make that request."""
-    if (needs := NEEDS[type(header)]) is not None:
-        needs(central, connection, cast("Never", header))
+    if (check_needs := NEEDS[type(header)]) is not None:
+        check_needs(central, connection, cast("Never", header))
 
 
 def forbidden(connection: Connection, what: str) -> RequestError:
-    """The error for a connection that may not do `what`."""
+    """Return the error for a connection that may not do *what*."""
     module = connection.module
-    who = f" ({module.principal})" if module.principal else ""
+    owner = f" ({module.principal})" if module.principal else ""
     return RequestError(
-        Refusal.FORBIDDEN, f"module '{module.name}'{who} may not {what}: see the permissions file"
+        Refusal.FORBIDDEN, f"module '{module.name}'{owner} may not {what}: see the permissions file"
     )
 
 
 def _need(connection: Connection, permission: Permission, name: str) -> None:
+    """Raise RequestError if a permission does not include a name; "" needs none."""
     if name and not _may(connection, permission, name):
         raise forbidden(connection, f"{permission} '{name}'")
 
 
 def _may(connection: Connection, permission: Permission, name: str) -> bool:
+    """Whether a permission of a connection includes a name."""
     return connection.rights is None or connection.rights.allow(permission, name)
 
 
-def _may_one_of(connection: Connection, permissions: Iterable[Permission], name: str) -> bool:
+def _may_any(connection: Connection, permissions: Iterable[Permission], name: str) -> bool:
+    """Whether any of these permissions includes a name."""
     return any(_may(connection, permission, name) for permission in permissions)
 
 
@@ -76,18 +79,13 @@ def _decides_for(central: State, connection: Connection, task: Task) -> bool:
         or asking.slot is not connection
     ):
         return False
-    above = asking.parent
-    while above is not None:
-        if above is task:
-            return True
-        above = above.parent
-    return False
+    return asking.parent is not None and asking.parent.above(task.id) is task
 
 
-def _control(central: State, connection: Connection, number: TaskId, what: str) -> None:
-    """Check that a connection may steer a task.
+def _check_control(central: State, connection: Connection, number: TaskId, what: str) -> None:
+    """Raise RequestError if a connection may not do *what* to a task.
 
-    A task that has ended does not change, and every task is under the root.
+    A task that has ended needs no permission: it does not change.
     """
     task = central.tree.tasks.get(number)
     if number == ROOT:
@@ -98,20 +96,16 @@ def _control(central: State, connection: Connection, number: TaskId, what: str) 
         raise forbidden(connection, f"{what} {task}, which is not its own")
 
 
-def _see(central: State, connection: Connection, number: TaskId) -> None:
-    """Check that a connection may see what a task does, and did."""
+def _check_see(central: State, connection: Connection, number: TaskId) -> None:
+    """Raise RequestError if a connection may not see what a task does, and did."""
     task = central.tree.tasks.get(number)
     if task is not None:
-        is_own = _is_own(connection, task) or _may_one_of(
-            connection, (TAP, KILL), task.message.name
-        )
-        if not is_own and not _decides_for(central, connection, task):
+        may_see = _is_own(connection, task) or _may_any(connection, (TAP, KILL), task.message.name)
+        if not may_see and not _decides_for(central, connection, task):
             raise forbidden(connection, f"see {task}, which is not its own")
         return
-    owner, record = (
-        central.registry.permissions.outcome_owners.get(number),
-        central.memory.kept.get(number),
-    )
+    owner = central.registry.permissions.outcome_owners.get(number)
+    record = central.memory.kept.get(number)
     if (
         owner == connection.principal
         or (owner is None and record is None)
@@ -123,19 +117,20 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
+    """Whether a connection may see the record of an ended task: its principal retains it, too."""
     is_own = any(module.principal == connection.principal for module in record.keeping.by)
-    return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
+    return is_own or _may_any(connection, (TAP, KILL), record.message.name)
 
 
 def _constrain(
     central: State, connection: Connection, header: headers.Send | headers.Constrain
 ) -> None:
     for constraint in header.constraints:
-        if constraint.after.task > 0:
-            _control(central, connection, constraint.after.task, "constrain")
+        if constraint.after.task > 0:  # else the sent task itself, or the root
+            _check_control(central, connection, constraint.after.task, "constrain")
 
 
-# --- one function per message ---------------------------------------------------------------------
+# --- the check of each message --------------------------------------------------------------------
 
 
 def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
@@ -143,15 +138,15 @@ def _kill(central: State, connection: Connection, header: headers.Kill) -> None:
     number = connection.tasks.get(-header.task) if header.task < 0 else header.task
     if number is None:
         return  # the task was never sent
-    _control(central, connection, number, "kill")
+    _check_control(central, connection, number, "kill")
     task = central.tree.tasks.get(number)
     if header.scope is Scope.SIBLINGS and task is not None and task.parent is not None:
-        _control(central, connection, task.parent.id, "kill what is under")
+        _check_control(central, connection, task.parent.id, "kill what is under")
 
 
 def _register(_: State, connection: Connection, header: headers.Register) -> None:
     for declared in header.messages:
-        if not _may_one_of(connection, (SEND, HANDLE, TAP), declared.name):
+        if not _may_any(connection, (SEND, HANDLE, TAP), declared.name):
             raise forbidden(connection, f"declare '{declared.name}'")
         for part in declared.parts:
             _need(connection, SEND, part)
@@ -162,7 +157,7 @@ def _register(_: State, connection: Connection, header: headers.Register) -> Non
 def _send(central: State, connection: Connection, header: headers.Send) -> None:
     _need(connection, SEND, header.message)
     if header.parent:
-        _control(central, connection, header.parent, "send under")
+        _check_control(central, connection, header.parent, "send under")
     _constrain(central, connection, header)
     for attachment in header.attachments:
         _need(connection, SEND, attachment.handler)
@@ -173,16 +168,16 @@ def _attach(central: State, connection: Connection, header: headers.Attach) -> N
     if header.message:
         _need(connection, TAP, header.message)
     elif header.task:
-        _control(central, connection, header.task, "attach an exception handler to")
+        _check_control(central, connection, header.task, "attach an exception handler to")
     else:
         _need(connection, ADMINISTER, "attach")
 
 
 def _remove(central: State, connection: Connection, header: headers.Remove) -> None:
     if (attached := central.attached.get(header.id)) is not None:
-        is_own = _holds(central, connection, attached.holders.values())
+        is_own = _are_own(central, connection, attached.holders.values())
     elif (tap := central.taps.get(header.id)) is not None:
-        is_own = not header.for_all or _holds(central, connection, tap.holders.values())
+        is_own = not header.for_all or _are_own(central, connection, tap.holders.values())
     else:
         task = central.tree.tasks.get(header.id)
         is_own = task is None or _is_own(connection, task)
@@ -190,10 +185,10 @@ def _remove(central: State, connection: Connection, header: headers.Remove) -> N
         _need(connection, ADMINISTER, "detach")
 
 
-def _holds(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
-    """Whether all modules that attached something are connected, and of the same principal."""
-    runs = [central.registry.modules.get(holder.run) for holder in holders]
-    return all(run is not None and run.principal == connection.principal for run in runs)
+def _are_own(central: State, connection: Connection, holders: Iterable[Holder]) -> bool:
+    """Whether all holders of an attachment are connected modules of the connection's principal."""
+    modules = [central.registry.modules.get(holder.run) for holder in holders]
+    return all(one is not None and one.principal == connection.principal for one in modules)
 
 
 def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
@@ -204,13 +199,13 @@ def _tap(central: State, connection: Connection, header: headers.Tap) -> None:
         if not _is_own(connection, task):
             _need(connection, TAP, task.message.name)
     else:
-        _see(central, connection, header.task)
+        _check_see(central, connection, header.task)
         _need(connection, TAP, header.of)
 
 
-def _view(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
+def _observe(central: State, connection: Connection, header: Observe | headers.Inspect) -> None:
     if header.task:
-        _see(central, connection, header.task)
+        _check_see(central, connection, header.task)
     elif isinstance(header, Observe) and header.message and not header.below:
         _need(connection, TAP, header.message)
     else:
@@ -228,12 +223,12 @@ def _fire(central: State, connection: Connection, header: headers.Fire) -> None:
 
 
 def _get_variable(_: State, connection: Connection, header: headers.GetVariable) -> None:
-    if not _may_one_of(connection, (HANDLE, SEND), header.variable):
+    if not _may_any(connection, (HANDLE, SEND), header.variable):
         raise forbidden(connection, f"get '{header.variable}'")
 
 
 def _lock(central: State, connection: Connection, header: headers.Lock) -> None:
-    """Check all resources that the request may mean."""
+    """Raise RequestError if a connection may not lock all resources that the request may mean."""
     for module in central.registry.modules.values():
         if module is connection.module or header.resource not in module.resources:
             continue
@@ -252,8 +247,10 @@ def _noted(_: State, connection: Connection, header: Noted) -> None:
 
 
 def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
-    """Make the check of a request that steers the task of that `number`."""
-    return lambda central, connection, header: _control(central, connection, number(header), what)
+    """Return the check of a request that does *what* to the task that *number* reads from it."""
+    return lambda central, connection, header: _check_control(
+        central, connection, number(header), what
+    )
 
 
 NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
@@ -265,7 +262,7 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Replies: None,
     headers.Fail: None,
     headers.Constrain: _constrain,
-    headers.AwaitPoint: lambda central, connection, header: _see(
+    headers.AwaitPoint: lambda central, connection, header: _check_see(
         central, connection, header.point.task
     ),
     headers.Await: None,
@@ -281,13 +278,13 @@ NEEDS: dict[type, Callable[[State, Connection, Never], None] | None] = {
     headers.Resolve: None,
     headers.Suspend: _controls("suspend", lambda header: header.task),
     headers.Deadline: _controls("give a deadline to", lambda header: header.point.task),
-    headers.Inspect: _view,
+    headers.Inspect: _observe,
     ChangeState: _controls("change the state of", lambda header: header.task),
-    Observe: _view,
+    Observe: _observe,
     headers.Tap: _tap,
     headers.Fire: _fire,
     headers.EndMonitor: _controls("end", lambda header: header.monitor),
-    headers.Keep: lambda central, connection, header: _see(central, connection, header.task),
+    headers.Keep: lambda central, connection, header: _check_see(central, connection, header.task),
     headers.Recalled: None,
     headers.Bye: None,
     headers.Receipt: None,

@@ -2,8 +2,8 @@
 
 A retained task leaves a record when it ends, under the living parent, the root, or its parent's
 record. A record is dropped when no module retains it any more; a module that leaves retains
-nothing. It is also dropped when the task above it ends without being retained, or when the record
-above it is dropped. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its
+nothing. A record is also dropped when the task above it ends without being retained, or when the
+record above it is dropped. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its
 references were released.)
 """
 
@@ -21,17 +21,16 @@ MOST_RETAINED = 10_000
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """A module retains a task from now on, or releases it. A second release is allowed."""
-    task = central.tree.task(header.task)
-    record = central.memory.kept.get(header.task)
+    """Retain a task for a module from now on, or release it. A second release is allowed."""
+    task = central.tree.task(header.task) or central.memory.kept.get(header.task)
     if header.release:
         release(central, header.task, connection.module)
-    elif task is None and record is None:
+    elif task is None:
         raise RequestError(
             Refusal.TOO_LATE, f"task {header.task} has ended: keep it before it ends"
         )
     else:
-        keep(central, task or record, connection.module)
+        keep(central, task, connection.module)
     central.accept(connection, header.number, header.task)
 
 
@@ -42,9 +41,8 @@ def check_retained_room(central: State) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def keep(central: State, task: Task | TaskRecord | None, module: Module) -> None:
-    """Retain a task, or its record, for a module, unless it does so already."""
-    assert task is not None
+def keep(central: State, task: Task | TaskRecord, module: Module) -> None:
+    """Retain a task, or its record, for a module, unless the module retains it already."""
     if task.id in module.keeps:
         return
     check_retained_room(central)
@@ -55,7 +53,7 @@ def keep(central: State, task: Task | TaskRecord | None, module: Module) -> None
 
 
 def release(central: State, task_id: int, module: Module) -> None:
-    """Retain a task for a module no longer."""
+    """Release a task for a module, if the module retains it."""
     if task_id not in module.keeps:
         return
     del module.keeps[task_id]

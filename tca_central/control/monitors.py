@@ -1,4 +1,4 @@
-"""Monitors: tasks that central carries out itself (TCA 8.5 manual, monitors).
+"""Monitors: tasks that central carries out itself (TCA 8.5 manual, chapter on monitors).
 
 A *point monitor* tests its condition once, when its turn comes. A *polling monitor* tests it every
 period. A *demon monitor* may send a set-up message, and waits to be fired. Modules may fire all
@@ -30,7 +30,7 @@ from tca_wire.points import START_HANDLING, Point, TaskId
 from tca_wire.rules import DELIVERED
 from tca_wire.vocabulary import Due, MessageClass, Outcome, Refusal, Role
 
-FALSE, TRUE = b"\xc2", b"\xc3"  # as MessagePack
+FALSE, TRUE = b"\xc2", b"\xc3"  # the replies False and True as MessagePack
 
 _FIRST, _ACTION = 0, 1  # indices of a monitor's parts
 _ALL_ELSE = "all else under its parent has ended"
@@ -40,7 +40,7 @@ _ALL_ELSE = "all else under its parent has ended"
 
 
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
-    """Raise RequestError if a monitor's parts don't fit it; `new` are messages declared with it."""
+    """Raise RequestError if a monitor's parts don't fit it; *new* are messages declared with it."""
     message_class = declared.message_class
     wanted = 0
     if message_class.is_monitor:
@@ -71,7 +71,7 @@ def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageC
 
 
 def start(central: State, task: Task) -> None:
-    """Start to watch: the monitor's turn has come."""
+    """Start a monitor whose turn has come, so that it watches."""
     watch = _watch_of(task)
     if task.returned:  # it was ended before it started
         central.agenda.mark_started(task)
@@ -105,7 +105,7 @@ def _watch_of(task: Task) -> Watch:
 
 
 def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
-    """Register the monitor's end point. Return False if that is reached, which ends the monitor."""
+    """Register a monitor's end point. Return False if it is reached, which ends the monitor."""
     awaited = central.tree.tasks.get(until.task)
     if awaited is None or awaited.reached & int(until.moment):
         end_monitor(central, watch, "its end point is reached")
@@ -119,7 +119,7 @@ def _test_later(central: State, watch: Watch) -> None:
     """Schedule a test for the next multiple of the period. Missed tests are not made up for."""
     period = watch.options.period
     wait = period - (central.clock.now - watch.periods_from) % period
-    # This moment is the multiple itself, but for rounding. A wait of 0 would repeat for ever.
+    # A short wait is a rounding error: now is the multiple. A wait of 0 would repeat for ever.
     if wait < period / 1000:
         wait += period
     central.clock.cancel(watch.timers.get(Due.TEST))
@@ -127,20 +127,20 @@ def _test_later(central: State, watch: Watch) -> None:
 
 
 def on_test(central: State, watch: Watch) -> None:
-    """A polling monitor's period is over. A suspended monitor does not test."""
+    """Test a polling monitor whose period is over, unless it is suspended."""
     if not watch.is_on:
         return
     if watch.condition is not None or watch.task.suspended:
         _test_later(central, watch)
-    elif not _test_as_fired(central, watch):
+    elif not _test_if_owed(central, watch):
         _test(central, watch)
 
 
-def _test_as_fired(central: State, watch: Watch) -> bool:
-    """Test now if a module has fired the monitor; its period starts again. Return whether it tests.
+def _test_if_owed(central: State, watch: Watch) -> bool:
+    """Make a test that is owed because a module fired the monitor. Return whether one was owed.
 
-    A suspended polling monitor delays the test until it is resumed. If its condition can't be asked
-    it waits for the next period.
+    The monitor's period starts again. A suspended polling monitor delays the test until it is
+    resumed. A polling monitor whose condition can't be asked delays it until the next period.
     """
     if not watch.tests_owed or (watch.task.message.is_outside_sequence and watch.task.suspended):
         return False
@@ -151,14 +151,14 @@ def _test_as_fired(central: State, watch: Watch) -> bool:
 
 
 def proceed(central: State, task: Task) -> None:
-    """A monitor is resumed: it tests now if it was fired while suspended."""
+    """Make the test of a resumed monitor that was fired while it was suspended."""
     watch = _watch_of(task)
     if watch.is_on and watch.condition is None:
-        _test_as_fired(central, watch)
+        _test_if_owed(central, watch)
 
 
 def _test(central: State, watch: Watch) -> None:
-    """Ask the condition."""
+    """Ask a monitor's condition, and schedule a polling monitor's next test."""
     query, task = watch.parts[_FIRST], watch.task
     assert query is not None
     if task.message.is_outside_sequence:
@@ -200,11 +200,12 @@ def on_condition_answered(
         central.facts.append(facts.MonitorTested(task.id, holds))
         if holds:
             _fire(central, watch, task.body if body == TRUE else body)
-    if watch.is_on and not _test_as_fired(central, watch) and is_point:
+    if watch.is_on and not _test_if_owed(central, watch) and is_point:
         end_monitor(central, watch, "it has been tested")
 
 
 def _fire(central: State, watch: Watch, body: bytes) -> None:
+    """Send a monitor's action, at each ``fire_every``-th call. End the monitor after the last."""
     options = watch.options
     watch.times_met += 1
     if watch.times_met % options.fire_every:
@@ -223,7 +224,7 @@ def _fire(central: State, watch: Watch, body: bytes) -> None:
 
 
 def on_fire(central: State, connection: Connection, header: headers.Fire, body: bytes) -> None:
-    """A module fires a monitor, or all monitors of a message.
+    """Fire a monitor, or all monitors of a message, for a module.
 
     Monitors that do not watch are not fired (TCM: a warning, no effect).
     """
@@ -250,12 +251,12 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
         elif watch.is_on:  # the failure of an earlier one may have ended this one
             watch.tests_owed += 1
             if watch.condition is None:
-                _test_as_fired(central, watch)
+                _test_if_owed(central, watch)
     central.accept(connection, header.number, watching[0].task.id)
 
 
 def _watches_of(central: State, name: str) -> list[Watch]:
-    """The living monitors of a message. Raises RequestError if the message is not a monitor."""
+    """Return the living monitors of a message. Raise RequestError if it is not a monitor."""
     message = central.registry.messages.get(name)
     if message is None or not message.message_class.is_monitor:
         what = f"a {message.message_class}" if message else "not declared"
@@ -265,7 +266,7 @@ def _watches_of(central: State, name: str) -> list[Watch]:
 
 
 def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
-    """Raise RequestError if a monitor's action is not `wanted`, or does not accept such data."""
+    """Raise RequestError if a monitor's action is not *wanted*, or does not accept such data."""
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
         if not wanted:
@@ -285,7 +286,7 @@ def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
 
 
 def _requested_watch(central: State, task_id: TaskId) -> Watch | None:
-    """The watch of a monitor; None if it has ended. Raises RequestError for other tasks."""
+    """Return the watch of a monitor; None if it has ended. Raise RequestError for other tasks."""
     task = central.tree.task(task_id)
     if task is not None and not task.message.message_class.is_monitor:
         raise RequestError(Refusal.PROTOCOL, f"{task} is not a monitor")
@@ -298,7 +299,7 @@ def _requested_watch(central: State, task_id: TaskId) -> Watch | None:
 def on_end_monitor(
     central: State, connection: Connection, header: headers.EndMonitor, _: bytes
 ) -> None:
-    """A module ends a monitor, even one that does not watch yet."""
+    """End a monitor for a module, even one that does not watch yet."""
     watch = _requested_watch(central, header.monitor)
     if watch is None or watch.is_over:
         central.ignore(connection, header.number, f"monitor {header.monitor} has ended already")
@@ -308,12 +309,12 @@ def on_end_monitor(
 
 
 def on_watched(central: State, watch: Watch) -> None:
-    """A monitor has watched for its full duration."""
+    """End a monitor that has watched for its full duration."""
     end_monitor(central, watch, f"it has watched for {watch.options.duration:g} s")
 
 
 def end_background_monitors(central: State, task: Task) -> None:
-    """A task waits only for monitors that are not waited for: end them."""
+    """End the background monitors of a task that has nothing else left under it."""
     for child in list((task.children or {}).values()) if task.has_only_background_left else ():
         is_to_begin = child.retry_pending or not child.reached & START_HANDLING
         if is_to_begin and (child.held or child.suspended):

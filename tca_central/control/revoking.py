@@ -1,8 +1,8 @@
 """Revokes locks and reservations for operators or to end deadlocks, and warns their holders.
 
-The module tells a handler that still runs, where it made the lock. The handler then
-fails with "lock lost" unless it catches that. A handler that has returned can't be told: so the
-failure is raised on the task for which the lock lasts.
+A handler that still runs is notified in the code that made the lock. It fails with "lock lost"
+unless it catches that. If the handler has returned, the failure is raised on the task for which the
+lock lasts.
 """
 
 from tca_central.failing.failures import raise_failure
@@ -16,7 +16,7 @@ from tca_wire.packets import headers
 
 
 def on_unlock(central: State, connection: Connection, header: headers.Unlock, _: bytes) -> None:
-    """A module frees a resource that another module holds."""
+    """Revoke the claim on a resource, as an operator requests."""
     claim = find_resource(central, header.resource, header.module).held_by
     if claim is not None:
         by = f"by module '{connection.module.name}'"
@@ -25,29 +25,26 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 
 
 def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, text: str) -> None:
-    """Revoke a claim. If its handler has returned, raise `failure` on the task."""
+    """Revoke a claim. If its handler has returned, raise *failure* on the task."""
     revoke(central, claim, why, text)
     if (task := task_holding(claim)) is not None:
-        _raise_loss(
-            central,
-            task,
-            RaisedFailure(failure, f"'{claim.resource.name}' was taken from it: {text}"),
-        )
+        _raise_loss(central, task, failure, f"'{claim.resource.name}' was taken from it: {text}")
 
 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
     """Fail a task whose handler returned without noticing that it had lost the task's lock."""
     if text := pop_losses(slot, task):
-        _raise_loss(central, task, RaisedFailure(LOCK_LOST, text))
+        _raise_loss(central, task, LOCK_LOST, text)
 
 
 def task_holding(claim: ModuleClaim) -> Task | None:
-    """The task whose end alone ends a claim; None unless the handler that made it has returned."""
+    """Return the task for which a claim is kept; None unless the claim's handler has returned."""
     holder = claim.holder
     return holder if isinstance(holder, Task) and holder.slot is None else None
 
 
-def _raise_loss(central: State, task: Task, failure: RaisedFailure) -> None:
-    knows = task.failure is not None and not task.is_dealt_with
-    if not (knows or task.retry_pending or task.killed):
-        raise_failure(central, task, failure)
+def _raise_loss(central: State, task: Task, failure: str, text: str) -> None:
+    """Raise the failure that a task has lost its lock, unless the task has failed already."""
+    has_failed = task.failure is not None and not task.is_dealt_with
+    if not (has_failed or task.retry_pending or task.killed):
+        raise_failure(central, task, RaisedFailure(failure, text))

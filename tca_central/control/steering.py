@@ -1,7 +1,7 @@
 """Steers existing tasks: kills, deadlines, suspension, and messages sent on termination.
 
-Kills happen at once, later, or after a point. Planned ones are limited in number, and forgotten
-when the task ends.
+Kills happen at once, later, or after a point. Pending kills and deadlines are limited in number,
+and forgotten when the task ends.
 """
 
 import msgspec
@@ -28,7 +28,7 @@ MOST_PENDING = 1000
 """Kills, deadlines and delays that may be pending for one task."""
 
 LONGEST_PLANNED = 200
-"""Characters of the reason of a planned kill."""
+"""Characters of a planned kill's reason. It is short, because the budget does not count it."""
 
 MOST_TERMINATION_MESSAGES = 100
 """Messages to send on the termination of one task."""
@@ -44,14 +44,14 @@ def _check_pending(central: State, task: Task) -> None:
         )
 
 
-def forget_pending(central: State, plans: Scheduled) -> None:
-    """Cancel whatever is pending for a task that has ended."""
-    for what, waits_for in plans.pending.items():
-        if isinstance(waits_for, Task):
-            central.agenda.stop_waiting(waits_for, what)
+def forget_pending(central: State, scheduled: Scheduled) -> None:
+    """Cancel all kills, deadlines and delays that are pending for a task that has ended."""
+    for pending, awaited in scheduled.pending.items():
+        if isinstance(awaited, Task):
+            central.agenda.stop_waiting(awaited, pending)
         else:
-            central.clock.cancel(waits_for)
-    plans.pending.clear()
+            central.clock.cancel(awaited)
+    scheduled.pending.clear()
 
 
 # --- kills ----------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ class PendingKill(Stored):
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
     def proceed(self, central: State) -> None:
-        """The point is reached: kill at once, or after the delay."""
+        """Kill at once, or after the delay: the point is reached."""
         if not self.delay:
             self.carry_out(central)
         elif self._is_alive(central):
@@ -77,11 +77,13 @@ class PendingKill(Stored):
         if self.task.scheduled is not None:
             self.task.scheduled.pending.pop(self, None)
         if self._is_alive(central):
-            for task in [self.task] if self.scope is Scope.TASK else self._relatives():
+            for task in self._targets():
                 kill(central, task, self.verdict)
 
-    def _relatives(self) -> list[Task]:
-        """The children, or the siblings."""
+    def _targets(self) -> list[Task]:
+        """Return the tasks in scope: the task, its children, or its siblings."""
+        if self.scope is Scope.TASK:
+            return [self.task]
         parent = self.task if self.scope is Scope.DESCENDANTS else self.task.parent
         assert parent is not None
         return [
@@ -96,28 +98,23 @@ class PendingKill(Stored):
 
 
 def on_kill(central: State, connection: Connection, header: headers.Kill, _: bytes) -> None:
-    """A module kills a task, its descendants or its siblings: now, later, or after a point."""
+    """Kill a task, its descendants or its siblings for a module: now, later, or after a point."""
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        # The task was never sent, since its request would have arrived before this one; or it was
-        # refused.
-        if not header.task:
+        if not header.task:  # refused, or never sent: its request would have arrived before
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")
     is_all = header.task == ROOT and header.scope is Scope.DESCENDANTS
     task = central.tree.root if is_all else central.tree.task(header.task)
     if task is None:
-        central.ignore(
-            connection, header.number, f"task {header.task} has ended: it can't be killed"
-        )
+        text = f"task {header.task} has ended: it can't be killed"
+        central.ignore(connection, header.number, text)
         return
-    pending = PendingKill(
-        task,
-        header.scope,
-        header.delay,
-        Verdict(_reason(header), connection.module.name, central.origin),
-    )
+    is_planned = bool(header.delay or header.after)
+    why = shortened(header.why, LONGEST_PLANNED) if is_planned else shortened(header.why)
+    verdict = Verdict(why, connection.module.name, central.origin)
+    pending = PendingKill(task, header.scope, header.delay, verdict)
     awaited = central.tree.task(header.after.task) if header.after is not None else None
     if (
         header.after is not None
@@ -134,16 +131,8 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     central.accept(connection, header.number, header.task)
 
 
-def _reason(header: headers.Kill) -> str:
-    """The reason, shortened more if the kill is planned: the budget does not count its bytes."""
-    return (
-        shortened(header.why, LONGEST_PLANNED)
-        if header.delay or header.after
-        else shortened(header.why)
-    )
-
-
 def _record_plan(central: State, kill: PendingKill, after: Point | None) -> None:
+    """Record a kill that happens later, or raise RequestError if too many are pending."""
     _check_pending(central, kill.task)
     task, (why, by, *_) = kill.task.id, kill.verdict
     central.facts.append(facts.KillPlanned(task, kill.scope, after, kill.delay, why, by))
@@ -162,14 +151,14 @@ class PendingDeadline(Stored):
 
 
 def set_deadline(central: State, task: Task, moment: int, seconds: float) -> None:
-    """Raise the failure "timeout" unless a task reaches `moment` within `seconds` from now."""
+    """Raise the failure "timeout" unless a task reaches *moment* within *seconds* from now."""
     deadline = PendingDeadline(task, moment, seconds)
     Scheduled.of(task).pending[deadline] = central.clock.after(seconds, Due.DEADLINE, deadline)
     central.facts.append(facts.DeadlineSet(task.id, moment, seconds))
 
 
 def on_time_out(central: State, deadline: PendingDeadline) -> None:
-    """A deadline has passed."""
+    """Raise the failure "timeout" if a task has missed its deadline."""
     task, moment = deadline.task, deadline.moment
     del Scheduled.of(task).pending[deadline]
     if not (task.killed or task.reached & moment):
@@ -178,7 +167,7 @@ def on_time_out(central: State, deadline: PendingDeadline) -> None:
 
 
 def on_deadline(central: State, connection: Connection, header: headers.Deadline, _: bytes) -> None:
-    """A module limits the time until a point of a task."""
+    """Set a deadline for a point of a task, as a module requests."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     moment = checked_moment(header.point)
     task = central.living_or_ignored(
@@ -196,14 +185,11 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
 
 
 def on_suspend(central: State, connection: Connection, header: headers.Suspend, _: bytes) -> None:
-    """A module suspends or resumes a task with all under it (TCM: Suspend, Unsuspend)."""
+    """Suspend or resume a task with all under it, for a module (TCM: Suspend, Unsuspend)."""
     task = central.tree.task(header.task)
     if task is None:
-        central.ignore(
-            connection,
-            header.number,
-            f"task {header.task} has ended: it can't be suspended or resumed",
-        )
+        text = f"task {header.task} has ended: it can't be suspended or resumed"
+        central.ignore(connection, header.number, text)
         return
     suspend(central, task, resume=header.resume, by=connection.module.name)
     central.accept(connection, header.number, task.id)

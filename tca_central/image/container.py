@@ -3,9 +3,9 @@
     tca image 2 of 0.1.0
     length u64, CRC-32 u32, then a MessagePack list of tables, one per class
 
-Things are numbered in the order in which they appear. Plain values in mixed columns come first,
-then objects, then values, each after the values that it contains. A column of references holds such
-numbers.
+A *thing* is a plain value in a mixed column, an object, or a value (shapes.py). Things are numbered
+in the order in which they appear: first plain values, then objects, then values, each after the
+values that it contains. A column of references holds such numbers.
 """
 
 import struct
@@ -49,14 +49,14 @@ class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
 
 
 def seal(tables: list[ClassTable]) -> bytes:
-    """Encode an image with these tables."""
+    """Return an image with these tables."""
     content = msgspec.msgpack.encode(tables)
     title = b"%s%d of %s\n" % (_WORDS, FORMAT, release().encode())
     return title + _CHECK.pack(len(content), zlib.crc32(content)) + content
 
 
 def unseal(data: bytes) -> list[ClassTable]:
-    """Decode the tables of an image. Raises ImageError if it is damaged or of another format."""
+    """Return the tables of an image. Raise ImageError if it is damaged or of another format."""
     title, *_ = data[:200].partition(b"\n")
     if not title.startswith(_WORDS):
         raise ImageError("this is not an image of central's state: it does not start like one")
@@ -80,8 +80,8 @@ def unseal(data: bytes) -> list[ClassTable]:
     return tables
 
 
-def plain_column(values: list[Any], of: int) -> Column:
-    """A column of plain values, in a table of `of` objects."""
+def plain_column(values: list[Any], count: int) -> Column:
+    """Return a column of plain values, in a table of *count* objects."""
     kinds = set(map(type, values))
     if kinds == {int}:
         has_long = _is_long(min(values)) or _is_long(max(values))
@@ -90,18 +90,19 @@ def plain_column(values: list[Any], of: int) -> Column:
     if has_long:
         values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
     # Not for floats: 0.0 equals -0.0, and is another value.
-    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, of)
+    is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, count)
     return Column(values[:1] if is_common else values, is_common=is_common)
 
 
-def references(numbers: list[int], of: int) -> Column:
-    """A column of numbers of things, in a table of `of` objects."""
-    is_common = _are_all_the_same(numbers, of)
+def references(numbers: list[int], count: int) -> Column:
+    """Return a column of numbers of things, in a table of *count* objects."""
+    is_common = _are_all_the_same(numbers, count)
     return Column(numbers[:1] if is_common else numbers, refers=True, is_common=is_common)
 
 
-def _are_all_the_same(values: list[Any], of: int) -> bool:
-    return of == len(values) > 1 and values.count(values[0]) == of
+def _are_all_the_same(values: list[Any], count: int) -> bool:
+    """Whether there is one value per object (not one per item of containers), all equal."""
+    return count == len(values) > 1 and values.count(values[0]) == count
 
 
 def _is_long(number: int) -> bool:
@@ -109,7 +110,7 @@ def _is_long(number: int) -> bool:
 
 
 def _long(number: int) -> msgspec.msgpack.Ext:
-    """An integer in a form that MessagePack can hold."""
+    """Return a long integer in a form that MessagePack can hold."""
     return msgspec.msgpack.Ext(
         _LONG, number.to_bytes(number.bit_length() // 8 + 1, "big", signed=True)
     )

@@ -15,32 +15,33 @@ _CENTRAL = f"{Central.__module__}.{Central.__name__}"
 def decode(data: bytes) -> Central:
     """Return the central of an image.
 
-    Raises ImageError, with advice, if the image is damaged or not of this version.
+    Raise ImageError, with advice, if the image is damaged or not of this version.
     """
-    is_on = gc.isenabled()
+    was_enabled = gc.isenabled()
     gc.disable()  # it would scan all new objects repeatedly, and find no garbage
     try:
         return _central_of(unseal(data), len(data))
     except ImageError:
         raise
-    except Exception as error:  # noqa: BLE001 - bytes that no central wrote may raise any
+    except Exception as error:  # noqa: BLE001 - hostile bytes may cause any exception
         raise ImageError(
             f"the image was not written by a central: {type(error).__name__}: {error}"
         ) from None
     finally:
-        if is_on:
+        if was_enabled:
             gc.enable()
 
 
 def _central_of(tables: list[ClassTable], size: int) -> Central:
+    """Return the central that an image's tables describe; *size* is the length of the image."""
     if sum(table.count for table in tables) > size:
         raise ValueError("it declares more objects than its bytes can hold")
     if sum(table.count for table in tables if table.name == _CENTRAL) != 1:
         raise ValueError("it does not hold exactly one central")
-    (plain,), *tables = tables[0].columns, *tables[1:]
+    (plain,) = tables[0].columns
     things: list[Any] = list(plain.values)
     objects: list[tuple[ObjectShape, ClassTable, list[Any]]] = []
-    for table in tables:
+    for table in tables[1:]:
         shape = _shape_of(table)
         if isinstance(shape, ObjectShape):
             made = [shape.empty() for _ in range(table.count)]
@@ -60,7 +61,7 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
 
 
 def _shape_of(table: ClassTable) -> Shape:
-    """The shape of a class. Raises ImageError if its attributes differ from those in the image."""
+    """Return the shape of a table's class. Raise ImageError if their attributes differ."""
     shape, name = shape_named(table.name), table.name.rpartition(".")[2]
     if shape is None:
         raise ImageError(
@@ -76,6 +77,7 @@ def _shape_of(table: ClassTable) -> Shape:
 
 
 def _values(column: Column, count: int, things: list[Any]) -> list[Any]:
+    """Return the values of a column, with things in place of their numbers."""
     values = column.values * count if column.is_common else column.values
     if not column.refers:
         return values

@@ -1,9 +1,10 @@
 """Encodes central's state as bytes.
 
 The encoder finds all objects in rounds, starting with central, and group by group. It reads the
-attributes of new objects into columns; objects in the columns are those of the next round. Nothing
-recurses, however deep the tree is, and the order depends on the state alone. Then each column is
-written as it is if it has only plain values, else as numbers of things.
+attributes of new objects into columns. Objects in the columns that it has not met are the new ones
+of the next round. Nothing recurses, however deep the tree is, and the order depends on the state
+alone. A *mixed* column has objects or long values, and is written as numbers of things
+(container.py). Other columns are written as they are.
 """
 
 from collections.abc import Iterator
@@ -30,9 +31,9 @@ def can_encode(central: Central) -> bool:
 
 
 def encode(central: Central) -> bytes:
-    """Return an image of the whole state, which does not change.
+    """Return an image of the whole state, which stays unchanged.
 
-    Raises ImageError if an image can't hold it.
+    Raise ImageError if an image can't hold the state.
     """
     if not can_encode(central):
         raise ImageError(
@@ -55,7 +56,7 @@ class _Gathered:
 
     @property
     def is_mixed(self) -> bool:
-        """Whether it is written as references: it has objects or long values."""
+        """Whether it has objects or long values, so that it is written as references."""
         if not self.kinds <= PLAIN:
             return True
         if self.kinds.isdisjoint((str, bytes)):
@@ -69,27 +70,27 @@ class _Gathered:
 
 
 class _Group:
-    """Objects of one class; of containers, those with contents of one class."""
+    """Objects of one class or, for containers, those with contents of one class."""
 
     def __init__(self, shape: Shape, number: int) -> None:
         self.shape, self.number = shape, number
         self.is_value = isinstance(shape, ValueShape)
         self.things: list[Any] = []
-        self.expanded = 0  #: the number of things whose attributes are in the columns
+        self.expanded = 0  #: number of things whose attributes are in the columns
         self.columns = [_Gathered() for _ in shape.fields]
 
 
 class _Encoding:
-    """The objects of a state.
+    """The objects of a state, on the way to tables.
 
-    It keeps all objects and their attributes alive, so that id() identifies them.
+    The encoding keeps all objects and their attributes alive, so that id() identifies them.
     """
 
     def __init__(self) -> None:
         self._groups: dict[object, _Group] = {}
         self._group_of: dict[int, _Group] = {}  #: by id() of an object
         self._plain: list[Any] = [None, False, True]  #: plain values in mixed columns
-        #: by id() of a thing
+        #: By id() of a thing.
         self._numbers = {id(value): number for number, value in enumerate(self._plain)}
 
     def discover(self, values: list[Any]) -> None:
@@ -101,6 +102,7 @@ class _Encoding:
                 group.things.append(thing)
 
     def _new_group(self, thing: object) -> _Group:
+        """Return a new group for a thing and others like it. Raise ImageError if no image can."""
         shape = shape_of(thing)
         if shape is None:
             kind = type(thing).__qualname__
@@ -164,7 +166,7 @@ class _Encoding:
                     numbers[id(value)] = known[key]
 
     def _values_in_order(self) -> list[_Group]:
-        """The groups of values, each after the groups of values that it contains."""
+        """Return the groups of values, each after the groups of values that it contains."""
         sorter = TopologicalSorter[_Group]()
         for group in self._groups.values():
             if group.is_value:
@@ -183,26 +185,25 @@ class _Encoding:
     # --- errors -----------------------------------------------------------------------------------
 
     def _path_to(self, one: object) -> str:
-        """The path to a thing, for errors: its attribute and the containers between.
+        """Return the path to a thing, for errors: an attribute, and fields of containers in it.
 
         For example "Connection.outstanding value".
         """
-        way: list[str] = []
-        while len(way) < 9 and (holder := self._holder(one)) is not None:
-            group, place, field = holder
+        path: list[str] = []
+        while len(path) < 9 and (holder := self._holder(one)) is not None:
+            group, row, field = holder
             if "length" not in group.shape.fields:
-                return " ".join([f"{group.shape.name.rpartition('.')[2]}.{field}", *way])
-            way.insert(0, field)
+                return " ".join([f"{group.shape.name.rpartition('.')[2]}.{field}", *path])
+            path.insert(0, field)
             ends = accumulate(group.columns[0].values)
-            one = next(thing for thing, end in zip(group.things, ends, strict=False) if place < end)
-        return " ".join(way) or "the state"
+            one = next(thing for thing, end in zip(group.things, ends, strict=False) if row < end)
+        return " ".join(path) or "the state"
 
     def _holder(self, one: object) -> tuple[_Group, int, str] | None:
+        """Return the group, row and field of the first column that has a thing, or None."""
         for group in self._groups.values():
             for column, field in zip(group.columns, group.shape.fields, strict=True):
-                place = next(
-                    (place for place, value in enumerate(column.values) if value is one), None
-                )
-                if place is not None:
-                    return group, place, field
+                for row, value in enumerate(column.values):
+                    if value is one:
+                        return group, row, field
         return None

@@ -1,8 +1,9 @@
 """Shapes: how the objects of a class are read into columns, and made from columns again.
 
 A column holds one attribute of all objects of a class, so that functions written in C do almost all
-the work. A mutable object is made empty, and filled when all others exist. This restores cycles and
-shared objects. A value never changes and is made complete, after the values that it contains.
+the work. An *object* is mutable: it is made empty, and filled when all others exist. This restores
+cycles and shared objects. A *value* never changes: it is made complete, after the values that it
+contains.
 
 An object has the attributes in its class's ``__slots__``, a value its declared fields. An image
 names classes of this program. Only classes of the state that are loaded already are found by such a
@@ -34,7 +35,7 @@ Machine code lists the latter as attributes, too, and gives generic classes an e
 """
 
 LONGEST_RECORD = 8
-"""Longer tuples are written like lists."""
+"""Items of a tuple that is written with one column per item. Longer ones are written like lists."""
 
 _OURS = ("tca_central.", "tca_wire.")
 _ITEMS = "length", "item"
@@ -68,10 +69,10 @@ Shape = ObjectShape | ValueShape
 
 
 def shape_of(thing: Any) -> Shape | None:
-    """The shape of a thing; None if no image can hold it."""
+    """Return the shape of a thing; None if no image can hold it."""
     kind: Any = type(thing)
     if kind is tuple and len(thing) <= LONGEST_RECORD:
-        return _tuples(len(thing))
+        return _of_tuples(len(thing))
     if kind is deque and thing.maxlen is not None:
         return None
     return (
@@ -82,7 +83,7 @@ def shape_of(thing: Any) -> Shape | None:
 
 
 def shape_named(name: str) -> Shape | None:
-    """The shape of the class that an image names; None if this version has no such class."""
+    """Return the shape of the class that an image names; None if this version has no such class."""
     if name in _CONTAINERS:
         return _CONTAINERS[name]
     module, _, word = name.rpartition(".")
@@ -93,7 +94,7 @@ def shape_named(name: str) -> Shape | None:
 
 
 def group_key(thing: Any) -> object:
-    """The key of things that are written together.
+    """Return the key that a thing shares with those that are written in its table.
 
     For containers it includes the classes of their contents, so that most columns hold one class.
     """
@@ -109,32 +110,32 @@ def group_key(thing: Any) -> object:
 
 @cache
 def _shape_of_class(kind: Any) -> Shape | None:
-    """The shape of a class of the state."""
+    """Return the shape of a class of the state; None for other classes."""
     name = f"{kind.__module__}.{kind.__name__}"
     if not name.startswith(_OURS):
         return None
     if issubclass(kind, (Stored, Central)):
-        return _record(name, kind)
+        return _of_objects(name, kind)
     if issubclass(kind, Enum):
         return ValueShape(name, ("word",), _words, lambda _, columns: list(map(kind, *columns)))
     if issubclass(kind, msgspec.Struct):
-        return _frozen(name, kind, kind.__struct_fields__)
-    return _frozen(name, kind, kind._fields) if issubclass(kind, tuple) else None
+        return _of_values(name, kind, kind.__struct_fields__)
+    return _of_values(name, kind, kind._fields) if issubclass(kind, tuple) else None
 
 
 # --- objects --------------------------------------------------------------------------------------
 
 
 def attributes_of(kind: type) -> tuple[str, ...]:
-    """The attributes of a class of the state. Machine code lists them under another name."""
+    """Return the attributes of a class of the state. Compiled classes list them differently."""
     listed = getattr(kind, "__mypyc_attrs__", None)
     if listed is None:
         listed = chain.from_iterable(getattr(parent, "__slots__", ()) for parent in kind.__mro__)
     return tuple(sorted({*listed} - NOT_STORED))
 
 
-def _record(name: str, kind: type) -> ObjectShape:
-    """The shape of a mutable class of central."""
+def _of_objects(name: str, kind: type) -> ObjectShape:
+    """Return the shape of a mutable class of central."""
     if kind.__dictoffset__ and not hasattr(kind, "__mypyc_attrs__"):
         raise ImageError(
             f"{kind.__name__} has attributes outside its __slots__: an image would lose them"
@@ -152,8 +153,8 @@ def _record(name: str, kind: type) -> ObjectShape:
     return ObjectShape(name, fields, partial(_attributes, fields), empty, fill)
 
 
-def _listed(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape:
-    """The shape of a class of containers that a list fills."""
+def _of_lists(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape:
+    """Return the shape of a class of containers that *extend* fills."""
 
     def fill(things: list[Any], columns: Columns) -> None:
         for thing, items in _pieces(things, *columns):
@@ -162,8 +163,8 @@ def _listed(kind: type, extend: Callable[[Any, list[Any]], None]) -> ObjectShape
     return ObjectShape(kind.__name__, _ITEMS, _items, kind, fill)
 
 
-def _mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
-    """The shape of a class of dicts."""
+def _of_dicts(kind: type[dict[Any, Any]]) -> ObjectShape:
+    """Return the shape of a class of dicts."""
 
     def read(things: list[Any]) -> Columns:
         return [*_items(things), list(chain.from_iterable(map(dict.values, things)))]
@@ -179,8 +180,8 @@ def _mapping(kind: type[dict[Any, Any]]) -> ObjectShape:
 # --- values ---------------------------------------------------------------------------------------
 
 
-def _frozen(name: str, kind: type, fields: tuple[str, ...]) -> ValueShape:
-    """The shape of a class of values with fields."""
+def _of_values(name: str, kind: type, fields: tuple[str, ...]) -> ValueShape:
+    """Return the shape of a class of values with fields."""
 
     def make(count: int, columns: Columns) -> list[Any]:
         return (
@@ -193,8 +194,8 @@ def _frozen(name: str, kind: type, fields: tuple[str, ...]) -> ValueShape:
 
 
 @cache
-def _tuples(length: int) -> ValueShape:
-    """The shape of tuples of one length."""
+def _of_tuples(length: int) -> ValueShape:
+    """Return the shape of tuples of one length."""
 
     def read(things: list[Any]) -> Columns:
         return [list(map(itemgetter(place), things)) for place in range(length)]
@@ -206,7 +207,7 @@ def _tuples(length: int) -> ValueShape:
 
 
 def _long_tuples(_: int, columns: Columns) -> list[Any]:
-    """Make tuples of any length."""
+    """Return tuples, each of its own length."""
     lengths, items = columns
     left = iter(items)
     return [tuple(islice(left, length)) for length in lengths]
@@ -216,14 +217,17 @@ def _long_tuples(_: int, columns: Columns) -> list[Any]:
 
 
 def _attributes(fields: tuple[str, ...], things: list[Any]) -> Columns:
+    """Return one column per field."""
     return [list(map(attrgetter(field), things)) for field in fields]
 
 
 def _words(members: list[Any]) -> Columns:
+    """Return the column of an enum's members, as the words for them."""
     return [[member.value for member in members]]
 
 
 def _items(things: list[Any]) -> Columns:
+    """Return the columns of containers: their lengths, and all their items."""
     return [list(map(len, things)), list(chain.from_iterable(things))]
 
 
@@ -241,10 +245,10 @@ def _pieces(
 
 
 _CONTAINERS: dict[str, Shape] = {
-    "list": _listed(list, list.extend),
-    "deque": _listed(deque, deque.extend),
-    "dict": _mapping(dict),
-    "OrderedDict": _mapping(OrderedDict),
+    "list": _of_lists(list, list.extend),
+    "deque": _of_lists(deque, deque.extend),
+    "dict": _of_dicts(dict),
+    "OrderedDict": _of_dicts(OrderedDict),
     "tuple": ValueShape("tuple", _ITEMS, _items, _long_tuples),
-    **{shape.name: shape for shape in map(_tuples, range(LONGEST_RECORD + 1))},
+    **{shape.name: shape for shape in map(_of_tuples, range(LONGEST_RECORD + 1))},
 }

@@ -2,9 +2,10 @@
 
 A claim waits in the resource's queue like a message, until the resource is empty; resources.py
 defines the order. A claim ends when its module releases it, and when its task or message ends,
-fails, is killed or is retried. It also ends with its connection, and when an operator or a deadlock
-revokes it. Once the handler that made it has returned, the claim is *kept*. Other claims then wait
-for the end of the task, which may need them. (TCA 8.5: LockResource, ReserveResource.)
+fails, is killed or is retried. It also ends with its connection, and when it is revoked for an
+operator or to end a deadlock. A claim is *kept* once the handler that made it has returned: it then
+lasts until its task ends. That may be a deadlock, because the task may need other claims that wait
+for this one. (TCA 8.5: LockResource, ReserveResource.)
 """
 
 from tca_central.errors import RequestError
@@ -33,7 +34,7 @@ MOST_CLAIMS = 1000
 
 
 def on_lock(central: State, connection: Connection, header: headers.Lock, _: bytes) -> None:
-    """A module wants a resource for itself."""
+    """Queue a module's claim to lock or reserve a resource."""
     what = "a reservation" if header.reserve else "a lock"
     if header.timeout >= 0 or header.timeout != header.timeout:
         checked_seconds(header.timeout, f"{what} of '{header.resource}' with a timeout")
@@ -60,9 +61,12 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 
 
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
-    """The resource of that name, of `module` if not "". Raises RequestError unless it is unique."""
+    """Return the resource of that name and *module* ("": any module).
+
+    Raise RequestError if there is none, or if several modules have one.
+    """
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    # If several runs of a module have it, the newest.
+    # One per program: that of its newest run, or of the run with exactly that name.
     found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
     found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
@@ -78,6 +82,7 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
 
 
 def _checked_holder(central: State, connection: Connection, origin: int) -> Delivery | None:
+    """Return the delivery that a claim ends with (None: none). Raise RequestError if it is over."""
     if not origin:
         return None
     delivery = central.dispatcher.running.get(origin)
@@ -88,7 +93,7 @@ def _checked_holder(central: State, connection: Connection, origin: int) -> Deli
 
 
 def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
-    """Raise RequestError if the claim would wait for its own holder, or if too many claims wait."""
+    """Raise RequestError if a claim would wait for its own holder, or if too many claims wait."""
     held_by = resource.held_by
     if (
         held_by is not None
@@ -108,7 +113,7 @@ def _check(resource: ModuleResource, claim: ModuleClaim) -> None:
 
 
 def on_granted(central: State, claim: ModuleClaim) -> None:
-    """A claim has got its resource: notify its module."""
+    """Notify a module that its claim was granted."""
     central.clock.cancel(claim.timer)
     central.facts.append(facts.Granted(claim.id))
     if claim.slot.outstanding.pop(claim.number, None) is not None:
@@ -119,7 +124,7 @@ def on_granted(central: State, claim: ModuleClaim) -> None:
 
 
 def on_time_out(central: State, claim: ModuleClaim) -> None:
-    """A claim has waited for its full timeout."""
+    """End a claim that has waited for its full timeout."""
     text = why_not_granted(central, claim)
     _fail(central, claim, text, Answer(claim.number, Outcome.FAILED, TIMEOUT, text))
 
@@ -130,28 +135,32 @@ def refuse_claim(central: State, claim: ModuleClaim, refusal: Refusal, text: str
 
 
 def _fail(central: State, claim: ModuleClaim, why: str, answer: ToModule) -> None:
+    """End a claim that was not granted, and answer its request."""
     _end(central, claim, why)
     if claim.slot.outstanding.pop(claim.number, None) is not None:
         central.answer(claim.slot, claim.number, answer)
 
 
 def release_claim(central: State, connection: Connection, number: int, why: str) -> None:
-    """A module gives up a claim, granted or not."""
+    """End a claim that its module releases, or waits for no longer."""
     if (claim := central.claims.get((connection, number))) is not None:
         _end(central, claim, "released" if claim.is_granted else why)
 
 
-def end_claims_of(central: State, delivery: Delivery, how: str) -> None:
+def end_claims_of(central: State, delivery: Delivery, why: str) -> None:
     """End the claims of a task or message that has ended, or whose handler has failed."""
     for claim in central.claimed_for.pop(delivery, ()):
         if claim.is_granted:
-            _end(central, claim, f"{delivery.message.title}: {how}")
+            _end(central, claim, f"{delivery.message.title}: {why}")
         else:
-            refuse_claim(central, claim, Refusal.TOO_LATE, f"the message it was for: {how}")
+            refuse_claim(central, claim, Refusal.TOO_LATE, f"the message it was for: {why}")
 
 
 def end_claims_of_killed(central: State, task: Delivery) -> None:
-    """End a killed task's claims, except of a running handler: termination messages need them."""
+    """End a killed task's claims.
+
+    While its handler runs it keeps granted claims: termination messages may need them.
+    """
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
             refuse_claim(central, claim, Refusal.TOO_LATE, "the task it was for was killed")
@@ -160,14 +169,15 @@ def end_claims_of_killed(central: State, task: Delivery) -> None:
 
 
 def revoke(central: State, claim: ModuleClaim, why: str, text: str) -> None:
-    """Revoke a claim, and notify its handler or client, also after a reconnection."""
+    """Revoke a claim, and notify its holder with *text*, unless its handler has returned."""
     _end(central, claim, why)
     if claim.holder is None or claim.holder.slot is not None:
-        _record_loss(claim.slot, claim, text)
+        _remember_loss(claim.slot, claim, text)
         central.notify(claim.slot, headers.Taken(claim.number, text))
 
 
-def _record_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
+def _remember_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
+    """Remember the loss of a claim until its module learns of it, maybe after a reconnection."""
     delivery = claim.holder.handling_id if claim.holder is not None else 0
     slot.lost_claims[claim.number] = LostClaim(delivery, claim.resource.name, text)
     if len(slot.lost_claims) > MOST_CLAIMS:
@@ -175,7 +185,7 @@ def _record_loss(slot: Connection, claim: ModuleClaim, text: str) -> None:
 
 
 def pop_losses(slot: Connection, delivery: Delivery) -> str:
-    """The claims that an ended handler lost without noticing, in words ("": none)."""
+    """Forget the claims that an ended handler lost unnoticed. Return them in words ("": none)."""
     if not slot.lost_claims:
         return ""
     numbers = [
@@ -186,7 +196,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """Suspect claims of a deadlock once their handler has returned, since they outlast it."""
+    """Suspect the claims that a returned handler has kept of a deadlock."""
     if central.claimed_for:
         central.suspects.extend(
             claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted
@@ -197,7 +207,7 @@ def end_claims_of_connection(central: State, connection: Connection) -> None:
     """End the claims of a closed connection."""
     for claim in [one for one in central.claims.values() if one.slot is connection]:
         if claim.is_granted:
-            _record_loss(connection, claim, "the connection to central was lost")
+            _remember_loss(connection, claim, "the connection to central was lost")
         _end(central, claim, f"module '{connection.module.name}' left")
 
 
@@ -219,6 +229,7 @@ def end_claims_on_module(central: State, module: Module, why: str) -> None:
 
 
 def _end(central: State, claim: ModuleClaim, why: str) -> None:
+    """Remove a claim, granted or not, and let others have its resource."""
     central.dispatcher.end_claim(claim)
     review_copies(central, claim.resource)
     central.clock.cancel(claim.timer)

@@ -1,1 +1,1 @@
-"""Messages that central sends itself: copies for many handlers, its own, notices, routes."""
+"""Packets that no request asks for: central's own messages, copies, notices and routes."""

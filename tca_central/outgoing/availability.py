@@ -1,7 +1,7 @@
-"""Waits until messages are handled, and notices when that changes.
+"""Ends waits until messages are handled, and sends notices when handlers come or go.
 
-A message is handled as long as one of its handlers has a slot; ``MessageType.serving`` counts the
-slots.
+A message is handled as long as one of its handlers has a slot. ``MessageType.serving`` counts these
+handlers.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ MOST_AWAITED = 1000
 def on_wait_until_handled(
     central: State, connection: Connection, header: headers.WaitUntilHandled, _: bytes
 ) -> None:
-    """A module waits until all messages that it needs are handled."""
+    """Begin a module's wait until all messages that it needs are handled."""
     if len(header.messages) > MOST_AWAITED:
         number = f"{len(header.messages):,}"
         text = f"{number} messages in one wait: {MOST_AWAITED:,} are allowed, send several requests"
@@ -45,15 +45,18 @@ def on_wait_until_handled(
     wait = PresenceWait(connection, header, messages)
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
-    central.facts.append(facts.WaitBegan(*_as_fact(wait)))
-    # Brief, so no deadlock: another module may still join.
+    central.facts.append(facts.WaitBegan(*_fact_fields(wait)))
+    # Brief, because it is no deadlock: another module may still join.
     central.block(connection, header.number, header.origin, brief=True)
     if wait.promised:
         _warn_of_cycle(central, wait)
 
 
 def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
-    """Warn modules that wait for each other. The waits stay: another module may still join."""
+    """Warn modules that wait for each other, if the newest wait closes a cycle.
+
+    The waits stay: another module may still join.
+    """
     remaining = {
         wait: None for message in central.registry.messages.values() for wait in message.awaited_by
     }
@@ -63,7 +66,7 @@ def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
             promisers.setdefault(name, []).append(wait)
     # Narrow the waits down to those whose messages only other modules with such waits will handle.
     while len(
-        stuck := {wait: by for wait in remaining if (by := _promise(wait, promisers, remaining))}
+        stuck := {wait: by for wait in remaining if (by := _promiser(wait, promisers, remaining))}
     ) < len(remaining):
         remaining = dict.fromkeys(stuck)
     cycle: dict[PresenceWait, str] = {}
@@ -78,10 +81,13 @@ def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
         central.notify(wait.connection, Answer(wait.number, text=text, more=True))
 
 
-def _promise(
+def _promiser(
     wait: PresenceWait, promisers: dict[str, list[PresenceWait]], waits: Iterable[PresenceWait]
 ) -> tuple[str, PresenceWait] | None:
-    """A message of a wait and the wait that promises it, if only waits in `among` promise it."""
+    """Return a message that a wait lacks and only *waits* promise to handle later, and one of them.
+
+    Return None if there is no such message.
+    """
     for message in wait.messages:
         others = promisers.get(message.name, ())
         if others and not message.serving and all(other in waits for other in others):
@@ -93,16 +99,17 @@ def end_presence_wait(central: State, wait: PresenceWait) -> None:
     """End a wait: all its messages are handled, or its module waits no longer."""
     wait.end()
     central.budget.awaited -= wait.size
-    central.facts.append(facts.WaitEnded(*_as_fact(wait)))
+    central.facts.append(facts.WaitEnded(*_fact_fields(wait)))
 
 
-def _as_fact(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
+def _fact_fields(wait: PresenceWait) -> tuple[str, int, TaskId, int, WaitKind, str]:
+    """Return the fields of the facts that a wait began or ended."""
     names = listed([message.name for message in wait.messages])
     return wait.connection.module.name, wait.origin, ROOT, 0, WaitKind.PRESENCE, names
 
 
 def publish_changes(central: State) -> None:
-    """End waits and send notices for messages whose number of slots the event has changed."""
+    """End waits and send notices for messages whose number of handlers the event has changed."""
     changed = [
         (message, before)
         for message, before in central.dispatcher.changed.items()

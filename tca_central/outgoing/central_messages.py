@@ -1,4 +1,4 @@
-"""Messages that central makes itself, including notices; copies for many handlers; suspension."""
+"""Messages that central sends itself, including notices; copies for many handlers; suspension."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ from tca_central.model.deliveries import Context, Delivery, MessageType, ModuleR
 from tca_central.model.tasks import Task
 from tca_central.needs.texts import why_full
 from tca_central.state import State, drop, dropped_fact
-from tca_wire.constraints import Flags
+from tca_wire.constraints import Constraint, Flags
 from tca_wire.journal import facts
 from tca_wire.messages.declarations import D
 from tca_wire.messages.formats import NIL, NO_DATA
@@ -17,8 +17,34 @@ from tca_wire.rules import RULES
 from tca_wire.vocabulary import CENTRAL, Dropping, Role
 
 
+def received(
+    made: Delivery,
+    sender: str,
+    parent: TaskId,
+    constraints: list[Constraint],
+    origin: int = 0,
+    is_blocking: bool = False,
+    about: int = 0,
+) -> facts.Received:
+    """Return the fact that central accepted a new message, or made one itself."""
+    message = made.message
+    return facts.Received(
+        made.id,
+        message.name,
+        message.message_class,
+        sender,
+        parent,
+        origin,
+        is_blocking,
+        made.body,
+        constraints,
+        made.role,
+        about,
+    )
+
+
 def copy_of(central: State, original: Delivery) -> Delivery:
-    """A delivery of the same message for another handler."""
+    """Return a new delivery of the same message, for another handler."""
     copy = Delivery(central.new_id(), original.message, original.body, original.sender)
     copy.message_id, copy.priority, copy.origin = original.id, original.priority, original.origin
     copy.role, copy.context, copy.sent_by = original.role, original.context, original.sent_by
@@ -27,15 +53,17 @@ def copy_of(central: State, original: Delivery) -> Delivery:
 
 
 def copies(central: State, original: Delivery) -> list[tuple[Delivery, ModuleResource]]:
-    """One delivery for each handler with a slot."""
-    targets = [
-        handler.resource for handler in original.message.handlers if handler.resource.capacity
-    ]
-    return [(copy_of(central, original), target) for target in targets]
+    """Return a new delivery for each handler with a slot, and the handler's resource."""
+    return [(copy_of(central, original), target) for target in _targets(original.message)]
+
+
+def _targets(message: MessageType) -> list[ModuleResource]:
+    """Return the resource of each handler with a slot."""
+    return [handler.resource for handler in message.handlers if handler.resource.capacity]
 
 
 def route_one_way(central: State, original: Delivery) -> None:
-    """Route an inform to its handler, or a broadcast to all. Drop it where there is no room."""
+    """Route an inform to its handler, or a broadcast to all. Drop each copy without room."""
     message = original.message
     for_each = copies(central, original) if message.fans_out else [(original, None)]
     for delivery, target in for_each:
@@ -51,20 +79,20 @@ def route_one_way(central: State, original: Delivery) -> None:
 def reason_to_refuse(
     central: State, message: MessageType, body: bytes, *targets: ModuleResource
 ) -> str:
-    """The reason why a message (for `targets` only) is refused now; "" if there is room."""
+    """Return why a message (for *targets* only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
     return central.why_no_room(len(body))
 
 
 def reason_to_drop(central: State, message: MessageType, body: bytes) -> str:
-    """The reason why all handlers would drop an inform or broadcast; "" if one would not."""
+    """Return why an inform or broadcast would reach no handler; "" if it reaches one."""
     if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
         return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:
         return why_full(central, message) if is_full(message) else ""
-    targets = [handler.resource for handler in message.handlers if handler.resource.capacity]
+    targets = _targets(message)
     if not targets or not all(is_full(message, target) for target in targets):
         return ""
     return why_full(central, message, targets[0])
@@ -81,7 +109,7 @@ def make_task(
     context: Context | None = None,
     prepare: Callable[[Task], None] = lambda _: None,
 ) -> Task:
-    """Make a task under `parent` that waits for no constraint of the tasks above it.
+    """Make a task under *parent* that waits for no constraint of the tasks above it.
 
     Args:
         central: The state.
@@ -89,8 +117,8 @@ def make_task(
         body: The task's data.
         parent: The task above it.
         role: Why central makes it.
-        about: The delivery for which it is sent (default: `parent`).
-        context: What the role needs to know later.
+        about: The delivery for which it is sent (default: *parent*).
+        context: The details of its role.
         prepare: Called with the task before it is in the tree.
     """
     about = about or parent
@@ -99,28 +127,21 @@ def make_task(
     task.context, task.sent_by = context, about.sent_by
     task.tap_depth = _tap_depth(central, about, role)
     prepare(task)
-    mark = len(central.facts)
+    index = len(central.facts)  # as in sending.py
     constraints = central.agenda.add(task, parent, Flags.NONE, [])
-    birth = facts.Received(
-        task.id,
-        message.name,
-        message.message_class,
-        CENTRAL,
-        parent.id,
-        0,
-        False,
-        body,
-        constraints,
-        role,
-        about.message_id,
-    )
-    central.facts[mark:mark] = [birth, *birth_facts(task)]
+    central.facts[index:index] = [
+        received(task, CENTRAL, parent.id, constraints, about=about.message_id),
+        *birth_facts(task),
+    ]
     central.report_new_task(task)
     return task
 
 
 def _tap_depth(central: State, about: Delivery, role: Role) -> int:
-    """The tap depth of a message sent for `about`, or for the handler that now makes a request."""
+    """Return the tap depth of a message that central sends for *about*.
+
+    It is not below that of the handler whose request central carries out.
+    """
     return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
 
 
@@ -138,21 +159,8 @@ def make_delivery(
     delivery.role, delivery.context = role, context
     delivery.sent_by = about.sent_by if about is not None else None
     delivery.tap_depth = _tap_depth(central, about, role) if about is not None else 0
-    number = about.message_id if about is not None else 0
-    birth = facts.Received(
-        delivery.id,
-        message.name,
-        message.message_class,
-        CENTRAL,
-        ROOT,
-        0,
-        False,
-        body,
-        [],
-        role,
-        number,
-    )
-    central.facts.append(birth)
+    about_id = about.message_id if about is not None else 0
+    central.facts.append(received(delivery, CENTRAL, ROOT, [], about=about_id))
     return delivery
 
 
@@ -187,19 +195,19 @@ def make(
     *,
     context: Context | None = None,
 ) -> Delivery:
-    """Make a task under `parent` or, if the message does not become a task, a statement."""
+    """Make a task under *parent* or, for an inform or broadcast, a delivery about *parent*."""
     if message.message_class.is_task:
         return make_task(central, message, body, parent, role, context=context)
     return make_statement(central, message, body, role, about=parent, context=context)
 
 
 def data_for(message: MessageType, body: bytes) -> bytes:
-    """The data for a message: none if the message is declared without data."""
+    """Return the data for a message: none if the message is declared without data."""
     return NIL if message.format.data == NO_DATA else body
 
 
 def birth_facts(task: Task) -> list[facts.Fact]:
-    """The facts about a new task: reached moments, if it is waited for, if it survives retries."""
+    """Return facts about a new task: that it outlives retries, is waited for, reached moments."""
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_foreign_monitor else []

@@ -1,12 +1,14 @@
 """Routes for messages that modules send each other directly (TCA 8.5: direct connections).
 
-A *route* is the set of entrances of the slots that may get a message directly. A module that sends
-such a message through central gets the route, and from then on every change of it. A message has a
-route if its newest handler wants that and nothing requires central. A wiretap, a pending limit, a
-lock, or another handler in a pool requires central.
+An *entrance* is the address of a slot for direct messages. A *route* is the set of entrances of the
+slots that may get a message directly. A module that sends such a message through central gets the
+route, and from then on every change of it. A message has a route if its newest handler wants that
+and nothing requires central. A wiretap, a pending limit, a lock, or another handler in a pool
+requires central.
 
-A route is only a licence: a sender may use central at any time, and does so until it has reached an
-entrance.
+A route is only a permission: a sender may use central at any time, and does so until it has reached
+an entrance. The *licence* in a route is the number by which slots know the sender. Central revokes
+it when the sender loses its rights.
 """
 
 import math
@@ -37,33 +39,32 @@ from tca_wire.vocabulary import LONGEST_TIME, Limit, MessageClass, Outcome, Perm
 
 def check_entrance(entrance: Entrance) -> None:
     """Raise RequestError if modules can't send messages to that address."""
-    is_address = (
-        entrance.endpoint.startswith(("ipc://", "tcp://")) and entrance.endpoint.isprintable()
-    )
-    if (
-        not is_address
-        or max(map(len, (entrance.endpoint, entrance.key, entrance.curve))) > 2 * Limit.NAME
-    ):
-        text = f"{entrance.endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
+    endpoint = entrance.endpoint
+    is_address = endpoint.startswith(("ipc://", "tcp://")) and endpoint.isprintable()
+    if not is_address or max(map(len, (endpoint, entrance.key, entrance.curve))) > 2 * Limit.NAME:
+        text = f"{endpoint!r:.60} is not an entrance: give an ipc:// or tcp:// address"
         raise RequestError(Refusal.PROTOCOL, text)
 
 
 def own_entrance(central: State, header: Hello) -> Entrance | None:
-    """The entrance that a new slot names; None if another slot has it.
+    """Return the entrance that a new slot names; None if it names none or that of another slot.
 
-    Else the loss of this slot would be reported to the senders as that of the other one.
+    Else the loss of one slot would be reported to the senders as that of the other.
     """
     wanted = header.entrance
-    if wanted is None:
-        return None
-    others = (
-        one.entrance for one in central.registry.connections.values() if one.entrance is not None
-    )
-    return None if any(other.endpoint == wanted.endpoint for other in others) else wanted
+    return None if wanted is None or _slot_at(central, wanted.endpoint) is not None else wanted
+
+
+def _slot_at(central: State, endpoint: str) -> Connection | None:
+    """Return the slot with that entrance, or None."""
+    for slot in central.registry.connections.values():
+        if slot.entrance is not None and slot.entrance.endpoint == endpoint:
+            return slot
+    return None
 
 
 def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
-    """Raise RequestError if messages of that class can't be handled so."""
+    """Raise RequestError if a handler wants direct messages of a class that can't be direct."""
     # Central needs tasks for the tree, and distributes messages with several receivers.
     if handled.direct and (message_class.is_task or message_class.fans_out):
         what = f"{message_class} '{handled.message}'"
@@ -75,7 +76,7 @@ def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
 
 
 def route_of(message: MessageType) -> tuple[Connection, ...]:
-    """The slots that may be sent a message directly; none if it has to pass central."""
+    """Return the slots that may be sent a message directly; none if it has to pass central."""
     if not message.handlers or message.taps:
         return ()
     newest = message.handlers[-1]
@@ -88,7 +89,7 @@ def route_of(message: MessageType) -> tuple[Connection, ...]:
 
 
 def review(central: State, messages: Iterable[MessageType]) -> None:
-    """Send changed routes to their senders, after handlers, slots or wiretaps have changed."""
+    """Send changed routes to senders, after handlers, slots, claims or wiretaps have changed."""
     for message in messages:
         if (route := route_of(message)) != message.route:
             message.route = route
@@ -118,12 +119,10 @@ def offer_route(central: State, connection: Connection, message: MessageType) ->
 
 
 def _send_route(central: State, connection: Connection, message: MessageType) -> None:
-    route = message.route
-    if connection.resource is not None and any(
-        slot.resource is connection.resource for slot in route
-    ):
-        route = ()  # a slot handles its resource's own query during its wait: that needs central
-    if not all(_may_reach(connection, slot) for slot in route):
+    """Send a connection a message's route, with its licence; an empty one if it needs central."""
+    own, route = connection.resource, message.route
+    # A slot handles a query of its own resource during its wait: that needs central.
+    if any(own is slot.resource or not _may_reach(connection, slot) for slot in route):
         route = ()
     for slot in route:
         _watch(connection, slot)
@@ -134,6 +133,7 @@ def _send_route(central: State, connection: Connection, message: MessageType) ->
 
 
 def _watch(connection: Connection, slot: Connection) -> None:
+    """Have a sender notified of the end of a slot."""
     slot.watchers[connection] = None
     connection.watches[slot] = None
 
@@ -154,12 +154,12 @@ def forget_sender(connection: Connection) -> None:
 def _may_reach(connection: Connection, slot: Connection) -> bool:
     """Whether a connection may send all that a slot accepts directly: slots check no rights."""
     rights, handlers = connection.rights, slot.module.handlers.values()
-    taken = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
-    return rights is None or all(rights.allow(Permission.SEND, name) for name in taken)
+    names = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
+    return rights is None or all(rights.allow(Permission.SEND, name) for name in names)
 
 
 def _licensed(central: State, connection: Connection, entrance: Entrance) -> Entrance:
-    """The entrance with the key for one sender."""
+    """Return an entrance with the key for one sender, which gets a licence if it has none."""
     permissions = central.registry.permissions
     if not connection.licence:
         connection.licence = permissions.new_licence(connection.principal)
@@ -170,11 +170,12 @@ def _licensed(central: State, connection: Connection, entrance: Entrance) -> Ent
 
 
 def _licence_name(central: State, number: int) -> str:
+    """Return the name by which slots know a licence."""
     return f"{central.epoch}.{number}"
 
 
 def bar(central: State, numbers: list[int], *, renew: bool = True) -> None:
-    """Invalidate licences. Connected senders get new ones for their routes, if `renew`."""
+    """Invalidate licences. With *renew*, connected senders get new ones for their routes."""
     if not numbers:
         return
     central.registry.permissions.bar(numbers)
@@ -208,7 +209,7 @@ def invalidate_licences_of(central: State, principals: Iterable[str]) -> None:
 
 
 def review_licences(central: State) -> None:
-    """Invalidate the licences of senders that left, or may not use all their routes any more."""
+    """Invalidate the licences of senders that left or may no longer use all their routes."""
     kept = {
         one.licence: None
         for one in central.registry.connections.values()
@@ -238,13 +239,13 @@ def report_closed_slot(central: State, slot: Connection, why: str, *, lost: bool
 def on_watch_entrance(
     central: State, connection: Connection, header: WatchEntrance, _: bytes
 ) -> None:
-    """A sender that has reconnected has queries open at an entrance."""
+    """Notify a sender that has reconnected of the end of a slot that it has sent queries to."""
     # Rare: once per entrance after a reconnection.
-    for slot in central.registry.connections.values():
-        if slot.entrance is not None and slot.entrance.endpoint == header.endpoint:
-            _watch(connection, slot)
-            return
-    central.notify(connection, EntranceGone(header.endpoint, "the module was lost in the meantime"))
+    if (slot := _slot_at(central, header.endpoint)) is not None:
+        _watch(connection, slot)
+    else:
+        why = "the module was lost in the meantime"
+        central.notify(connection, EntranceGone(header.endpoint, why))
 
 
 # --- outcomes of direct messages ------------------------------------------------------------------
@@ -277,12 +278,10 @@ def _check_noted(header: Noted) -> None:
 
 
 def on_noted(central: State, connection: Connection, header: Noted, _: bytes) -> None:
-    """A connection reports direct messages: record them in the journal."""
+    """Record direct messages, which a connection reports, in the journal."""
     _check_noted(header)
-    module, resource = (
-        connection.module.name,
-        connection.resource.name if connection.resource else "",
-    )
+    module = connection.module.name
+    resource = connection.resource.name if connection.resource else ""
     for note in header.notes:
         ended = max(0.0, central.clock.now - note.ago)
         fact = facts.HandledDirectly(
@@ -307,14 +306,14 @@ def on_noted(central: State, connection: Connection, header: Noted, _: bytes) ->
 
 def _count(central: State, resource: ModuleResource | None, note: Note) -> None:
     """Count a direct message like one that central delivered."""
-    has_failed = note.outcome is Outcome.FAILED
     if (message := central.registry.messages.get(note.message)) is not None:
         message.delivered += 1
-        message.failed += has_failed
+        message.failed += note.outcome is Outcome.FAILED
     if resource is not None:
         resource.delivered += 1
         resource.busy += note.seconds
 
 
 def _is_time(seconds: float) -> bool:
+    """Whether a module's number of seconds is a possible duration."""
     return math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME

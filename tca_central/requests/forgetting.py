@@ -1,4 +1,4 @@
-"""Declared messages that are no longer needed are forgotten, to make room for new ones.
+"""Forgets declared messages that are no longer needed, to make room for new ones.
 
 The number of names is limited, and formats take memory.
 """
@@ -14,14 +14,14 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 AT_ONCE = 1000
-"""Messages forgotten together, if enough are unneeded. The search is expensive, so it is rare."""
+"""Messages forgotten together, if enough are unused. The search is expensive, so it is rare."""
 
 STEPS = 50
-"""Objects that may be checked per event since the last search, if little was found."""
+"""Objects checked in a search per event before the next search, if little was found."""
 
 
 def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
-    """Forget unneeded messages to make room for new names and *size* more bytes.
+    """Forget unused messages to make room for new names and *size* more bytes.
 
     Names in *needed* stay. Raises RequestError if there is still too little room.
     """
@@ -39,12 +39,13 @@ def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) 
 
 def _fits(central: State, new: list[str], size: int) -> bool:
     """Whether new names and bytes fit into the limits."""
-    is_known = len(central.registry.messages) + len(new) <= registry.MESSAGES
-    return is_known and central.declared_bytes + size <= central.budget.declared
+    if len(central.registry.messages) + len(new) > registry.MESSAGES:
+        return False
+    return central.declared_bytes + size <= central.budget.declared
 
 
 def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) -> None:
-    """Forget messages that nothing refers to.
+    """Forget messages that are not in use.
 
     After a search that found little, the next one is delayed.
     """
@@ -118,10 +119,6 @@ def _used(central: State) -> Iterator[MessageType]:
 def _used_by(task: Task) -> Iterator[MessageType]:
     """Yield the messages that a task refers to."""
     yield task.message
-    yield from (
-        message
-        for message, _ in (
-            task.scheduled.termination_messages if task.scheduled is not None else ()
-        )
-    )
+    if task.scheduled is not None:
+        yield from (message for message, _ in task.scheduled.termination_messages)
     yield from (tap.listener for tap in task.taps)

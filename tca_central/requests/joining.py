@@ -1,4 +1,4 @@
-"""Modules connect, declare messages, offer handlers, and disconnect.
+"""Connects and disconnects modules, and registers their messages and handlers.
 
 One function per message; HANDLERS in core.py lists them.
 """
@@ -51,7 +51,7 @@ MOST_LATE = MOST_AHEAD + 8
 def greet(
     central: State, connection_id: ConnectionId, header: headers.Hello, principal: str
 ) -> None:
-    """A connection introduces itself, for the first time or after a reconnect."""
+    """Admit a connection that introduces itself, for the first time or after a reconnect."""
     registry = central.registry
     _check_hello(header)
     session = f"{header.incarnation}/{header.connection}"
@@ -75,7 +75,7 @@ def greet(
         connection.entrance = (
             direct_routes.own_entrance(central, header) if header.resource else None
         )
-        if connection.entrance is None:  # else a direct message may come between
+        if connection.entrance is None:  # else a direct message could overtake prefetched ones
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         connection.hung_after = header.hung_after if header.resource else 0.0
         _join(central, connection, header.resource)
@@ -86,14 +86,14 @@ def greet(
 
 
 def _resend_all(central: State, connection: Connection) -> None:
-    """Repeat what a connection that is back may have missed."""
-    for orphan in connection.orphans:  # it has failed: a handler that still runs should stop
+    """Repeat the packets that a connection may have missed before it reconnected."""
+    for orphan in connection.orphans:  # they have failed: a handler that still runs should stop
         central.notify(connection, Cancelled(orphan, "its connection to central was lost"))
     connection.orphans = []
-    for number, taken in connection.lost_claims.items():
-        central.notify(connection, headers.Taken(number, taken.text))
+    for number, lost in connection.lost_claims.items():
+        central.notify(connection, headers.Taken(number, lost.text))
     for delivery in list(central.dispatcher.running.values()):
-        # It may have been lost on the way. A slot that has it ignores the repetition.
+        # The packet may have been lost on the way. A slot that has it ignores the repetition.
         if delivery.slot is connection:
             central.notify(connection, deliver_header(delivery), delivery.body)
             if isinstance(delivery, Task):
@@ -116,7 +116,7 @@ def _resend_prefetched(central: State, connection: Connection, resource: ModuleR
 
 
 def _report_hung_slots(central: State, connection: Connection) -> None:
-    """Repeat which slots of a module to replace, because their handlers hang."""
+    """Ask a module again to replace its slots whose handlers hang."""
     for lost in central.registry.lost.values():
         if lost.was_replaced and lost.module is connection.module:
             central.notify(connection, headers.Replace(lost.number))
@@ -142,15 +142,18 @@ def _check_hello(header: headers.Hello) -> None:
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
-    """Raise RequestError if another user owns the module or lost connection with these names."""
-    before = central.registry.lost.get(session)
-    if before is not None and before.was_replaced:
+    """Raise RequestError if another user owns a module or lost connection with these names.
+
+    Also raise it for a slot that was given up because its handler hung.
+    """
+    lost = central.registry.lost.get(session)
+    if lost is not None and lost.was_replaced:
         text = (
             f"slot {header.connection} of module '{header.module}' was given up, "
             "because its handler did not return"
         )
         raise RequestError(Refusal.TOO_LATE, text)
-    known = central.registry.modules.get(header.incarnation) or before
+    known = central.registry.modules.get(header.incarnation) or lost
     if known is not None and known.principal != principal:
         text = (
             f"another user's run of module '{header.module}' has this incarnation: draw a new one"
@@ -174,17 +177,13 @@ def _rights(central: State, header: headers.Hello, principal: str) -> Rights | N
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:
-    """Add a connection to its module, with the state of a lost one of the same session."""
+    """Add a connection to its module. It inherits from a lost connection of the same session."""
     module = connection.module
-    if before := central.registry.lost.pop(connection.session, None):
-        central.answers.transfer(before, connection)
-        connection.last_number = before.last_number
-        connection.tasks = before.tasks
-        connection.orphans, connection.late, connection.lost_claims = (
-            before.orphans,
-            before.late,
-            before.lost_claims,
-        )
+    if lost := central.registry.lost.pop(connection.session, None):
+        central.answers.transfer(lost, connection)
+        connection.last_number, connection.tasks = lost.last_number, lost.tasks
+        connection.orphans, connection.late = lost.orphans, lost.late
+        connection.lost_claims = lost.lost_claims
     module.connections[connection.session] = connection
     central.registry.connections[connection.id] = connection
     if resource_name:
@@ -197,7 +196,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
-    """A known connection asks whether central still knows it."""
+    """Welcome a known connection that asks whether central still knows it."""
     direct_routes.forget_sender(connection)
     welcome = headers.Welcome(
         header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
@@ -207,18 +206,19 @@ def on_hello_again(central: State, connection: Connection, header: headers.Hello
 
 
 def on_bye(central: State, connection: Connection, _header: headers.Bye, _: bytes) -> None:
-    """A connection closes in order."""
+    """Remove a connection that closes regularly."""
     disconnect(central, connection, "it said goodbye", lost=False)
 
 
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
-    """Remove a connection. Its unfinished messages fail (*lost*) or go to another handler."""
+    """Remove a connection. Its unfinished messages fail if it was *lost*, else go elsewhere."""
     module = connection.module
     central.unconfirmed.pop(connection, None)
     is_uncertain = connection in central.restart_pause.awaited
     central.restart_pause.awaited.pop(connection, None)
-    forgotten = central.registry.forget_connection(connection)
-    for one in (forgotten, None if lost else connection):
+    # The answers of lost connections stay, because these may come back; except of the oldest ones.
+    oldest_lost = central.registry.forget_connection(connection)
+    for one in (oldest_lost, None if lost else connection):
         central.answers.forget_all(one)
     direct_routes.forget_sender(connection)
     for number in list(connection.outstanding):
@@ -226,12 +226,13 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        # The others close next. Its exception handlers are passed over with the last of them.
+        # The module's other connections close next. Exception handlers that the module alone
+        # handled are skipped with the last of them.
         if module.connections:
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
     for delivery in orphans:
-        _record_orphan(connection, delivery, why)
+        _remember_orphan(connection, delivery, why)
     if connection.resource is not None:
         resource = connection.resource
         central.facts.append(facts.ResourceChanged(module.name, resource.name, resource.capacity))
@@ -257,7 +258,7 @@ def on_grace_over(central: State, _: None) -> None:
 def on_hung(central: State, delivery: Delivery) -> None:
     """Give up a slot whose handler has not returned in time, although it is no longer needed.
 
-    Its module is asked to replace the slot.
+    Ask its module to replace the slot.
     """
     slot = delivery.slot
     if (
@@ -266,25 +267,25 @@ def on_hung(central: State, delivery: Delivery) -> None:
         or slot.resource is None
     ):
         return
-    what = (
+    why = (
         f"its handler of '{delivery.message.name}' hangs: "
         f"it has not been needed for {slot.hung_after:g} s"
     )
     slot.was_replaced = True
     slot.resource.replaced += 1
     module = slot.module
-    disconnect(central, slot, what, lost=True)
-    for own in module.connections.values():
-        if own.resource is None:
-            central.notify(own, headers.Replace(slot.number, what))
+    disconnect(central, slot, why, lost=True)
+    for connection in module.connections.values():
+        if connection.resource is None:
+            central.notify(connection, headers.Replace(slot.number, why))
 
 
-def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
+def _remember_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
     """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
-    what = str(delivery) if isinstance(delivery, Task) else delivery.message.title
+    name = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.handling_id)
     connection.late[delivery.handling_id] = (
-        f"the answer of {what} came too late: the module had been lost ({why})"
+        f"the answer of {name} came too late: the module had been lost ({why})"
     )
     if len(connection.late) > MOST_LATE:
         del connection.late[next(iter(connection.late))]
@@ -293,7 +294,7 @@ def _record_orphan(connection: Connection, delivery: Delivery, why: str) -> None
 def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> None:
     """Remove a module that has no connection left, with all that it handled, held and retained."""
     if module.connections:
-        if not module.handlers and not module.has_slots:  # it only sends
+        if not module.handlers and not module.has_slots:  # it handles nothing any more
             central.dispatcher.list_stranded(central.registry.messages.values())
         return
     remove_handlers(central, list(module.handlers.values()))
@@ -307,7 +308,7 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
 
 
 def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:
-    """Broadcast that a module joined or left, except the commands that people type."""
+    """Broadcast that a module joined or left, unless it is a command that people type."""
     if not module.name.startswith(COMMANDS):
         broadcast_notice(central, notice, data)
 
@@ -315,7 +316,7 @@ def _announce(central: State, module: Module, notice: Notice[D], data: D) -> Non
 def _fail_or_drop(
     central: State, delivery: Delivery, module: Module, why: str, *, lost: bool, is_uncertain: bool
 ) -> None:
-    """End a delivery that only the lost handler could have finished."""
+    """End a delivery of a closed connection that no other handler may finish."""
     if not lost and delivery.message.fans_out and not delivery.message.message_class.has_reply:
         drop(central, delivery, f"module '{module.name}' left before it began with it")
         return
@@ -336,7 +337,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    # It may be held or killed before it is queued again, so it leaves its queue first.
+    # The task may be held or killed before it is queued again, so it leaves its queue first.
     central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
@@ -349,7 +350,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
     """Declare messages and handlers: all of them or none.
 
-    A module also says here when it has made the attachments of its start.
+    A module also reports here when it has made the attachments of its start (``is_ready``).
     """
     module, registry = connection.module, central.registry
     new = {declared.name: declared for declared in header.messages}
@@ -396,7 +397,7 @@ def on_register(central: State, connection: Connection, header: headers.Register
 
 
 def _make_room(central: State, header: headers.Register) -> None:
-    """Raise RequestError if a registration needs more room than there is."""
+    """Make room for a registration. Raise RequestError if that is not possible."""
     names = [declared.name for declared in header.messages]
     new = [name for name in dict.fromkeys(names) if name not in central.registry.messages]
     handled = [handled.message for handled in header.handlers]
@@ -430,7 +431,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
 def on_unregister(
     central: State, connection: Connection, header: headers.Unregister, _: bytes
 ) -> None:
-    """A module stops handling messages. Handlers that run continue to their ends."""
+    """Remove a module's handlers. Those that run continue to their ends."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in dict.fromkeys(names) if name in handlers])
@@ -440,7 +441,7 @@ def on_unregister(
 
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
-    """A slot returns prefetched messages. If it may not handle one any more, it goes elsewhere."""
+    """Take back prefetched messages of a slot. Those that it may no longer handle go elsewhere."""
     moved = central.dispatcher.return_prefetched(
         connection, header.deliveries, is_answer=header.is_answer
     )
@@ -448,10 +449,7 @@ def on_recalled(central: State, connection: Connection, header: headers.Recalled
 
 
 def remove_handlers(central: State, handlers: list[Handler]) -> None:
-    """Remove handlers. The messages that waited for them go elsewhere.
-
-    Messages for one module alone fail or are dropped.
-    """
+    """Remove handlers of one module. The messages that waited for them go elsewhere."""
     queued = central.dispatcher.remove_handlers(handlers)
     if queued:
         _send_elsewhere(central, queued, handlers[0].module.name)
@@ -459,7 +457,10 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
 
 
 def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:
-    """Route messages again that a module no longer handles. Messages for it alone end."""
+    """Route messages again that a module no longer handles.
+
+    Copies for that module alone fail or are dropped.
+    """
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:
         if not delivery.message.fans_out:

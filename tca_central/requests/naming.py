@@ -1,4 +1,7 @@
-"""Tasks named by the requests that sent them, as their sender does not know their ids yet."""
+"""Finds the ids of tasks that a module names by the requests that sent them.
+
+A sender does so until it knows the id. The request with number 7 is named -7.
+"""
 
 from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
@@ -16,7 +19,7 @@ from tca_wire.vocabulary import Refusal
 
 
 def with_ids(connection: Connection, header: Any) -> Any:
-    """Return the header with all tasks named by id. Raise RequestError if one was never made."""
+    """Return the header with all tasks named by id. Raise RequestError if one is unknown."""
     changes = {}
     for field, resolve in NAMING[type(header)]:
         named = getattr(header, field)
@@ -50,6 +53,7 @@ def _named(value: Any) -> Iterator[int]:
 
 
 def _task(connection: Connection, task: TaskId) -> TaskId:
+    """Return the id of a task that is named by its id or its request."""
     if task >= THIS:
         return task
     known = connection.tasks.get(-task)
@@ -63,10 +67,12 @@ def _task(connection: Connection, task: TaskId) -> TaskId:
 
 
 def _point(connection: Connection, point: Point) -> Point:
+    """Return a point with its task named by id."""
     return point if point.task >= THIS else Point(_task(connection, point.task), point.moment)
 
 
 def _constraints(connection: Connection, constraints: list[Constraint]) -> list[Constraint]:
+    """Return constraints with their tasks named by id; the same list if they are already."""
     if all(one.before.task >= THIS and one.after.task >= THIS for one in constraints):
         return constraints
     return [
@@ -76,6 +82,7 @@ def _constraints(connection: Connection, constraints: list[Constraint]) -> list[
 
 
 def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
+    """Return a monitor's options with the task of its end point named by id."""
     until = _point(connection, watch.until) if watch.until is not None else None
     return watch if until is watch.until else msgspec.structs.replace(watch, until=until)
 
@@ -90,6 +97,7 @@ _RESOLVERS: dict[Any, Callable[[Connection, Any], Any]] = {
 
 
 def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]], ...]:
+    """Return the fields of a class of headers that name tasks, each with its resolver."""
     fields = get_type_hints(header).items()
     found = tuple((name, _RESOLVERS[hint]) for name, hint in fields if hint in _RESOLVERS)
     # ``on_kill`` itself handles a task that was never created: it has nothing to kill.
@@ -97,4 +105,4 @@ def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]],
 
 
 NAMING = {header: _naming(header) for header in ToCentral.__args__}
-"""The fields of each header that name tasks, and how they are resolved."""
+"""By class of header: the fields that name tasks, each with its resolver."""

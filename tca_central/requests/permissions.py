@@ -1,4 +1,4 @@
-"""Permissions of connected modules, when the rules change."""
+"""Applies changed permissions to connected modules."""
 
 from tca_central.events import PermissionsChanged
 from tca_central.model.deliveries import Module, Wiretap
@@ -15,8 +15,8 @@ from tca_wire.vocabulary import Permission
 def change_permissions(central: State, event: PermissionsChanged) -> None:
     """Apply new rules, to connected modules too.
 
-    Handlers and wiretaps that the rules do not allow are removed. Modules that they do not admit
-    are disconnected.
+    Handlers and wiretaps that the rules do not allow are removed. Modules that the rules do not
+    admit are disconnected.
     """
     central.registry.permissions.rules = event.rules
     central.facts.append(
@@ -26,13 +26,11 @@ def change_permissions(central: State, event: PermissionsChanged) -> None:
         rights = (
             None if event.rules is None else rights_of(event.rules, module.principal, module.called)
         )
-        is_out = event.rules is not None and rights is None
         for connection in list(module.connections.values()):
             connection.rights = rights
-            if is_out:
-                disconnect(
-                    central, connection, "the permissions do not let it in any more", lost=True
-                )
+            if event.rules is not None and rights is None:
+                why = "the permissions do not let it in any more"
+                disconnect(central, connection, why, lost=True)
         if rights is not None:
             _remove_forbidden(central, module, rights)
     direct_routes.review_licences(central)
@@ -53,6 +51,7 @@ def _remove_forbidden(central: State, module: Module, rights: Rights) -> None:
 
 
 def _may_tap(tap: Wiretap, rights: Rights) -> bool:
+    """Whether a module may keep a wiretap. That of a task ends with the task, so it stays."""
     place = place_of(tap)
     if isinstance(place, Task):
         return True

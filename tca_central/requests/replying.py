@@ -1,4 +1,4 @@
-"""Handlers return or fail: their tasks advance, and the sender is answered."""
+"""Completes deliveries whose handlers return or fail: advances tasks, and answers senders."""
 
 from tca_central.control.monitors import on_condition_answered
 from tca_central.control.revoking import warn_of_losses
@@ -19,7 +19,7 @@ from tca_wire.packets.headers import Answer, ToCentral
 from tca_wire.rules import FAILURE, REPLIED, RETURNED, SUCCESS
 from tca_wire.vocabulary import Dropping, Limit, Outcome, Refusal, Role
 
-_LONGEST = 200
+_LONGEST_TEXT = 200
 """Characters of each failure's text in the answer to a multi-query."""
 
 _SMALL = 1000
@@ -27,50 +27,48 @@ _SMALL = 1000
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
-    """Return the delivery that a handler answers.
+    """Return the delivery that a handler answers; None if the answer is late or a repetition.
 
-    None if the answer is late; its handler has been informed.
+    Notify the handler of a late answer. Raise RequestError if the delivery is not the handler's.
     """
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None:
         delivery = central.dispatcher.begin_prefetched(connection, delivery_id)
-    if delivery is None or delivery.slot is not connection:
-        if late := connection.late.pop(delivery_id, ""):
-            central.facts.append(facts.Ignored(connection.module.name, late))
-            central.notify(connection, headers.Refused(0, Refusal.TOO_LATE, late))
-            return None
-        if delivery_id <= connection.repeats_until and (
-            delivery is None or delivery.slot is not connection
-        ):
-            return None
-        who = connection.module.name
-        text = (
-            f"module '{who}' answers delivery {delivery_id}, which it was not given or has answered"
-        )
-        raise RequestError(Refusal.UNKNOWN, text)
-    return delivery
+    if delivery is not None and delivery.slot is connection:
+        return delivery
+    if late := connection.late.pop(delivery_id, ""):
+        central.facts.append(facts.Ignored(connection.module.name, late))
+        central.notify(connection, headers.Refused(0, Refusal.TOO_LATE, late))
+        return None
+    if delivery_id <= connection.repeats_until:
+        return None
+    module = connection.module.name
+    text = (
+        f"module '{module}' answers delivery {delivery_id}, which it was not given or has answered"
+    )
+    raise RequestError(Refusal.UNKNOWN, text)
 
 
 def on_reply(central: State, connection: Connection, header: headers.Reply, body: bytes) -> None:
-    """A handler has returned."""
-    _return(central, connection, header.delivery, body, header.took, header.refusals)
+    """Complete a delivery whose handler has returned."""
+    _complete(central, connection, header.delivery, body, header.took, header.refusals)
 
 
 def on_replies(
     central: State, connection: Connection, header: headers.Replies, body: bytes
 ) -> None:
-    """Several handlers of a slot have returned.
+    """Complete several deliveries of a slot whose handlers have returned.
 
     A reply that is wrong is refused; the others are accepted.
     """
-    sizes, now, at = sum(run.size for run in header.ended), central.clock.now, 0
+    sizes, now, offset = sum(ended.size for ended in header.ended), central.clock.now, 0
     if sizes != len(body):
         raise RequestError(Refusal.PROTOCOL, f"replies of {sizes} bytes, and a body of {len(body)}")
-    for run in header.ended:
-        connection.next_began_at = connection.to_central_time(now, run.ago + run.took)
-        mine, at = body[at : at + run.size], at + run.size
+    for ended in header.ended:
+        connection.next_began_at = connection.to_central_time(now, ended.ago + ended.took)
+        reply, offset = body[offset : offset + ended.size], offset + ended.size
         try:
-            _return(central, connection, run.delivery, mine or NIL, run.took, ago=run.ago)
+            _complete(central, connection, ended.delivery, reply or NIL, ended.took, ago=ended.ago)
         except RequestError as error:
             central.refuse(connection, 0, error.refusal, error.text)
     connection.next_began_at = (
@@ -78,7 +76,7 @@ def on_replies(
     )
 
 
-def _return(
+def _complete(
     central: State,
     connection: Connection,
     number: int,
@@ -87,7 +85,10 @@ def _return(
     refusals: int = 0,
     ago: float = 0.0,
 ) -> None:
-    """Complete a delivery whose handler has returned."""
+    """Complete the delivery of that number, whose handler has returned *ago* seconds ago.
+
+    It fails if tasks of the handler were refused that *refusals* does not count.
+    """
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
         return
@@ -95,13 +96,9 @@ def _return(
     if refused.delivery == number and refused.number > refusals:
         on_fail(central, connection, headers.Fail(number, HANDLER_ERROR, refused.text), b"")
         return
-    if why := _why_not_kept(central, delivery, body):
-        on_fail(
-            central,
-            connection,
-            headers.Fail(number, OVERLOAD, f"its result is not taken: {why}"),
-            b"",
-        )
+    if why := _why_not_stored(central, delivery, body):
+        text = f"its result is not taken: {why}"
+        on_fail(central, connection, headers.Fail(number, OVERLOAD, text), b"")
         return
     ended = max(delivery.since, connection.to_central_time(now, ago)) if ago else now
     central.facts.append(
@@ -120,9 +117,8 @@ def _return(
         else:
             suspect_kept_claims(central, delivery)
     else:
-        result = (
-            b"" if body == NIL and delivery.failure is None else body
-        )  # a resolved task may have none
+        # The result of a task that has failed is stored even if it is None.
+        result = b"" if body == NIL and delivery.failure is None else body
         central.tree.grow(delivery, len(result) - len(delivery.result))
         delivery.result = result
         central.agenda.mark_returned(delivery)
@@ -131,15 +127,15 @@ def _return(
     pop_losses(connection, delivery)
 
 
-def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
-    """Return why there is no room for the result of a task; "" if there is."""
+def _why_not_stored(central: State, delivery: Delivery, body: bytes) -> str:
+    """Return why there is no room for a task's result or its failure's data; "" if there is."""
     return (
         central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
     )
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
-    """A handler has failed, or reissues the failure that it was called for."""
+    """Complete a delivery whose handler has failed, or reissues the failure it was called for."""
     delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
@@ -147,7 +143,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
     if header.reissue and not is_exception:
         text = f"message {delivery.message_id} handles no failure, so there is none to be reissued"
         raise RequestError(Refusal.PROTOCOL, text)
-    if why := _why_not_kept(central, delivery, body):
+    if why := _why_not_stored(central, delivery, body):
         text = f"the data of failure '{header.failure}' are not taken: {why}\n{header.text}"
         header, body = headers.Fail(header.delivery, OVERLOAD, text, reissue=header.reissue), b""
     outcome = Outcome.DONE if header.reissue else Outcome.FAILED
@@ -170,12 +166,8 @@ def refuse_body(central: State, connection: Connection, header: ToCentral, size:
     )
     if not isinstance(header, headers.Reply | headers.Fail):
         raise RequestError(Refusal.PROTOCOL, text)
-    on_fail(
-        central,
-        connection,
-        headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}"),
-        b"",
-    )
+    failure = headers.Fail(header.delivery, HANDLER_ERROR, f"its answer has {text}")
+    on_fail(central, connection, failure, b"")
 
 
 def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) -> None:
@@ -191,7 +183,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
 
 
 def report_displaced(central: State, delivery: Delivery, why: str) -> None:
-    """Report that a waiting delivery gave way to a newer one of its message."""
+    """End a waiting delivery that gave way to a newer one of its message."""
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
@@ -228,14 +220,13 @@ def _collect(
         collector.end = Answer(collector.number), b""
         central.notify(collector.connection, Answer(collector.number, more=True), body)
     else:
-        text = answer.text.partition("\n")[0][:_LONGEST]
+        text = answer.text.partition("\n")[0][:_LONGEST_TEXT]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # it ends with the first failure, unless a reply comes
-            kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
-            collector.end = (
-                Answer(collector.number, answer.outcome, answer.failure, answer.text),
-                kept,
-            )
+            if len(body) > _SMALL and central.why_no_room(len(body)):
+                body = b""
+            end = Answer(collector.number, answer.outcome, answer.failure, answer.text)
+            collector.end = end, body
     central.budget.collected += collector.size
     end_if_complete(central, collector)
 
@@ -253,7 +244,7 @@ def end_if_complete(central: State, collector: Collector) -> None:
 
 
 def end_collector(central: State, collector: Collector) -> None:
-    """End a multi-query. Later answers to its copies are ignored."""
+    """Forget a multi-query. Later answers to its copies are ignored."""
     central.budget.collected -= collector.size
     for copy in collector.pending:
         del central.collectors[copy]

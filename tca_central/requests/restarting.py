@@ -1,8 +1,9 @@
-"""Central was restarted with its whole state: its connections are awaited.
+"""Awaits all connections after a restart of central with its whole state.
 
-No task starts before all are back or lost, or an operator resumes tasks. A connection that says
-hello continues as after any break. One that does not say hello in time is lost (joining.py).
-Central does not know then whether its handlers did their work, so their tasks fail as uncertain.
+No task starts before all connections are back or lost, or an operator resumes tasks. A connection
+that says hello continues as after any break. One that does not say hello in time is lost
+(joining.py). Central does not know then whether its handlers did their work, so their tasks fail as
+uncertain.
 """
 
 from tca_central.events import AWAY, ConnectionId, Restarted
@@ -16,23 +17,20 @@ from tca_wire.vocabulary import Due
 
 def on_restarted(central: State, event: Restarted) -> None:
     """Mark every connection as broken, and start no task until they are back."""
-    registry = central.registry
+    registry, pause, tree = central.registry, central.restart_pause, central.tree
     if event.skipped:
-        first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped
-        central.lost.append((first, central.tree.newest))
+        first, tree.newest = tree.newest + 1, tree.newest + event.skipped
+        central.lost.append((first, tree.newest))
     known = list(registry.connections.values())
     registry.connections.clear()
     for number, connection in enumerate(known):
         connection.id = ConnectionId(AWAY + str(number).encode())
         connection.pulse = b""
         registry.connections[connection.id] = connection
-    central.restart_pause.awaited = dict.fromkeys(known)
-    central.restart_pause.until_resumed = event.hold
+    pause.awaited, pause.until_resumed = dict.fromkeys(known), event.hold
     central.dispatcher.are_tasks_paused = True
-    central.clock.cancel(central.restart_pause.grace)
-    central.restart_pause.grace = central.clock.after(
-        checked_seconds(event.grace, "a grace"), Due.GRACE, None
-    )
+    central.clock.cancel(pause.grace)
+    pause.grace = central.clock.after(checked_seconds(event.grace, "a grace"), Due.GRACE, None)
     central.facts.append(
         facts.CentralRestarted(event.away, len(known), event.hold, event.skipped > 0, event.aside)
     )
@@ -41,11 +39,8 @@ def on_restarted(central: State, event: Restarted) -> None:
 
 def release_if_complete(central: State) -> None:
     """Let tasks start again when no connection is awaited, and no operator must resume them."""
-    if (
-        central.dispatcher.are_tasks_paused
-        and not central.restart_pause.awaited
-        and not central.restart_pause.until_resumed
-    ):
+    pause = central.restart_pause
+    if central.dispatcher.are_tasks_paused and not (pause.awaited or pause.until_resumed):
         _release_tasks(central, "")
 
 
@@ -62,7 +57,7 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
 
 
 def _release_tasks(central: State, by: str) -> None:
-    """Let tasks start again."""
+    """Let tasks start again, *by* the request of a module ("": when no connection is missing)."""
     if not central.restart_pause.awaited:
         central.clock.cancel(central.restart_pause.grace)
         central.restart_pause.grace = None

@@ -1,7 +1,7 @@
-"""Messages are sent, and constraints are added between tasks.
+"""Carries out modules' requests to send messages, and to add constraints between tasks.
 
-A message is checked, recorded, and routed by its class. A function that raises RequestError has
-changed nothing.
+A message is checked and recorded; then its class decides to which handlers it goes, or that it
+becomes a task. A function that raises RequestError has changed nothing.
 """
 
 from tca_central.control.keeping import check_retained_room, keep
@@ -23,6 +23,7 @@ from tca_central.outgoing.central_messages import (
     birth_facts,
     copies,
     reason_to_drop,
+    received,
     route_one_way,
     suspend,
 )
@@ -46,7 +47,7 @@ MOST_CONSTRAINTS = 1000
 
 
 def on_send(central: State, connection: Connection, header: Send, body: bytes) -> None:
-    """Check a message that a module sends, and route it by its class."""
+    """Check a message that a module sends, and send it in the way of its class."""
     message = central.registry.messages.get(header.message)
     if message is None:
         text = f"no module has declared message '{header.message}': register it before you send it"
@@ -60,7 +61,7 @@ def on_send(central: State, connection: Connection, header: Send, body: bytes) -
         return
     if message.route:
         offer_route(central, connection, message)
-    ROUTES[message.message_class](central, connection, header, message, body)
+    SENDERS[message.message_class](central, connection, header, message, body)
 
 
 def _check_message(central: State, header: Send, message: MessageType) -> None:
@@ -80,27 +81,7 @@ def _check_message(central: State, header: Send, message: MessageType) -> None:
         raise RequestError(Refusal.OVERLOAD, text)
 
 
-def _received(
-    connection: Connection, header: Send, made: Delivery, constraints: list[Constraint]
-) -> facts.Received:
-    """Return the fact that a message was received."""
-    message = made.message
-    parent = header.parent if message.message_class.is_task else ROOT
-    sender, origin = connection.module.name, header.origin
-    return facts.Received(
-        made.id,
-        message.name,
-        message.message_class,
-        sender,
-        parent,
-        origin,
-        header.blocking,
-        made.body,
-        constraints,
-    )
-
-
-def _make(
+def _create(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> Delivery:
     """Create and record a message that is not a task."""
@@ -110,31 +91,33 @@ def _make(
         header.origin,
         central.tap_depth,
     )
-    central.facts.append(_received(connection, header, delivery, []))
+    central.facts.append(
+        received(delivery, connection.module.name, ROOT, [], header.origin, header.blocking)
+    )
     fire_after(central, delivery, SENT)
     return delivery
 
 
-def _route_one_way(
+def _send_one_way(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
-    """Route an inform or a broadcast."""
+    """Send an inform or a broadcast to its handlers."""
     if header.number and (why := reason_to_drop(central, message, body)):
         raise RequestError(Refusal.OVERLOAD, f"{why}: try later")
-    delivery = _make(central, connection, header, message, body)
+    delivery = _create(central, connection, header, message, body)
     route_one_way(central, delivery)
     if header.number:
         central.accept(connection, header.number, delivery.id)
 
 
-def _route_query(
+def _send_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
-    """Route a query; its sender gets the reply as the answer to its request."""
+    """Send a query to a handler. Its sender gets the reply as the answer to its request."""
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     central.check_room(len(body))
-    delivery = _make(central, connection, header, message, body)
+    delivery = _create(central, connection, header, message, body)
     delivery.number = header.number
     connection.outstanding[header.number] = delivery
     central.dispatcher.route(delivery)
@@ -142,12 +125,12 @@ def _route_query(
         central.block(connection, header.number, header.origin, brief=header.brief)
 
 
-def _route_multi_query(
+def _send_multi_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
     """Send a copy of the query to every handler, and collect the replies."""
     central.check_room(len(body) * len(message.handlers))
-    original = _make(central, connection, header, message, body)
+    original = _create(central, connection, header, message, body)
     for_each = copies(central, original)
     wanted = min(header.maximum, len(for_each)) if header.maximum > 0 else len(for_each)
     collector = Collector(connection, header.number, original, wanted)
@@ -167,7 +150,7 @@ def _route_multi_query(
     end_if_complete(central, collector)
 
 
-def _route_task(
+def _send_task(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
     """Add a goal, command or monitor to the tree."""
@@ -198,13 +181,14 @@ def _route_task(
     )
     is_monitor = message.message_class.is_monitor
     if is_monitor:
-        _make_monitor(central, task, parent, header)
+        _create_watch(central, task, parent, header)
     # The task's own fact precedes those that ``add`` records, but contains the constraints that
     # ``add`` returns: it is inserted afterwards.
-    mark = len(central.facts)
+    index = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
-    central.facts[mark:mark] = [
-        _received(connection, header, task, constraints),
+    sender = connection.module.name
+    central.facts[index:index] = [
+        received(task, sender, header.parent, constraints, header.origin, header.blocking),
         *birth_facts(task),
     ]
     central.report_new_task(task)
@@ -220,10 +204,10 @@ def _route_task(
 
 
 def record_refusal(central: State, header: Send, text: str) -> None:
-    """Record the refusal of a *quiet* task.
+    """Record the refusal of a *quiet* task for the handler that sent it.
 
-    The handler that sent it fails when it returns, unless its reply counts this refusal
-    (``Reply.refusals``): then it was told.
+    The handler's delivery fails when it returns, unless its reply counts this refusal
+    (``Reply.refusals``): a handler that counts it has dealt with it.
     """
     delivery = central.dispatcher.running[central.origin]
     before = delivery.refused.number if delivery.refused.delivery == delivery.handling_id else 0
@@ -234,7 +218,7 @@ def record_refusal(central: State, header: Send, text: str) -> None:
 
 def _check_extras(central: State, header: Send) -> None:
     """Raise RequestError if constraints, attachments or the deadline of a task are not possible."""
-    _check_number(header.constraints)
+    _check_count(header.constraints)
     check_attachments(central, header.attachments)
     checked_seconds(header.deadline, f"a deadline of '{header.message}'")
     timers = 1 + sum(one.delay > 0 for one in header.constraints)
@@ -244,7 +228,7 @@ def _check_extras(central: State, header: Send) -> None:
 
 
 def _add_extras(central: State, connection: Connection, task: Task, header: Send) -> None:
-    """Apply to a new task what it was sent with."""
+    """Suspend or retain a new task and attach exception handlers to it, as its sender wants."""
     if header.suspended and not task.killed:
         suspend(central, task, by=connection.module.name, is_new=True)
     for attachment in header.attachments:
@@ -253,27 +237,23 @@ def _add_extras(central: State, connection: Connection, task: Task, header: Send
         keep(central, task, connection.module)
 
 
-def _make_monitor(central: State, task: Task, parent: Task, header: Send) -> None:
-    """Give a new task that is a monitor its watch."""
+def _create_watch(central: State, task: Task, parent: Task, header: Send) -> None:
+    """Create the watch of a new monitor."""
     options = header.watch or WatchOptions()
     check_options(central, task.message, options)
-    _check_end(task.message, parent, options)
+    _check_end_point(task.message, parent, options)
     become_monitor(
         central, task, options, is_foreign_monitor=is_foreign(central, parent, header.origin)
     )
 
 
-def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> None:
+def _check_end_point(message: MessageType, parent: Task, options: WatchOptions) -> None:
     """Raise RequestError if a monitor would watch until the end of a task that waits for it."""
     until = options.until
-    if (
-        until is None
-        or until.moment is not Moment.END_ACHIEVING
-        or not (options.waited_for or not message.is_outside_sequence)
-    ):
+    if until is None or until.moment is not Moment.END_ACHIEVING:
         return
-    above = parent.above(until.task)
-    if above is not None:
+    is_waited_for = options.waited_for or not message.is_outside_sequence
+    if is_waited_for and (above := parent.above(until.task)) is not None:
         text = f"{message.title} can't watch until {above} ends, because {above} waits for it"
         hint = (
             f": leave out waited_for, and the monitor ends with {above} at the latest"
@@ -283,10 +263,10 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
         raise RequestError(Refusal.CYCLE, text + hint)
 
 
-def _route_exception(
-    _: State, _connection: Connection, _h: Send, message: MessageType, _body: bytes
+def _refuse_exception_handler(
+    _: State, _connection: Connection, _header: Send, message: MessageType, _body: bytes
 ) -> None:
-    """Refuse to send an exception handler."""
+    """Refuse to send an exception handler: only central does that."""
     text = (
         f"exception handler '{message.name}' is not sent: attach it to a task, "
         "and raise the failure there"
@@ -294,22 +274,22 @@ def _route_exception(
     raise RequestError(Refusal.PROTOCOL, text)
 
 
-ROUTES = {
-    MessageClass.INFORM: _route_one_way,
-    MessageClass.QUERY: _route_query,
-    MessageClass.BROADCAST: _route_one_way,
-    MessageClass.MULTI_QUERY: _route_multi_query,
-    MessageClass.GOAL: _route_task,
-    MessageClass.COMMAND: _route_task,
-    MessageClass.EXCEPTION: _route_exception,
-    MessageClass.POINT_MONITOR: _route_task,
-    MessageClass.POLLING_MONITOR: _route_task,
-    MessageClass.DEMON_MONITOR: _route_task,
+SENDERS = {
+    MessageClass.INFORM: _send_one_way,
+    MessageClass.QUERY: _send_query,
+    MessageClass.BROADCAST: _send_one_way,
+    MessageClass.MULTI_QUERY: _send_multi_query,
+    MessageClass.GOAL: _send_task,
+    MessageClass.COMMAND: _send_task,
+    MessageClass.EXCEPTION: _refuse_exception_handler,
+    MessageClass.POINT_MONITOR: _send_task,
+    MessageClass.POLLING_MONITOR: _send_task,
+    MessageClass.DEMON_MONITOR: _send_task,
 }
-"""One row per message class: how it is routed."""
+"""One row per message class: the function that sends its messages."""
 
 
-def _check_number(constraints: list[Constraint]) -> None:
+def _check_count(constraints: list[Constraint]) -> None:
     """Raise RequestError if there are too many constraints for one request."""
     if len(constraints) > MOST_CONSTRAINTS:
         text = (
@@ -323,7 +303,7 @@ def on_constrain(
     central: State, connection: Connection, header: headers.Constrain, _: bytes
 ) -> None:
     """Add constraints between existing tasks."""
-    _check_number(header.constraints)
+    _check_count(header.constraints)
     central.check_room(EDGE_BYTES * len(header.constraints))
     central.check_declared(TIMER_BYTES * sum(one.delay > 0 for one in header.constraints))
     if added := central.agenda.constrain(header.constraints):

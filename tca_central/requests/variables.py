@@ -1,14 +1,14 @@
-"""Variables: set, read, exchanged, watched (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
+"""Sets, reads and exchanges variables (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
 
-A variable is a message of its own class, and its handlers watch it. Each gets every new value;
-among those that wait for a handler, only the newest. A variable without handlers keeps its value
-for later ones.
+A variable is a message of its own class, and its handlers watch it. Each handler gets every new
+value; of several values that wait for it, it gets only the newest. A variable without handlers
+keeps its value for later ones.
 """
 
 from tca_central.errors import RequestError
 from tca_central.model.deliveries import Connection, Delivery, Handler, MessageType
 from tca_central.model.registry import Value
-from tca_central.outgoing.central_messages import copy_of
+from tca_central.outgoing.central_messages import copy_of, received
 from tca_central.state import State
 from tca_wire.journal import facts
 from tca_wire.messages.formats import first_difference
@@ -18,11 +18,11 @@ from tca_wire.points import ROOT
 from tca_wire.vocabulary import Refusal
 
 NEVER_SET = b""
-"""The body that means that a variable has no value; values are never empty."""
+"""The body that stands for no value; values are never empty."""
 
 
 def _variable(central: State, name: str) -> MessageType:
-    """Return the variable of that name. Raise RequestError if it is not one."""
+    """Return the variable of that name. Raise RequestError if there is none."""
     message = central.registry.messages.get(name)
     if message is None:
         raise RequestError(
@@ -36,6 +36,7 @@ def _variable(central: State, name: str) -> MessageType:
 
 
 def _value(central: State, message: MessageType) -> bytes:
+    """Return a variable's value, or NEVER_SET."""
     known = central.variables.values.get(message.name)
     return known.body if known else NEVER_SET
 
@@ -55,7 +56,7 @@ def on_get_variable(
 def on_set_variable(
     central: State, connection: Connection, header: headers.SetVariable, body: bytes
 ) -> None:
-    """Set a variable. An exchange is answered with the value before."""
+    """Set a variable. The answer to an exchange is the value before."""
     message = _variable(central, header.variable)
     if header.swap and not header.number:
         raise RequestError(
@@ -71,12 +72,8 @@ def on_set_variable(
     before = _value(central, message)
     delivery = Delivery(central.new_id(), message, body, connection)
     delivery.origin, delivery.tap_depth = header.origin, central.tap_depth
-    sender, kind = connection.module.name, message.message_class
-    central.facts.append(
-        facts.Received(
-            delivery.id, message.name, kind, sender, ROOT, header.origin, False, body, []
-        )
-    )
+    sender = connection.module.name
+    central.facts.append(received(delivery, sender, ROOT, [], header.origin))
     central.variables.set(message.name, Value(body, message.format.data, sender, delivery.id))
     # A handler without slots is included: it gets the newest value when it has one.
     for handler in message.handlers:
@@ -88,7 +85,7 @@ def on_set_variable(
 
 
 def send_value_to_watcher(central: State, handler: Handler) -> None:
-    """Send a variable's value to a new watcher."""
+    """Send a variable's value to a new handler of it, if it has a value."""
     message = handler.message
     if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):
         copy = Delivery(central.new_id(), message, value.body, None)

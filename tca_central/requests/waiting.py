@@ -1,4 +1,4 @@
-"""Modules wait for a moment of a task or for an answer, and give up waiting."""
+"""Begins and ends the waits of modules for a moment of a task, or for an answer."""
 
 from tca_central.life_cycles.observing import start_observers_wait
 from tca_central.locks.claims import release_claim
@@ -18,20 +18,19 @@ from tca_wire.vocabulary import Dropping
 
 Awaited = Delivery | Collector | TaskWait | Observation
 """The objects on which the answer to a request may depend."""
-_GIVEN_UP = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
+_WHY_DROPPED = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
 def on_await_point(
     central: State, connection: Connection, header: headers.AwaitPoint, _: bytes
 ) -> None:
-    """Wait for a moment of a task."""
+    """Begin a module's wait for a moment of a task."""
     moment = checked_moment(header.point)
     task = central.tree.task(header.point.task)
-    known = (
-        central.outcome(task)
-        if task is not None
-        else central.memory.known_outcome(header.point.task)
-    )
+    if task is not None:
+        outcome = central.outcome(task)
+    else:
+        outcome = central.memory.known_outcome(header.point.task)
     central.check_declared(WAIT_BYTES)
     wait = TaskWait(connection, header)
     connection.outstanding[header.number] = wait
@@ -39,7 +38,7 @@ def on_await_point(
         facts.WaitBegan(connection.module.name, header.origin, wait.task_id, moment)
     )
     if task is None or task.reached & moment:
-        wait.answer(central, known)
+        wait.answer(central, outcome)
     else:
         central.agenda.add_waiter(task, moment, wait)
         if header.blocking:
@@ -47,10 +46,9 @@ def on_await_point(
 
 
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
-    """A sender waits for answers, or waits no longer.
+    """Begin or end a sender's wait for answers.
 
-    If an answer is on its way, nothing is recorded: the sender continues when it arrives. A query
-    is no suspect of a deadlock, because its own resource may answer it within the wait.
+    Record nothing if an answer is on its way: the sender continues when it arrives.
     """
     numbers = (header.request, *header.others)
     found = (connection.outstanding.get(number) for number in numbers)
@@ -68,7 +66,11 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 def _begin_waits(
     central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]
 ) -> None:
-    """Record the waits for these answers."""
+    """Record the waits for these answers.
+
+    A wait for a query is brief: it is never searched for deadlocks, because the sender's own
+    resource may answer the query within the wait.
+    """
     for due in awaited:
         if isinstance(due, Delivery | Collector):
             central.facts.append(facts.Awaited(due.id))
@@ -84,33 +86,32 @@ def _begin_waits(
 def on_await_any(
     central: State, connection: Connection, header: headers.AwaitAny, _: bytes
 ) -> None:
-    """The coroutine of a handler waits for one of several answers.
+    """Begin the wait of a handler's coroutine for one of several answers.
 
-    If one was given, it does not wait.
+    It does not wait if one of them was given.
     """
     central.unblock_coroutine(connection, header.delivery)
-    numbers, delivery = (
-        tuple(dict.fromkeys(header.requests)),
-        central.dispatcher.running.get(header.delivery),
-    )
+    numbers = tuple(dict.fromkeys(header.requests))
+    delivery = central.dispatcher.running.get(header.delivery)
     is_handled = delivery is not None and delivery.slot is connection
-    if numbers and is_handled and all(_is_awaited(connection, number) for number in numbers):
+    if numbers and is_handled and all(_may_await(connection, number) for number in numbers):
         central.block_coroutine(connection, numbers, header.delivery)
 
 
-def _is_awaited(connection: Connection, number: int) -> bool:
+def _may_await(connection: Connection, number: int) -> bool:
+    """Whether a coroutine may wait for a request's answer, which no thread may wait for."""
     due = connection.outstanding.get(number)
-    is_awaited = isinstance(due, Delivery | TaskWait) or (
+    is_due = isinstance(due, Delivery | TaskWait) or (
         isinstance(due, Observation) and due.is_awaited
     )
-    return is_awaited and number not in connection.waits
+    return is_due and number not in connection.waits
 
 
 # --- give up --------------------------------------------------------------------------------------
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
-    """The sender waits for an answer no longer."""
+    """End a sender's wait for an answer, and answer where the message was."""
     connection.lost_claims.pop(header.request, None)
     answer, body = end_of_wait(central, connection, header.request, header.number)
     give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
@@ -119,12 +120,12 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
-    """The sender releases its lock or reservation."""
+    """Release a module's lock or reservation. The answer has its id (0: it was not granted)."""
     connection.lost_claims.pop(header.request, None)
     claim = central.claims.get((connection, header.request))
-    had = claim.id if claim is not None and claim.is_granted else 0
+    claim_id = claim.id if claim is not None and claim.is_granted else 0
     give_up(central, connection, header.request)
-    central.accept(connection, header.number, had)
+    central.accept(connection, header.number, claim_id)
 
 
 def give_up(
@@ -134,11 +135,11 @@ def give_up(
     dropping: Dropping = Dropping.GIVEN_UP,
     where: str = "",
 ) -> None:
-    """Forget that an answer is due. A query that no handler has yet is dropped.
+    """Forget that an answer is due. Drop a query that no handler has yet.
 
     *where* says in the journal where the query was.
     """
-    why = _GIVEN_UP[dropping]
+    why = _WHY_DROPPED[dropping]
     due = connection.outstanding.pop(number, None)
     if isinstance(due, PresenceWait):
         end_presence_wait(central, due)
@@ -164,7 +165,10 @@ def give_up(
 
 
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:
-    """Drop a query, or expect its handler to return soon."""
+    """Drop a query that waits for a handler; expect the handler of one that runs to return soon.
+
+    *dropped* are the facts to record.
+    """
     if delivery.queues is None:
         central.facts.extend(dropped)
         if delivery.slot is not None:

@@ -21,12 +21,12 @@ PUBLIC = ".pub"
 
 
 def allowed_folder(folder: Path) -> Path:
-    """The folder with the public keys of programs that may connect."""
+    """Return the folder with the public keys of programs that may connect."""
     return folder / "allowed"
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folders, readable by their owner only. Raises KeyRefused."""
+    """Create the folders of keys, readable by their owner only. Raises KeyRefused."""
     for path in (folder, allowed_folder(folder)):
         try:
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -59,7 +59,7 @@ def write_new(
 
 
 def own_pair(folder: Path) -> KeyPair:
-    """Central's own key, generated at the first call. Raises KeyRefused."""
+    """Return central's own keys, generated at the first call. Raises KeyRefused."""
     make_folder(folder)
     path = folder / CENTRAL
     if not path.exists():
@@ -71,7 +71,10 @@ def own_pair(folder: Path) -> KeyPair:
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
-    """The names of programs that may connect, by public key. Logs files without a valid key."""
+    """Return the names of programs that may connect, by public key. Log files without a valid key.
+
+    If two files have the same key, the first name counts.
+    """
     names: dict[str, str] = {}
     for path in sorted(allowed_folder(folder).glob(f"*{PUBLIC}")):
         try:
@@ -86,30 +89,26 @@ def names_allowed(folder: Path) -> dict[str, str]:
 
 
 class AllowedKeys:
-    """The keys that may connect, as the folder has them."""
+    """The keys that may connect, as of the last look at the folder."""
 
     def __init__(self, folder: Path) -> None:
         """Raises KeyRefused."""
         self._folder = folder
         self._seen = self._folder_state()
-        #: names by public key; replaced as a whole, so that another thread may read it
+        #: By public key. Replaced as a whole, so that another thread may read it.
         self.names = names_allowed(folder)
 
     def _folder_state(self) -> tuple[tuple[str, int, int, int], ...]:
-        """A fingerprint of the files. An unreadable folder is a state, too: no key is allowed."""
+        """Return a fingerprint of the files; () if the folder can't be read: no key is allowed."""
         try:
             with os.scandir(allowed_folder(self._folder)) as entries:
-                files = [(entry.name, entry.stat()) for entry in entries]
+                files = sorted((entry.name, entry.stat()) for entry in entries)
         except OSError:
             return ()
-        return tuple(
-            sorted(
-                (name, status.st_mtime_ns, status.st_size, status.st_ino) for name, status in files
-            )
-        )
+        return tuple((name, st.st_mtime_ns, st.st_size, st.st_ino) for name, st in files)
 
     def is_known(self, key: str) -> bool:
-        """Whether a key is allowed now. Any thread may call this."""
+        """Whether a key is allowed now, also by a new file. Any thread may call this."""
         return key in self.names or key in names_allowed(self._folder)
 
     def refresh(self) -> tuple[list[str], list[str]]:

@@ -1,8 +1,8 @@
 """Checks the keys of programs that connect over TCP.
 
 ZeroMQ asks at each handshake whether a key is known (ZAP), and a thread answers. Without an answer
-no program gets in: the sockets name a domain and enforce it, else ZeroMQ would let in every
-program. ``try_out`` checks that before central listens.
+no program gets in, because the sockets name a domain and enforce it. Else ZeroMQ would let in every
+program. ``try_out`` checks both cases before central listens.
 """
 
 import contextlib
@@ -47,7 +47,10 @@ def new_pair() -> KeyPair:
 
 
 def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
-    """Let only known keys in, and no program if keys can't be checked. Call it before the bind."""
+    """Let only known keys in, and no program if keys can't be checked. Call this before the bind.
+
+    *own* are central's keys.
+    """
     socket.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)  # ZeroMQ does not enforce an empty one
     socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)
     socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -55,26 +58,26 @@ def guard(socket: "zmq.Socket[bytes]", own: KeyPair) -> None:
 
 
 class Authenticator:
-    """Answers for the sockets of one context.
+    """Answers for the sockets of one context whether a key is known.
 
-    A packet's ``User-Id`` is then the public key of its sender.
+    ZeroMQ then gives each packet its sender's public key as ``User-Id``.
     """
 
     def __init__(
         self, context: "zmq.Context[zmq.Socket[bytes]]", is_known: Callable[[str], bool]
     ) -> None:
-        """`is_known` is called in the authenticator's thread."""
+        """*is_known* is called in the authenticator's thread."""
         self._is_known = is_known
-        self._tried = ""  #: the key that ``try_out`` lets in while it runs
+        self._trial_key = ""  #: the key that ``try_out`` lets in while it runs
         self._has_answered = threading.Event()
-        self._warned = LogLimit(log)
+        self._limited_log = LogLimit(log)
         self._socket = context.socket(zmq.REP)
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.bind(_ADDRESS)
-        self._ending = context.socket(zmq.PAIR)
-        self._ended = context.socket(zmq.PAIR)
-        self._ending.bind("inproc://authenticator")
-        self._ended.connect("inproc://authenticator")
+        self._end_sender = context.socket(zmq.PAIR)
+        self._end_receiver = context.socket(zmq.PAIR)
+        self._end_sender.bind("inproc://authenticator")
+        self._end_receiver.connect("inproc://authenticator")
         self._thread = threading.Thread(target=self._run, name="authenticator", daemon=True)
         self._thread.start()
 
@@ -86,16 +89,17 @@ class Authenticator:
     def close(self) -> None:
         """End the thread: from now on no program gets in."""
         with contextlib.suppress(zmq.ZMQError):
-            self._ending.send(b"", zmq.DONTWAIT)
+            self._end_sender.send(b"", zmq.DONTWAIT)
         self._thread.join()
-        self._ending.close(0)
+        self._end_sender.close(0)
 
     def _run(self) -> None:
+        """Answer handshakes until ``close``, or until the context ends."""
         poller = zmq.Poller()
         poller.register(self._socket, zmq.POLLIN)
-        poller.register(self._ended, zmq.POLLIN)
+        poller.register(self._end_receiver, zmq.POLLIN)
         try:
-            while self._ended not in (ready := dict(poller.poll())):
+            while self._end_receiver not in (ready := dict(poller.poll())):
                 if self._socket in ready:
                     self._socket.send_multipart(self._answer(self._socket.recv_multipart()))
                     self._has_answered.set()
@@ -107,10 +111,10 @@ class Authenticator:
             )
         finally:
             self._socket.close(0)
-            self._ended.close(0)
+            self._end_receiver.close(0)
 
     def _answer(self, request: list[bytes]) -> list[bytes]:
-        """Answer a handshake (ZeroMQ RFC 27).
+        """Return the answer to a handshake (ZeroMQ RFC 27).
 
         An unknown key gets the status "not now" rather than "never". After "never" libzmq would not
         try again, and a program whose key is allowed later would have to be restarted.
@@ -120,11 +124,11 @@ class Authenticator:
             credentials
         ) == 1
         key = z85.encode(credentials[0]).decode() if is_ours and len(credentials[0]) == 32 else ""
-        if key and (key == self._tried or self._is_known(key)):
+        if key and (key == self._trial_key or self._is_known(key)):
             return [b"1.0", number, b"200", b"OK", key.encode(), b""]
         where = address.decode(errors="backslashreplace")
-        if not self._tried:
-            self._warned.warning(
+        if not self._trial_key:
+            self._limited_log.warning(
                 where, "refused a key from %s that is not allowed here: %s", where, key or "none"
             )
         return [b"1.0", number, _NOT_NOW, b"this key is not allowed", b"", b""]
@@ -132,7 +136,7 @@ class Authenticator:
     def try_out(self, context: "zmq.Context[zmq.Socket[bytes]]", own: KeyPair) -> None:
         """Check that a known key gets in and an unknown one does not. Raises CentralError."""
         known, stranger = new_pair(), new_pair()
-        self._tried = known.public
+        self._trial_key = known.public
         self._has_answered.clear()
         try:
             with ExitStack() as stack:
@@ -147,7 +151,7 @@ class Authenticator:
                 let_in = _knock(stack, context, address, known, own.public)
                 gets_in = [bool(let_in.poll(_TRIED_WITHIN)), bool(refused.poll(0))]
         finally:
-            self._tried = ""
+            self._trial_key = ""
         if gets_in != [True, False]:
             what = "an unknown key was let in" if gets_in[1] else "a known key was not let in"
             msg = f"keys can't be checked here ({what} when tried): check the installation of pyzmq"

@@ -13,7 +13,7 @@ class Bytes(click.ParamType[int]):
     name = "bytes"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Raise UsageError for a text that is not a number of bytes, or for too small a number."""
+        """Return the number. Raise UsageError if the text is not a number of bytes, or too few."""
         if isinstance(value, int):
             return value
         digits, unit = value.rstrip("KMGkmg"), value[-1:].upper()

@@ -6,8 +6,8 @@ door therefore replaces the listening descriptor by another socket, to which no 
 The door itself then accepts new connections and closes them.
 
 A rush of connections can't outrun the door: libzmq stops accepting once a thousand of its events
-are unread. If the limit is too low to reserve that many descriptors, the door reserves half of
-them.
+are unread. The door shuts while that many descriptors are left, or half of them if the limit is
+low.
 """
 
 import contextlib
@@ -25,13 +25,13 @@ from typing import Any
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-MOST_DESCRIPTORS = 1 << 20  # more have no use
+MOST_DESCRIPTORS = 1 << 20  # more are of no use
 _WATCHED = int(
     zmq.EVENT_LISTENING | zmq.EVENT_ACCEPTED | zmq.EVENT_DISCONNECTED | zmq.EVENT_MONITOR_STOPPED
 )
 _EVENTS = "inproc://door"
 _RUSH = 1100  # connections that libzmq may accept before their events are read, and a reserve
-_TURN = 0.001  # seconds that a thread may run while others wait
+_SWITCH_INTERVAL = 0.001  # seconds that a thread may run while others wait
 _CHECK_PERIOD = 1.0  # seconds between checks of whether a shut door can open
 
 log = logging.getLogger("tca.central")
@@ -42,7 +42,7 @@ def raise_descriptor_limit() -> None:
 
     The door's thread must run often enough to count connections in a rush.
     """
-    sys.setswitchinterval(_TURN)
+    sys.setswitchinterval(_SWITCH_INTERVAL)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MOST_DESCRIPTORS)
     if soft != resource.RLIM_INFINITY and soft < most:
@@ -51,33 +51,34 @@ def raise_descriptor_limit() -> None:
 
 
 class Door:
-    """Watches a socket in a thread of its own.
+    """Watches a listening socket in a thread of its own.
 
     Create it before the socket is bound, and open it after that.
     """
 
-    def __init__(self, socket: "zmq.Socket[bytes]", closed: Callable[[int], None]) -> None:
-        """`closed` is called in that thread, with the number of connections that have closed."""
+    def __init__(self, socket: "zmq.Socket[bytes]", on_closed: Callable[[int], None]) -> None:
+        """*on_closed* is called in that thread, with the number of connections that have closed."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MOST_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
-        self.shut_at = self.limit - min(
-            self.limit // 2, _RUSH
-        )  #: descriptors in use at which it shuts
-        self._closed = closed
+        #: The number of descriptors in use at which it shuts.
+        self.shut_at = self.limit - min(self.limit // 2, _RUSH)
+        self._on_closed = on_closed
         self._socket = socket
         socket.monitor(_EVENTS, _WATCHED)
         self._monitor = socket.context.socket(zmq.PAIR)
         self._monitor.setsockopt(zmq.RCVHWM, 1)
         self._monitor.connect(_EVENTS)
         self._is_shut = False
-        self._accepting = self._listener = self._placeholder = -1
+        self._accepting = -1  #: the descriptor from which libzmq accepts
+        self._listener = -1  #: a copy of it as it is while the door is open
+        self._placeholder = -1  #: a socket that no program can reach, for the time when it is shut
         self._thread = threading.Thread(target=self._watch, name="door", daemon=True)
 
     def open(self) -> None:
         """Start watching. The socket must be bound."""
         while (event := self._event())["event"] != zmq.EVENT_LISTENING:
             pass
-        self._accepting = event["value"]  #: the descriptor from which libzmq accepts
+        self._accepting = event["value"]
         os.set_blocking(self._accepting, False)
         self._listener, self._placeholder = os.dup(self._accepting), _unreachable_socket()
         self._thread.start()
@@ -105,6 +106,7 @@ class Door:
         self._is_shut = file == self._placeholder
 
     def _watch(self) -> None:
+        """Count closed connections, and shut and open the door, until libzmq's events end."""
         poller = zmq.Poller()
         poller.register(self._monitor, zmq.POLLIN)
         while True:
@@ -130,14 +132,15 @@ class Door:
                 return False
             closed += event == zmq.EVENT_DISCONNECTED
         if closed:
-            self._closed(closed)
+            self._on_closed(closed)
         return True
 
     def _event(self) -> dict[str, Any]:
+        """Return libzmq's next event; wait for it."""
         return dict(parse_monitor_message(self._monitor.recv_multipart()))
 
     def _shut_if_full(self) -> None:
-        """Shut the door if the lowest free descriptor, which a new file would get, is at the limit.
+        """Shut the door if the lowest free descriptor, which a new file would get, is too high.
 
         This must be quick: in a rush other threads hold Python's lock.
         """
@@ -155,6 +158,7 @@ class Door:
             )
 
     def _open_if_there_is_room(self) -> None:
+        """Open the shut door when enough descriptors are free, with a margin."""
         used = sum(1 for _ in Path("/dev/fd").iterdir())
         if used < self.shut_at - self.limit // 16:
             self._accept_from(self._listener)
@@ -164,7 +168,7 @@ class Door:
 
     def _reject_waiting(self) -> None:
         """Close connections that wait to be accepted."""
-        # an OSError ends the loop: none is left
+        # An OSError ends the loop: no connection waits.
         with (
             contextlib.suppress(OSError),
             sockets.socket(fileno=os.dup(self._listener)) as listener,
@@ -174,7 +178,7 @@ class Door:
 
 
 def _unreachable_socket() -> int:
-    """A listening socket that no program can reach."""
+    """Return a listening socket that no program can reach."""
     with tempfile.TemporaryDirectory() as folder, sockets.socket(sockets.AF_UNIX) as listener:
         listener.setblocking(False)
         listener.bind(str(Path(folder) / "unused"))

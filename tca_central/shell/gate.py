@@ -34,19 +34,20 @@ _KNOWS_USERS = sys.platform == "linux"
 class Gate:
     """Lets in this user's programs, over a Unix socket, and those of users in the permissions."""
 
-    why = "central lets in no programs of other users"  #: the reason for rejected programs
+    #: The reason that rejected programs are given.
+    rejection = "central lets in no programs of other users"
 
     def __init__(
         self, permissions: PermissionsFile | None = None, socket_file: Path | None = None
     ) -> None:
         self._permissions = permissions
         self._socket_file = socket_file
-        self._users = {os.getuid(): ""}
-        self._listed: list[int] = []
-        self._principals: dict[str, str | None] = {}  #: by what the kernel reports of the peer
-        self._warned = LogLimit(log)
+        self._users = {os.getuid(): ""}  #: by user id: the principal of each user who may connect
+        self._permitted_users: list[int] = []  #: the users that the permissions name
+        self._principals: dict[str, str | None] = {}  #: by the kernel's description of the peer
+        self._limited_log = LogLimit(log)
         self.has_changes = False  #: whether ``changes`` has events
-        self._rejected: set[bytes] = set()  #: connections that were told of their rejection
+        self._rejected: set[bytes] = set()  #: connections that know of their rejection
 
     def open(
         self, _context: "zmq.Context[zmq.Socket[bytes]]", _socket: "zmq.Socket[bytes]", /
@@ -62,34 +63,35 @@ class Gate:
         if permissions is not None:
             permissions.refresh()
         rules = permissions.rules if permissions is not None else None
-        if self._socket_file is not None and (users := users_in(rules or ())) != self._listed:
-            self._allow_users(users)
+        users = users_in(rules or ())
+        if self._socket_file is not None and users != self._permitted_users:
+            self._allow_users(users, self._socket_file)
         if rules != central.registry.permissions.rules:
             yield PermissionsChanged(
                 now, rules, str(permissions.path.absolute()) if permissions is not None else ""
             )
 
-    def _allow_users(self, users: list[int]) -> None:
+    def _allow_users(self, users: list[int], socket_file: Path) -> None:
         """Admit the programs of central's user and of the given users, and no others."""
-        assert self._socket_file is not None
-        self._listed = users
+        self._permitted_users = users
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            # The gate checks each packet, so the file may be open; its folder may still be closed.
-            self._socket_file.chmod(0o666 if users else 0o700)
+            # All users may open the file, because the gate checks each packet. Its folder may still
+            # be closed to them.
+            socket_file.chmod(0o666 if users else 0o700)
 
-    def is_first_rejection(self, line: bytes) -> bool:
-        """Whether this is the first rejection of a connection, as far as is remembered."""
-        if line in self._rejected:
+    def is_first_rejection(self, connection: bytes) -> bool:
+        """Note that a connection was rejected. Return whether for the first time, as remembered."""
+        if connection in self._rejected:
             return False
         if len(self._rejected) >= _REMEMBERED:
             self._rejected.clear()
-        self._rejected.add(line)
+        self._rejected.add(connection)
         return True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
-        """The sender of a frame: "" for central's user, None for an unknown program."""
+        """Return the sender of a frame: "" for central's user, None for an unknown program."""
         peer = _frame_property(frame, "Peer-Address")
         try:
             return self._principals[peer]
@@ -97,6 +99,7 @@ class Gate:
             return self._identify(peer)
 
     def _identify(self, peer: str) -> str | None:
+        """Return the principal of a new peer, and remember it."""
         fields = peer.split(":")
         if len(fields) == 4 and fields[1].isdecimal():
             principal = self._users.get(int(fields[1]))
@@ -108,7 +111,7 @@ class Gate:
                 if len(fields) == 4
                 else "of an unknown user"
             )
-            self._warned.warning(peer, "rejected a program %s", owner)
+            self._limited_log.warning(peer, "rejected a program %s", owner)
         if len(self._principals) >= _REMEMBERED:
             self._principals.clear()
         self._principals[peer] = principal
@@ -119,25 +122,25 @@ class OpenGate(Gate):
     """Lets in every program: over TCP, where all programs that can reach it are trusted."""
 
     def principal_of(self, _: zmq.Frame) -> str | None:
-        """Every program counts as one of central's user."""
+        """Return "": every program counts as one of central's user."""
         return ""
 
 
 class KeyGate(Gate):
     """Lets in programs with a key that central allows."""
 
-    why = "central lets in only programs with a key that it allows"
+    rejection = "central lets in only programs with a key that it allows"
 
     def __init__(self, folder: Path, permissions: PermissionsFile | None = None) -> None:
-        """The keys are in `folder`. Raises KeyRefused, or CentralError if no key is allowed."""
+        """The keys are in *folder*. Raises KeyRefused, or CentralError if no key is allowed."""
         super().__init__(permissions)
         self._own: KeyPair = own_pair(folder)
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        #: names of keys that were allowed, and revoked, without an event yet
-        self._changes: tuple[list[str], list[str]] = ([], [])
-        self._is_first_look = True
+        #: Names of keys that were allowed, and revoked, for which ``changes`` has yielded no event.
+        self._changed_keys: tuple[list[str], list[str]] = ([], [])
+        self._is_first_check = True
         self._refused: set[str] = set()  #: keys known not to be allowed
         if not self._allowed.names:
             msg = (
@@ -172,9 +175,10 @@ class KeyGate(Gate):
                 "no program can connect any more: the authenticator has ended; start central again"
             )
         self._refresh_keys()
-        (allowed, revoked), self._changes, self.has_changes = self._changes, ([], []), False
-        if self._is_first_look:  # keys may have been revoked while central was down
-            self._is_first_look = False
+        (allowed, revoked), self._changed_keys = self._changed_keys, ([], [])
+        self.has_changes = False
+        if self._is_first_check:  # keys may have been revoked while central was down
+            self._is_first_check = False
             revoked += sorted(key_owners(central).difference(self._allowed.names.values(), revoked))
         if allowed or revoked:
             yield KeysChanged(now, allowed, revoked)
@@ -187,15 +191,16 @@ class KeyGate(Gate):
         yield from super().changes(now, central)
 
     def _refresh_keys(self) -> None:
+        """Note which keys were allowed and revoked since the last call."""
         added, removed = self._allowed.refresh()
         if added or removed:
-            self._changes[0].extend(added)
-            self._changes[1].extend(removed)
+            self._changed_keys[0].extend(added)
+            self._changed_keys[1].extend(removed)
             self._refused.clear()
             self.has_changes = True
 
     def principal_of(self, frame: zmq.Frame) -> str | None:
-        """The name of the key that a frame came with."""
+        """Return the name of the key that a frame came with; None if it is not allowed."""
         key = _frame_property(frame, "User-Id")
         name = self._allowed.names.get(key)
         if name is None and key not in self._refused:
@@ -206,7 +211,7 @@ class KeyGate(Gate):
 
 
 def key_owners(central: Central) -> set[str]:
-    """The keys whose owners are, or were, connected to central."""
+    """Return the keys whose owners are, or were, connected to central."""
     registry = central.registry
     owners = {module.principal for module in registry.modules.values()} | {
         *registry.permissions.licences.values()
@@ -215,7 +220,7 @@ def key_owners(central: Central) -> set[str]:
 
 
 def _frame_property(frame: zmq.Frame, what: str) -> str:
-    """A property that ZeroMQ reports of a frame's peer; "" if the peer's ZeroMQ is too old."""
+    """Return a property that ZeroMQ reports of a frame's peer; "" if its ZeroMQ is too old."""
     try:
         return str(frame.get(what))
     except zmq.ZMQError:

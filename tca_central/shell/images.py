@@ -18,11 +18,10 @@ from tca_central.shell.input_log import DRAFT_SUFFIX, IMAGE_SUFFIX, InputLog
 from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
-"""Events between two images.
+"""The least and the greatest number of events between two images.
 
-Ten thousand events are handled again in a second or two, long before modules give central up. With
-more tasks than that an image costs more, so there are as many events as tasks, up to the higher
-number.
+A replay of ten thousand events takes a second or two, and modules wait longer for central. An image
+of more tasks costs more: then there are as many events as tasks, up to the greatest number.
 """
 
 log = logging.getLogger("tca.central")
@@ -32,40 +31,42 @@ class Images:
     """Writes an image whenever the log of inputs has grown enough.
 
     Args:
-    inputs: The run's log of inputs.
-    facts: The run's journal.
-    known: The number of events in the newest image.
-    kept: The number of its segment of inputs; 0: there is no image.
+        inputs: The run's log of inputs.
+        journal: The run's journal.
+        image_events: The number of events in the newest image.
+        image: The number of the newest image, and of its segment of inputs; 0: none.
     """
 
-    def __init__(self, inputs: InputLog, facts: LogWriter, known: int = 0, kept: int = 0) -> None:
-        self._inputs, self._facts = inputs, facts
-        self._known = known
+    def __init__(
+        self, inputs: InputLog, journal: LogWriter, image_events: int = 0, image: int = 0
+    ) -> None:
+        self._inputs, self._journal = inputs, journal
+        self._image_events = image_events  #: number of events in the newest image, complete or not
         self._child = 0  #: the process that writes an image; 0: none
-        self._number = 0
-        self._path = Path()
-        self._kept = kept  #: the number of the newest complete image
+        self._number = 0  #: the number of the image that it writes
+        self._path = Path()  #: the file of that image
+        self._image = image  #: the number of the newest complete image
 
     def update(self, central: Central) -> None:
-        """At the end of a turn: start an image if one is due, or check on the one being written."""
+        """End a turn: start an image if one is due, or check on the one being written."""
         if self._child:
             self._reap_child()
-        elif (
-            central.event_count >= self._known + _between(central)
-            or self._inputs.size >= SEGMENT_BYTES
-        ):
+            return
+        events_between = max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
+        new_events = central.event_count - self._image_events
+        if new_events >= events_between or self._inputs.size >= SEGMENT_BYTES:
             self.start(central)
 
     def start(self, central: Central) -> None:
         """Start an image, and a segment of inputs, if possible now. Raises CentralError."""
         if not can_encode(central):
             return
-        self._known = central.event_count
+        self._image_events = central.event_count
         # If the image is damaged, the previous one and these inputs lead to the same state.
         inputs = self._inputs.write_now()
         self._number = self._inputs.next_segment(central.clock.now)
         # No input leads to these facts again once an image of a later state exists.
-        facts = self._facts.write_now()
+        facts = self._journal.write_now()
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
             # Safe with threads: the child uses no lock of another thread.
@@ -84,6 +85,7 @@ class Images:
             self._reap_child(0)
 
     def _reap_child(self, options: int = os.WNOHANG) -> None:
+        """Remove the files that the child's image replaces, or log its failure, if it has ended."""
         try:
             child, status = os.waitpid(self._child, options)
         except ChildProcessError:  # SIGCHLD is ignored, so the exit status is unknown
@@ -92,23 +94,15 @@ class Images:
             return
         self._child = 0
         if status:
-            log.warning(
-                "an image of the state was not written: its process ended with %d",
-                status,
-            )
+            log.warning("an image of the state was not written: its process ended with %d", status)
             return
-        if self._kept:
-            self._inputs.remove(self._kept)
-        self._kept = self._number
+        if self._image:
+            self._inputs.remove(self._image)
+        self._image = self._number
 
 
-def _between(central: Central) -> int:
-    """Events from one image to the next."""
-    return max(EVENTS_BETWEEN, min(len(central.tree.tasks), MOST_BETWEEN))
-
-
-def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
-    """In the child: write the image after syncing the logs `before`, then exit.
+def _write_and_exit(central: Central, path: Path, logs: list[Path]) -> None:
+    """Run the child: sync the files of *logs*, write the image, then exit.
 
     The child closes all inherited descriptors, so it keeps no socket or lock of central open.
     """
@@ -118,8 +112,8 @@ def _write_and_exit(central: Central, path: Path, before: list[Path]) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # the child ends soon anyway
         gc.disable()
-        for log in before:
-            sync_path(log)
+        for log_file in logs:
+            sync_path(log_file)
         write_image(encode(central), path)
         status = 0
     except OSError:

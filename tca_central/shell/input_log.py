@@ -30,7 +30,7 @@ BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 def this_boot() -> str:
-    """The id of the running boot of this computer; "" if it has none."""
+    """Return the id of the computer's present boot; "" if the system has no such ids."""
     try:
         return BOOT.read_text().strip()
     except OSError:
@@ -43,11 +43,11 @@ class Head(msgspec.Struct, frozen=True, array_like=True, tag="inputs"):
     version: int
     epoch: str
     central: str  #: its version
-    is_first: bool  #: whether it is its run's first, before which the state is empty
+    is_first: bool  #: whether it is the first segment of its run, before which the state is empty
     sync: Sync
     boot: str
-    clock: float  #: central's time when it was written
-    wall: float  #: the same in seconds since 1970
+    clock: float  #: central's time when the head was written
+    wall: float  #: that time in seconds since 1970
     protocol: int = 0  #: the protocol version of the logged packets
 
     @property
@@ -72,7 +72,7 @@ class InputLog(LogWriter):
     longest = float("inf")
 
     def __init__(self, folder: Path, *, epoch: str, sync: Sync, clock: float | None = None) -> None:
-        """`clock`: central's time in a run that continues; None in a new run."""
+        """*clock* is central's time in a run that continues, None in a new run."""
         self._head = Head(
             INPUT_VERSION,
             epoch,
@@ -87,7 +87,7 @@ class InputLog(LogWriter):
         super().__init__(folder, INPUT_SUFFIX, sync)
 
     def head(self) -> bytes:
-        """The head, which names the segment's run."""
+        """Return the head of the next segment, which names the run."""
         head = msgspec.structs.replace(self._head, wall=time.time())
         self._head = msgspec.structs.replace(head, is_first=False)
         return framed(_encode(head))
@@ -97,13 +97,16 @@ class InputLog(LogWriter):
         self.add_record(framed(_encode(event)))
 
     def next_segment(self, clock: float) -> int:
-        """Start another segment at central's time `clock`; its number. Raises CentralError."""
+        """Start another segment at central's time *clock*. Return its number.
+
+        Raises CentralError.
+        """
         self._head = msgspec.structs.replace(self._head, clock=clock)
         self.start_segment()
         return self.newest
 
     def remove(self, before: float = math.inf) -> None:
-        """Remove this run's files `before` a number (default: all, so that it can't continue).
+        """Remove this run's files *before* a number (default: all, so that it can't continue).
 
         Raises OSError.
         """
@@ -113,31 +116,28 @@ class InputLog(LogWriter):
                     path.unlink(missing_ok=True)
 
     def end(self, why: str) -> None:
-        """Write the rest, and that the run has ended."""
+        """Write all records, then that the run has ended, and close the file."""
         self.add_record(framed(_encode(Ended(why))))
         self.close()
 
 
 class InputSegment:
-    """A segment to read.
-
-    ``end`` is the offset after the last sound record, ``size`` the size of the file.
-    """
+    """A segment to read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.number = int(path.stem)
-        self.size = path.stat().st_size
-        self.end = 0
-        self.head: Head | None = None
+        self.size = path.stat().st_size  #: of the file
+        self.end = 0  #: the offset after the last sound record that was read
+        self.head: Head | None = None  #: none: it is damaged, or was never written
         with path.open("rb") as stream, contextlib.suppress(msgspec.MsgspecError):
-            for place, payload in islice(payloads(stream), 1):
-                self.head, self.end = _decode_head(payload), place
-        self._begin = self.end
+            for offset, payload in islice(payloads(stream), 1):
+                self.head, self.end = _decode_head(payload), offset
+        self._begin = self.end  #: the offset after the head
 
     @property
     def is_torn(self) -> bool:
-        """Whether the bytes after the last sound record hold no record: a write was interrupted."""
+        """Whether no record follows the last sound one: an interrupted write left bytes, if any."""
         with self.path.open("rb") as stream:
             stream.seek(self.end)
             return not has_record(stream.read())
@@ -155,14 +155,14 @@ class InputSegment:
         append(self.path, framed(_encode(Ended(why))))
 
     def __iter__(self) -> Iterator[Input | Ended]:
-        """Its inputs, up to the first damaged record."""
+        """Yield its inputs, up to the first damaged record."""
         self.end = self._begin
         with self.path.open("rb") as stream:
             stream.seek(self._begin)
-            for place, payload in payloads(stream):
+            for offset, payload in payloads(stream):
                 try:
                     found = _decode_any(payload)
                 except msgspec.MsgspecError:
                     return
-                self.end = place
+                self.end = offset
                 yield found

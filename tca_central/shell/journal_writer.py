@@ -17,11 +17,11 @@ class JournalWriter(LogWriter):
     """One run's journal.
 
     Args:
-    folder: The folder of the run.
-    epoch: The epoch of the run.
-    sync: When records must be on the disk.
-    after: The head of the newest segment, in a run that continues.
-    entry: The last entry, in a run that continues.
+        folder: The folder of the run.
+        epoch: The epoch of the run.
+        sync: When records must be on the disk.
+        after: The head of the newest segment, in a run that continues.
+        entry: The last entry, in a run that continues.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class JournalWriter(LogWriter):
         super().__init__(folder, SEGMENT_SUFFIX, sync)
 
     def head(self) -> bytes:
-        """The first entry of a segment, which names the journal."""
+        """Return the first entry of the next segment, which names the journal."""
         self._segment += 1
         opened = Opened(JOURNAL_VERSION, self._epoch, self._segment, self._began, release())
         return record(Entry(self._last.number, self._last.time, [opened]))
@@ -51,12 +51,12 @@ class JournalWriter(LogWriter):
         self.add_record(record(entry))
 
     def break_off(self, entry_number: int, time_now: float, why: str) -> None:
-        """Write the rest, and why central stops. The run has not ended: it may continue."""
+        """Write all entries and why central stops, and close the file. The run may continue."""
         if why and not self.is_broken:
             self.add(Entry(entry_number, time_now, [CentralFailed(why)]))
         self.close()
 
     def end(self, entry_number: int, time_now: float, why: str) -> None:
-        """Write the rest, and that the run has ended."""
+        """Write all entries, then that the run has ended, and close the file."""
         self.add(Entry(entry_number, time_now, [Closed(why)]))
         self.close()

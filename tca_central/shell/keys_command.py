@@ -37,6 +37,8 @@ _FOLDER = click.option(
 
 
 def _with_folder(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the option --folder to a command, and show its KeyRefused as an error of the user."""
+
     @wraps(command)
     def wrapped(folder: Path | None, **given: Any) -> None:
         try:
@@ -108,6 +110,7 @@ def allow(folder: Path, name: str, public: str) -> None:
 
 
 def _allow(folder: Path, name: str, public: str) -> None:
+    """Allow a key. Raises KeyRefused if another name has it."""
     if (other := names_allowed(folder).get(public)) is not None:
         raise KeyRefused(f"that is the key of '{other}': give each program a key of its own")
     write_new(allowed_folder(folder) / f"{name}{PUBLIC}", f"{public}\n")

@@ -5,30 +5,30 @@ import time
 from collections.abc import Callable
 
 PERIOD = 10.0  # seconds
-_MATTERS = 100  # remembered at a time
+_MOST_TOPICS = 100  # remembered at a time
 
 
 class LogLimit:
-    """Warnings, at most one per matter and period."""
+    """Logs warnings, at most one per topic and period."""
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        self._warned_at: dict[str, float] = {}  #: time of each matter's last warning, oldest first
+        self._warned_at: dict[str, float] = {}  #: by topic, oldest first: time of its last warning
 
-    def warning(self, matter: str, text: str, *values: object) -> None:
-        """Log a warning, unless this matter was warned of lately or there are too many matters."""
+    def warning(self, topic: str, text: str, *values: object) -> None:
+        """Log a warning, unless its topic had one in this period or there are too many topics."""
         now = time.monotonic()
         while self._warned_at and now - next(iter(self._warned_at.values())) > PERIOD:
             del self._warned_at[next(iter(self._warned_at))]
-        if matter not in self._warned_at and len(self._warned_at) < _MATTERS:
-            self._warned_at[matter] = now
+        if topic not in self._warned_at and len(self._warned_at) < _MOST_TOPICS:
+            self._warned_at[topic] = now
             self._log.warning(text, *values)
 
 
 class LineLimit(logging.Filter):
     """Passes a limited number of lines per second, and all errors.
 
-    The next line tells how many were left out.
+    The first line after a gap says how many were left out.
     """
 
     most = 200
@@ -37,7 +37,7 @@ class LineLimit(logging.Filter):
         super().__init__()
         self._clock = clock
         self._second = 0
-        self._count = 0  #: lines in that second
+        self._count = 0  #: number of lines in that second
         self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:

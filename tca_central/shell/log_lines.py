@@ -13,9 +13,11 @@ from tca_wire.text.printable import first_line, printable, shortened
 NAMED = 3
 """The number of failed tasks and messages that a line names for one cause."""
 
+OFTEN = 20
+"""Attempts after which the log warns once of a task."""
+_MOST_OFTEN = 1000
+"""Tasks of which the log remembers that it has warned."""
 
-OFTEN, _MOST_OFTEN = 20, 1000
-"""Attempts after which the log warns once per task, and the number of tasks remembered for that."""
 LONGEST_LINE = 2000
 """Characters of a line. The journal has the full text."""
 
@@ -24,13 +26,13 @@ class LineFormatter(logging.Formatter):
     """Formats a record as one line, whatever its texts contain; a traceback has more lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging calls it so
-        """The line, with escapes for characters that would control a terminal."""
+        """Return the line, with escapes for characters that would control a terminal."""
         return shortened(
             printable(shortened(super().formatMessage(record), LONGEST_LINE)), LONGEST_LINE
         )
 
     def formatException(self, ei: Any) -> str:  # noqa: N802 - logging calls it so
-        """The lines of a traceback."""
+        """Return the lines of a traceback, with escapes like the line."""
         return "\n".join(
             shortened(printable(line), LONGEST_LINE)
             for line in super().formatException(ei).splitlines()
@@ -44,13 +46,13 @@ class LogLines:
         self.losses = LossLog(log)
         self._log = log
         self._central = central
-        #: tasks whose frequent retries were logged
+        #: Tasks whose frequent retries were logged.
         self._often: set[int] = set()
-        #: conditions without a handler that were logged
-        self._unseen: set[str] = set()
+        #: Conditions without a handler that were logged.
+        self._unhandled: set[str] = set()
         self._writers: dict[type, Callable[[Any, Record], object]] = {
-            facts.Dropped: self._lost,
-            facts.LostDirectly: self._lost,
+            facts.Dropped: self._count_loss,
+            facts.LostDirectly: self._count_loss,
             facts.RequestRefused: self._refused,
             facts.Ignored: lambda fact, _: log.warning(
                 "nothing done for module '%s': %s", fact.sender, fact.text
@@ -63,7 +65,7 @@ class LogLines:
             ),
             facts.Queued: self._queued,
             facts.Retried: self._retried,
-            facts.HandlerAdded: lambda fact, _: self._unseen.discard(fact.message),
+            facts.HandlerAdded: lambda fact, _: self._unhandled.discard(fact.message),
         }
 
     def write(self, record: Record) -> None:
@@ -89,14 +91,15 @@ class LogLines:
         else:
             self._log.info("permissions from %s (%d rules)", fact.source, fact.rules)
 
-    def _lost(self, fact: facts.Fact, record: Record) -> bool:
+    def _count_loss(self, fact: facts.Fact, record: Record) -> bool:
+        """Count the loss that a fact reports. Return whether it reports one."""
         if (loss := loss_in(fact)) is None:
             return False
         self.losses.count(*loss, record.entry.time)
         return True
 
     def _refused(self, fact: facts.RequestRefused, record: Record) -> None:
-        if not self._lost(fact, record):
+        if not self._count_loss(fact, record):
             self._log.warning("refused module '%s': %s", fact.sender, fact.text)
 
     def _failed(self, record: Record) -> None:
@@ -106,13 +109,14 @@ class LogLines:
             if isinstance(fact, facts.Failed):
                 causes.setdefault((fact.failure, fact.text), []).append(record.failed[fact.id])
         for (failure, text), parts in causes.items():
-            which, said = ", ".join(parts[:NAMED]), first_line(text)
+            named, reason = ", ".join(parts[:NAMED]), first_line(text)
             more = f" and {len(parts) - NAMED:,} more" if len(parts) > NAMED else ""
             self._log.warning(
-                "failure '%s' of %s%s%s", failure, which, more, f": {said}" if said else ""
+                "failure '%s' of %s%s%s", failure, named, more, f": {reason}" if reason else ""
             )
 
     def _retried(self, fact: facts.Retried, _: Record) -> None:
+        """Warn once of a task that is retried often."""
         task = self._central.tree.tasks.get(fact.task)
         attempts = task.recovery.attempts if task is not None and task.recovery is not None else 0
         if attempts >= OFTEN and fact.task not in self._often:
@@ -122,11 +126,12 @@ class LogLines:
             self._log.warning("%s has been handled %d times, and is retried again", task, attempts)
 
     def _queued(self, fact: facts.Queued, _: Record) -> None:
+        """Warn once of a monitor's condition that no module handles."""
         if fact.module or (watch := self._central.watch_of_condition.get(fact.id)) is None:
             return
         condition = watch.condition.message.name if watch.condition is not None else ""
-        if condition not in self._unseen:
-            self._unseen.add(condition)
+        if condition not in self._unhandled:
+            self._unhandled.add(condition)
             self._log.warning(
                 "%s sees nothing until a module handles its condition '%s'", watch.task, condition
             )

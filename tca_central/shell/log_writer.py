@@ -1,7 +1,8 @@
-"""Append-only files: segments NNNNNNNN of one suffix in the folder of a journal.
+"""Append-only logs: segments NNNNNNNN of one suffix in the folder of a journal.
 
-``Sync`` has three ways to keep records safe. The loop writes once per turn, before it sends any
-message that the turn's records justify. With ``batch`` another thread syncs the disk once a second.
+``Sync`` has three ways to keep records safe. The server's loop writes once per turn, before it
+sends the messages that follow from the turn's records. With ``batch`` another thread syncs the disk
+once a second.
 """
 
 import contextlib
@@ -18,7 +19,7 @@ from tca_central.errors import CentralError, disk_error
 from tca_wire.journal.frames import has_record
 
 SEGMENT_BYTES = 64 << 20
-SYNC_PERIOD = 1.0
+SYNC_PERIOD = 1.0  # seconds
 LOCK_PATIENCE = 1.0  # seconds
 ASIDE = "-aside"
 WRITE_LATER = 256 << 10
@@ -28,19 +29,20 @@ WRITE_LATER = 256 << 10
 class Sync(StrEnum):
     """When records are safe, and from which failures."""
 
-    # On the disk before central sends the turn's messages: survives a power cut.
+    # On the disk before central sends the turn's messages: they survive a power cut.
     ALWAYS = "always"
-    # With the kernel by then, on the disk within a second: survives any crash of central.
+    # With the kernel by then, on the disk within a second: they survive any crash of central.
     BATCH = "batch"
-    NONE = "none"  # whenever convenient
+    # Written when many wait: a crash loses the last ones.
+    NONE = "none"
 
 
 def lock(file: int) -> None:
     """Lock a file until this process ends.
 
-    Waits a moment: if a killed central was writing an image, its child has the lock a little
-    longer. Raises BlockingIOError if another process has the lock, OSError where there are no
-    locks.
+    Wait a moment if it is locked: the child of a killed central that writes an image has the lock a
+    little longer. Raises BlockingIOError if another process keeps the lock, OSError where there are
+    no locks.
     """
     until = time.monotonic() + LOCK_PATIENCE
     while True:
@@ -55,7 +57,7 @@ def lock(file: int) -> None:
 
 
 def lock_folder(folder: Path) -> int:
-    """Lock a journal's folder, created if missing; the lock's file. Raises CentralError.
+    """Lock a journal's folder, created if missing. Return the lock's file. Raises CentralError.
 
     Two running centrals would mix their segments. The lock ends with its process.
     """
@@ -103,7 +105,7 @@ def append(path: Path, data: bytes) -> None:
 
 
 def move_aside(path: Path, begin: int, *later: Path) -> None:
-    """Move a log's bytes from `begin` on, and `later` files, to files beside it. Raises OSError.
+    """Move a log's bytes from *begin* on, and *later* files, to files beside it. Raises OSError.
 
     The later files move first: after a sound end they would count as its continuation.
     """
@@ -118,7 +120,7 @@ def move_aside(path: Path, begin: int, *later: Path) -> None:
 
 
 def aside_path(path: Path) -> Path:
-    """The file for bytes that were removed from a log. No program reads it."""
+    """Return the file for bytes that were removed from a log. No program reads it."""
     return path.with_suffix(f"{path.suffix}{ASIDE}")
 
 
@@ -137,12 +139,12 @@ def is_in_use(folder: Path) -> bool:
 
 
 def files_of(folder: Path, suffix: str) -> list[Path]:
-    """The files of one suffix, in order."""
+    """Return the files of one suffix, in order."""
     return [folder / f"{number:08d}{suffix}" for number in numbers(folder, suffix)]
 
 
 def numbers(folder: Path, suffix: str) -> list[int]:
-    """The numbers of the files of one suffix, in order."""
+    """Return the numbers of the files of one suffix, in order."""
     return sorted(int(path.stem) for path in folder.glob(f"*{suffix}") if path.stem.isdecimal())
 
 
@@ -160,21 +162,21 @@ class LogWriter:
         self._pending_bytes = 0
         self._file = -1
         self.size = 0  #: bytes of the newest segment
-        #: guards the files that both threads use; held only briefly
+        #: Guards the files that both threads use; held only briefly.
         self._lock = threading.Lock()
-        #: lets one thread sync at a time; ``write`` never waits for it
-        self._syncing = threading.Lock()
-        self._stopped = threading.Event()
-        self._unsynced = False
+        #: Lets one thread sync at a time; ``write`` never waits for it.
+        self._sync_lock = threading.Lock()
+        self._stop_requested = threading.Event()
+        self._has_unsynced = False  #: whether bytes were written since the last sync
         self._is_named = False  #: whether the folder on the disk has the newest segment's name
-        #: files of earlier segments, to be synced and closed
-        self._full: list[int] = []
+        #: Files of earlier segments, to be synced and closed.
+        self._full_files: list[int] = []
         self._error: OSError | None = None  #: the first failure; nothing is written after it
         self._thread = threading.Thread(
             target=self._sync_each_second, name=f"sync {suffix}", daemon=True
         )
         try:
-            #: the number of the newest segment
+            #: The number of the newest segment.
             self.newest = max(numbers(folder, suffix), default=0)
             self.first = self.newest + 1  #: the number of this run's first segment
             self.open_segment()
@@ -187,7 +189,7 @@ class LogWriter:
         """Raise CentralError if writes would be lost because the file was removed."""
         if self._error is None and not os.fstat(self._file).st_nlink:
             self._error = FileNotFoundError(errno.ENOENT, "it was removed")
-            raise self._broken(self._error)
+            raise self._central_error(self._error)
 
     @property
     def is_broken(self) -> bool:
@@ -195,7 +197,7 @@ class LogWriter:
         return self._error is not None
 
     def head(self) -> bytes:
-        """The first record of a new segment."""
+        """Return the first record of the next segment."""
         raise NotImplementedError
 
     def add_record(self, record: bytes) -> None:
@@ -208,9 +210,10 @@ class LogWriter:
 
         Raises CentralError if that fails, or if earlier records may not be on the disk.
         """
-        # The kernel discards data that it can't sync, and a second sync would succeed.
+        # A first error is final: the kernel discards data that it can't sync, and the next sync
+        # would succeed without them.
         if self._error is not None:
-            raise self._broken(self._error)
+            raise self._central_error(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):
             return
         self._run_steps(self.write)
@@ -224,7 +227,7 @@ class LogWriter:
         self._run_steps(self.write, self._fsync)
 
     def write_now(self) -> Path:
-        """Pass all records to the kernel, whatever ``sync`` says. Return the segment.
+        """Pass all records to the kernel, whatever ``sync`` says. Return the newest segment's file.
 
         Raises CentralError.
         """
@@ -236,16 +239,17 @@ class LogWriter:
         self._run_steps(self.write, self.open_segment)
 
     def _run_steps(self, *steps: Callable[[], None]) -> None:
+        """Call these functions. Raises CentralError if one fails; nothing is written after that."""
         try:
             for step in steps:
                 step()
         except OSError as error:
             self._error = error
-            raise self._broken(error) from None
+            raise self._central_error(error) from None
 
     def close(self) -> None:
-        """Write the rest."""
-        self._stopped.set()
+        """Write and sync all records, and close the file. Raises CentralError."""
+        self._stop_requested.set()
         if self._thread.is_alive():
             self._thread.join()
         try:
@@ -253,7 +257,7 @@ class LogWriter:
                 self.write()
                 self._fsync()
         except OSError as error:
-            raise self._broken(error) from None
+            raise self._central_error(error) from None
         finally:
             self._close_full()
             os.close(self._file)
@@ -267,13 +271,13 @@ class LogWriter:
             written = os.write(self._file, data)
             self.size += written
             data = data[written:]
-        self._unsynced = True
+        self._has_unsynced = True
 
     def open_segment(self) -> None:
         """Create the next segment's file. Raises OSError."""
         with self._lock:
             if self._file >= 0:
-                self._full.append(self._file)
+                self._full_files.append(self._file)
             self.newest += 1
             self.size = 0
             self._path = self.folder / f"{self.newest:08d}{self._suffix}"
@@ -292,16 +296,17 @@ class LogWriter:
             self._fsync()
 
     def _sync_each_second(self) -> None:
-        while not self._stopped.wait(SYNC_PERIOD):
-            if self._unsynced:
-                self._unsynced = False
+        while not self._stop_requested.wait(SYNC_PERIOD):
+            if self._has_unsynced:
+                self._has_unsynced = False
                 try:
                     self._fsync()
                 except OSError as error:
                     self._error = error
                     return
 
-    def _broken(self, error: OSError) -> CentralError:
+    def _central_error(self, error: OSError) -> CentralError:
+        """Return the error with which central stops."""
         return disk_error(
             error,
             f"journal {self.folder}",
@@ -309,7 +314,8 @@ class LogWriter:
         )
 
     def _fsync(self) -> None:
-        with self._syncing:
+        """Sync all files of the log, and the names of new ones. Raises OSError."""
+        with self._sync_lock:
             self._close_full()
             with self._lock:
                 file, is_named = self._file, self._is_named
@@ -320,9 +326,10 @@ class LogWriter:
                 sync_path(self.folder.parent)  # the folder may be new
 
     def _close_full(self) -> None:
-        while self._full:
+        """Sync and close the files of earlier segments. Raises OSError."""
+        while self._full_files:
             with self._lock:
-                file = self._full.pop(0)
+                file = self._full_files.pop(0)
             try:
                 if self.sync is not Sync.NONE:
                     _sync_data(file)

@@ -1,4 +1,4 @@
-"""Warnings of losses, which may come in floods: one line a second per kind, with the count."""
+"""Warns of losses, which may come in floods: one line a second per kind, with the count."""
 
 import logging
 from math import inf
@@ -12,7 +12,7 @@ PERIOD = 1.0
 
 
 def loss_in(fact: Any) -> tuple[str, str, int] | None:
-    """The loss that a fact reports: kind, reason, number. None if there is no loss to warn of."""
+    """Return the kind, reason and number of losses that a fact reports; None if there are none."""
     match fact:
         case facts.Dropped(dropping=Dropping.OVERLOAD):
             return f"dropped '{fact.message}'", fact.why, 1
@@ -33,20 +33,20 @@ class LossLog:
 
     def __init__(self, log: logging.Logger) -> None:
         self._log = log
-        #: kind of loss -> time of its last line, losses since then, reason
+        #: By kind of loss: the time of its last line, the losses since then, and their reason.
         self._lines: dict[str, tuple[float, int, str]] = {}
 
     def count(self, kind: str, why: str, number: int, now: float) -> None:
-        """Count a loss; log it unless its kind was logged within the period."""
-        written, before, _ = self._lines.get(kind, (-inf, 0, ""))
-        self._lines[kind] = written, before + number, why
-        if now - written >= PERIOD:
+        """Count *number* losses; log them unless their kind was logged within the period."""
+        logged_at, earlier, _ = self._lines.get(kind, (-inf, 0, ""))
+        self._lines[kind] = logged_at, earlier + number, why
+        if now - logged_at >= PERIOD:
             self._write(kind, now)
 
     def write_due(self, now: float = inf) -> None:
         """Log the kinds whose period is over, and forget those without new losses."""
-        for kind, (written, number, _) in list(self._lines.items()):
-            if now - written >= PERIOD:
+        for kind, (logged_at, number, _) in list(self._lines.items()):
+            if now - logged_at >= PERIOD:
                 if number:
                     self._write(kind, now)
                 else:

@@ -1,7 +1,8 @@
 """Outboxes: packets that wait to be sent to their connections, within a bound. Uses no socket.
 
-Items of one turn share packets. A connection gets at most WINDOW unread bytes and reports what it
-has read (Receipt); the rest waits here. When all outboxes exceed the bound, the fullest is dropped.
+An *item* is one message, packed. Items of one turn share packets. A connection gets at most WINDOW
+unread bytes and reports what it has read (Receipt). Other packets wait here. When all outboxes
+together exceed the bound, the fullest is dropped.
 """
 
 from collections import deque
@@ -37,14 +38,14 @@ class Outboxes:
     """The outboxes of all connections."""
 
     def __init__(self, send: Callable[[ConnectionId, bytes], bool]) -> None:
-        """`send` sends a packet; it returns False if the connection accepts no more now.
+        """*send* sends a packet. It returns False if the connection accepts no more now.
 
-        It raises ConnectionError if the connection is closed.
+        *send* raises ConnectionError if the connection is closed.
         """
         self._send = send
         self._boxes: dict[ConnectionId, Outbox] = {}
         self._ready: dict[ConnectionId, Outbox] = {}  #: outboxes to try to send from
-        #: bytes sent to each connection that it has not reported as read
+        #: By connection: bytes sent to it that it has not reported as read.
         self._unread: dict[ConnectionId, int] = {}
         self.held = 0  #: bytes in all boxes
 
@@ -69,7 +70,7 @@ class Outboxes:
         self._ready[connection] = box
 
     def credit(self, connection: ConnectionId, size: int) -> None:
-        """Note that a connection has read `size` bytes."""
+        """Note that a connection has read *size* bytes."""
         if connection in self._unread:
             self._unread[connection] = max(0, self._unread[connection] - max(size, 0))
             box = self._boxes.get(connection)
@@ -90,6 +91,7 @@ class Outboxes:
         return closed
 
     def _send_from(self, box: Outbox, connection: ConnectionId) -> None:
+        """Send what one connection accepts. Raises ConnectionError if it is closed."""
         packets, unread = box.packets, self._unread.get(connection, 0)
         try:
             while packets and unread < WINDOW:
@@ -108,16 +110,16 @@ class Outboxes:
             self._unread[connection] = unread
 
     def drop_beyond(self, most: int) -> dict[ConnectionId, int]:
-        """Drop the fullest outboxes until at most `most` bytes wait. Return the bytes of each."""
-        given_up = {}
+        """Drop the fullest outboxes until at most *most* bytes wait. Return the bytes of each."""
+        dropped = {}
         while self.held > most:
             connection = max(self._boxes, key=lambda one: self._boxes[one].size)
-            given_up[connection] = self._boxes[connection].size
+            dropped[connection] = self._boxes[connection].size
             self.forget(connection)
-        return given_up
+        return dropped
 
     def forget(self, connection: ConnectionId, *, is_closed: bool = False) -> None:
-        """Drop what waits for a connection. If it is closed, nothing is unread either."""
+        """Drop a connection's outbox. If the connection is closed, forget its unread bytes too."""
         if (box := self._boxes.pop(connection, None)) is not None:
             self.held -= box.size
         self._ready.pop(connection, None)
@@ -129,6 +131,6 @@ class Outboxes:
         for connection in list(self._boxes):
             self.forget(connection)
 
-    def connections(self) -> list[ConnectionId]:
-        """Connections with sent bytes or an outbox, but without packets to send now."""
+    def idle_connections(self) -> list[ConnectionId]:
+        """Return connections with an outbox or unread bytes, but without packets to send now."""
         return [one for one in self._boxes | self._unread if one not in self._ready]

@@ -1,7 +1,8 @@
-"""The permissions file: TOML that says which keys may be which modules, and do what.
+"""The permissions file: TOML that says which modules each key may be, and what they may do.
 
-central checks the whole file before it uses any of it. A key is a name of 'tca keys', "owner" for
-central's user, "uid:1001" for another user, or a list of them. Without a module, any is allowed.
+Central checks the whole file before it uses any rule. A key is a name of 'tca keys', "owner" for
+central's user, "uid:1001" for another user, or a list of these. Without ``module`` a rule is for
+all modules of the key.
 
     [[allow]]
     key = "arm"
@@ -43,6 +44,7 @@ class PermissionsFile:
         self.rules = read_rules(path)
 
     def _file_state(self) -> tuple[int, ...]:
+        """Return a fingerprint of the file."""
         try:
             status = self.path.stat()
         except OSError as error:
@@ -50,10 +52,10 @@ class PermissionsFile:
         return status.st_mtime_ns, status.st_size, status.st_ino
 
     def refresh(self) -> None:
-        """Read the file if it has changed. A file with mistakes is logged, and changes nothing."""
-        if (look := self._file_state()) == self._seen:
+        """Read the file if it has changed. If it has mistakes, log them and keep the old rules."""
+        if (state := self._file_state()) == self._seen:
             return
-        self._seen = look
+        self._seen = state
         try:
             self.rules = read_rules(self.path)
         except PermissionsError as error:
@@ -61,7 +63,7 @@ class PermissionsFile:
 
 
 def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
-    """The ids of the users of this computer that rules name. A pattern names none."""
+    """Return the ids of the users of this computer that rules name. A pattern names none."""
     named = [
         key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")
     ]
@@ -69,7 +71,7 @@ def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
 
 
 def read_rules(path: Path) -> tuple[AccessRule, ...]:
-    """The rules of a file. Raises PermissionsError."""
+    """Return the rules of a file. Raises PermissionsError."""
     try:
         text, mode = path.read_text(), path.stat().st_mode
         tables = tomllib.loads(text)
@@ -78,13 +80,12 @@ def read_rules(path: Path) -> tuple[AccessRule, ...]:
         raise PermissionsError(f"{path}: {why}") from None
     if mode & 0o002:
         raise PermissionsError(f"{path}: every user may write it: run chmod o-w")
-    wrong = list(_wrong_in(tables, text))
-    if wrong:
-        shown = [
-            f"{path}{f', line {line}' if line else ''}: {what}"
-            for line, what in wrong[:_MOST_SHOWN]
+    if mistakes := list(_mistakes_in(tables, text)):
+        lines = [
+            f"{path}{f', line {line}' if line else ''}: {mistake}"
+            for line, mistake in mistakes[:_MOST_SHOWN]
         ]
-        raise PermissionsError("\n".join(shown))
+        raise PermissionsError("\n".join(lines))
     return tuple(map(_rule, tables["allow"]))
 
 
@@ -94,25 +95,27 @@ def _rule(table: dict[str, Any]) -> AccessRule:
 
 
 def _texts(value: str | list[str]) -> tuple[str, ...]:
+    """Return the texts of an entry, which is a text or a list of texts."""
     return (value,) if isinstance(value, str) else tuple(value)
 
 
-def _wrong_in(found: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
-    """Yield each mistake with its line (0: no particular line)."""
-    for name in found.keys() - {"allow"}:
+def _mistakes_in(content: dict[str, Any], text: str) -> Iterator[tuple[int, str]]:
+    """Yield the line of each mistake (0: no particular line), and what to do."""
+    for name in content.keys() - {"allow"}:
         yield (
             _line_of(text, -1, name),
             f"'{name}' has no meaning here: write [[allow]] above what it allows",
         )
-    tables = found.get("allow")
+    tables = content.get("allow")
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         yield 0, "there is no [[allow]]: with this file no program could connect"
         return
     for index, table in enumerate(tables):
-        yield from _wrong_in_table(table, index, text)
+        yield from _mistakes_in_table(table, index, text)
 
 
-def _wrong_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tuple[int, str]]:
+def _mistakes_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tuple[int, str]]:
+    """Yield the mistakes in the rule of that index."""
     if "key" not in table:
         yield (
             _line_of(text, index, ""),
@@ -128,7 +131,7 @@ def _wrong_in_table(table: dict[str, Any], index: int, text: str) -> Iterator[tu
                 f'{name} = {value!r:.60} is not a text: write {name} = "NAME", or a list of texts',
             )
         elif name == "key":
-            yield from ((line, what) for key in _texts(value) if (what := _wrong_key(key)))
+            yield from ((line, what) for key in _texts(value) if (what := _mistake_in_key(key)))
 
 
 def _is_texts(value: Any) -> bool:
@@ -137,24 +140,27 @@ def _is_texts(value: Any) -> bool:
     )
 
 
-def _wrong_key(key: str) -> str:
+def _mistake_in_key(key: str) -> str:
+    """Return what is wrong with a key; "" if nothing is."""
     if key.startswith("uid:") and not key.removeprefix("uid:").isdecimal():
         return f"'{key}' is not a user: write uid: and the number that 'id -u NAME' prints"
     return "" if key else "a key needs a name"
 
 
 def _line_of(text: str, table: int, name: str) -> int:
-    """The line of an entry in the table of that index; 0 if not found (TOML has many notations)."""
+    """Return the line of an entry in the table of that index (-1: before all), or of its heading.
+
+    The entry is *name* ("": the heading). Return 0 if it is not found: TOML has many notations.
+    """
     current = -1
     with contextlib.suppress(re.error):
         for number, line in enumerate(text.splitlines(), 1):
             is_heading = bool(_HEADING.match(line))
             current += is_heading
-            is_it = (
-                is_heading
-                if not name
-                else re.match(rf"""\s*["']?{re.escape(name)}["']?\s*[=.]""", line)
-            )
-            if current == table and is_it:
+            if current == table and (
+                re.match(rf"""\s*["']?{re.escape(name)}["']?\s*[=.]""", line)
+                if name
+                else is_heading
+            ):
                 return number
     return 0

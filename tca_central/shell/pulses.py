@@ -1,7 +1,7 @@
 """Pulses: sockets of processes on which ZeroMQ returns central's heartbeats, a sign that they run.
 
-A client without a pulse is not watched. Silence is counted in heartbeats, not in seconds. A central
-that stood still has sent none, so it blames no process for its own pause.
+A process without a pulse is not watched. Silence is counted in heartbeats, not in seconds. A
+central that stood still has sent none, so it blames no process for its own pause.
 """
 
 from collections.abc import Iterable
@@ -11,8 +11,8 @@ from tca_central.model.deliveries import Connection
 LATE = 20
 """Extra heartbeats granted to a pulse that was never reached.
 
-A process notices within 10 s that its socket leads nowhere, for example after the computer of the
-previous central went down. It then reconnects every 5 s or sooner.
+After a crash of the previous central's computer, a process notices within 10 s that its connection
+is broken. It then reconnects every 5 s or sooner.
 """
 _REMEMBERED = 1000
 """The number of closed pulses that are remembered."""
@@ -22,9 +22,10 @@ class Pulses:
     """Counts the unanswered heartbeats of each pulse. Knows no socket and no clock."""
 
     def __init__(self, patience: int) -> None:
-        """`patience`: unanswered heartbeats after which a pulse is silent."""
+        """*patience* is the number of unanswered heartbeats after which a pulse is silent."""
         self.active: set[bytes] = set()  #: routing ids of all packets since the last heartbeat
         self._patience = patience
+        #: By pulse: heartbeats since the last sign of life. It is negative while more are granted.
         self._unanswered: dict[bytes, int] = {}
         self._reached: set[bytes] = set()  #: pulses that a heartbeat has reached
 
@@ -54,12 +55,12 @@ class Pulses:
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
     def mark_closed(self, pulse: bytes) -> None:
-        """Note that a pulse's socket is closed: suspicious only if it was never reached."""
+        """Note that a pulse's socket is closed. It may be silent only if it was never reached."""
         if pulse in self._reached:
             self._unanswered.pop(pulse, None)
         else:
             self._unanswered.setdefault(pulse, -LATE)
 
     def silent(self) -> set[bytes]:
-        """The pulses that have been silent for too long."""
+        """Return the pulses that have been silent for too long."""
         return {pulse for pulse, beats in self._unanswered.items() if beats >= self._patience}

@@ -1,10 +1,11 @@
 """Recovers an unfinished run by a replay of the inputs since its newest image.
 
-A run is unfinished if it did not end regularly. The result of the replay is compared with the facts
-in the journal. The journal may lack the last facts: they are written again. It may have more facts
-if the last inputs did not reach the disk: these are moved to files beside it, and reported. Any
-other difference is reported and stops the recovery, unless the user accepts it (--resume facts).
-Then all logs are cut after their last sound record, before anything is written (decision 102).
+A run is unfinished if it did not end regularly. The recovery compares the facts of the replay with
+those in the journal. If the journal lacks the last facts, they are written again. If it has facts
+beyond the inputs, because the last inputs did not reach the disk, these are moved to files beside
+it, and reported. Any other difference is reported and stops the recovery, unless the user accepts
+it (--resume facts). Then all logs are cut after their last sound record, before anything is written
+(decision 102).
 """
 
 import logging
@@ -29,10 +30,10 @@ GRACE = 10.0
 """Seconds that modules have to reconnect."""
 
 LONGEST_AWAY = 30 * 86_400.0
-"""Seconds of absence that count at most after a reboot: the clock may have been wrong before."""
+"""The longest absence in seconds after a reboot: the clock may have been wrong before."""
 
 SKIPPED = 1_000_000
-"""Numbers to skip when the last second of inputs may be lost: they may have been used in it."""
+"""Ids to skip when the last second of inputs may be lost: central may have given them in it."""
 
 
 @dataclass
@@ -41,18 +42,18 @@ class UnfinishedRun:
 
     central: Central
     head: Head  #: the head of its newest segment of inputs
-    first: int  #: the number of its first segment of inputs
+    first_segment: int  #: the number of its first segment of inputs
     opened: Opened | None  #: the head of the newest segment of its journal
     last: Entry  #: the last entry of its journal
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
     inputs: int = 0  #: the number of replayed inputs
     may_lack: bool = False  #: whether its last inputs may be missing
-    known: int = 0  #: the number of events in the image
-    kept: int = 0  #: the number of the image, and of the first segment after it
-    aside: int = 0  #: entries that its journal had beyond the inputs
+    image_events: int = 0  #: the number of events in the image
+    image: int = 0  #: the number of the image, and of the first segment after it
+    aside: int = 0  #: the number of entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
-        """The event with which it continues."""
+        """Return the event with which it continues."""
         clock = self.central.clock.now
         # The wall clock may have been set in the meantime, but no absence is longer than the
         # uptime.
@@ -61,24 +62,21 @@ class UnfinishedRun:
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
     def lost_connections(self) -> Iterator[ConnectionLost]:
-        """The loss of connections whose processes, on this computer, have ended."""
+        """Yield the losses of connections whose processes, on this computer, have ended."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
+        if not Path("/proc/self").exists():
+            return
         for connection in list(self.central.restart_pause.awaited):
             process = connection.module.process
             pid = process.removeprefix(here)
             is_here = process.startswith(here) and pid.isdecimal()
-            if (
-                is_here
-                and (_was_booted(self.head) or not _is_running(pid))
-                and Path("/proc/self").exists()
-            ):
-                yield ConnectionLost(
-                    now, connection.id, "its process had ended when central came back"
-                )
+            if is_here and (_was_booted(self.head) or not _is_running(pid)):
+                why = "its process had ended when central came back"
+                yield ConnectionLost(now, connection.id, why)
 
 
 def _was_booted(head: Head) -> bool:
-    """Whether the computer has rebooted since."""
+    """Whether the computer has rebooted since a segment's head was written."""
     return head.boot != this_boot()
 
 
@@ -92,9 +90,9 @@ def _is_running(process: str) -> bool:
 
 
 def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegment]:
-    """The segments of inputs of a folder's newest run, oldest first; none if it ended regularly.
+    """Return the segments of inputs of a folder's newest run, oldest first; none if it has ended.
 
-    With `accept`, segments with damaged heads are skipped. Raises CentralError.
+    With *accept*, segments with damaged heads are skipped. Raises CentralError.
     """
     if not accept:
         check_heads(folder)
@@ -111,7 +109,7 @@ def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegm
 
 
 def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False) -> UnfinishedRun:
-    """Recover an unfinished run.
+    """Return an unfinished run, replayed, with its logs cut so that new records can follow.
 
     Args:
         folder: The folder of the run.
@@ -160,7 +158,7 @@ def recover(folder: Path, segments: list[InputSegment], *, accept: bool = False)
         missing,
         replay.inputs,
         accept or may_lack,
-        replay.began,
-        replay.first,
+        replay.image_events,
+        replay.image,
         facts.aside,
     )

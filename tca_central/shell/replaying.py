@@ -25,13 +25,13 @@ log = logging.getLogger("tca.central")
 
 
 def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
-    """The segments of inputs of the newest run in a folder, or of the run `epoch`, oldest first."""
+    """Return the segments of inputs of a folder's newest run, or the run *epoch*, oldest first."""
     found: list[InputSegment] = []
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is None:
-            if found:
-                found.append(segment)  # a hole: ``InputReplay`` decides about it
-            continue  # else central ended while creating it
+            if found:  # else central ended while creating it
+                found.append(segment)  # ``InputReplay`` decides about the gap
+            continue
         if segment.head.epoch != (epoch := epoch or segment.head.epoch):
             if found:
                 break
@@ -47,14 +47,17 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
 
 
 def _is_left_over(segment: InputSegment) -> bool:
-    """Whether a failed start created it. Its head would hide the boot of the run's last input."""
+    """Whether a failed start created a segment.
+
+    It does not count: its head names a later boot than that of the run's last input.
+    """
     assert segment.head is not None
     is_used = segment.head.is_first or segment.path.with_suffix(IMAGE_SUFFIX).exists()
     return not is_used and segment.is_empty
 
 
 def check_heads(folder: Path) -> None:
-    """Raise CentralError if the newest segment's head is damaged, so that its run is unknown."""
+    """Raise CentralError if the newest head is damaged, so that the newest run is unknown."""
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is not None:
             return
@@ -71,7 +74,7 @@ def has_ended(segments: list[InputSegment]) -> bool:
 
 
 class NoReplay(CentralError):
-    """Inputs that are missing, or can't be replayed."""
+    """The error for inputs that are missing, or can't be replayed."""
 
 
 class InputReplay:
@@ -82,7 +85,7 @@ class InputReplay:
         segments: The run's segments of inputs, oldest first.
         cuts: Whether to stop at a damaged or missing input instead of raising an error.
         may_lack: Whether some of the last inputs may not have reached the disk.
-        from_first: Whether to start with the oldest state that there is.
+        from_first: Whether to start with the run's oldest state or image, not with its newest.
 
     Raises:
         CentralError: The inputs can't be replayed.
@@ -101,7 +104,7 @@ class InputReplay:
         assert head is not None
         self.folder = folder
         self.head = head
-        self.inputs = 0  #: the number of replayed inputs
+        self.inputs = 0  #: the number of inputs replayed so far
         self._cuts, self._may_lack = cuts, may_lack
         self._last = segments[0]  #: the segment with the last input that was read
         if other := next(
@@ -115,11 +118,11 @@ class InputReplay:
             )
             raise self._no_replay(what)
         self.central, self._segments = self._first_state(segments, from_first=from_first)
-        self.began = self.central.event_count  #: the number of events before the inputs
-        self.first = self._segments[0].number
+        self.image_events = self.central.event_count  #: the number of events in the image
+        self.image = self._segments[0].number  #: the number of the image
 
     def entries(self) -> Iterator[Entry]:
-        """The journal entries to which the inputs lead. Raises CentralError."""
+        """Replay the inputs, and yield the entries to which they lead. Raises CentralError."""
         for logged, spared in _with_spared(self._inputs()):
             self.inputs += 1
             for event in events_of(logged, spared):
@@ -127,20 +130,16 @@ class InputReplay:
                     effects = self.central.handle(event)
                 except Exception as error:
                     what = f"{type(error).__name__}: {error}"
-                    msg = f"input {self.inputs} leads to an internal error of central ({what})"
-                    raise self._no_replay(msg) from error
+                    why = f"input {self.inputs} leads to an internal error of central ({what})"
+                    raise self._no_replay(why) from error
                 yield from (effect.entry for effect in effects if isinstance(effect, Record))
 
     def _first_state(
         self, segments: list[InputSegment], *, from_first: bool
     ) -> tuple[Central, list[InputSegment]]:
-        """The newest readable state, and the segments after it."""
-        first, why = segments[0], ""
-        images = [
-            one
-            for one in numbers(self.folder, IMAGE_SUFFIX)
-            if first.number <= one <= segments[-1].number
-        ]
+        """Return the newest readable state (oldest: *from_first*), and the segments after it."""
+        first, last, why = segments[0].number, segments[-1].number, ""
+        images = [one for one in numbers(self.folder, IMAGE_SUFFIX) if first <= one <= last]
         if not (from_first and self.head.is_first):
             for number in images if from_first else images[::-1]:
                 try:
@@ -160,6 +159,10 @@ class InputReplay:
         return Central(self.head.epoch), segments
 
     def _inputs(self) -> Iterator[Input]:
+        """Yield the inputs of all segments, up to the first damaged or missing one.
+
+        Raises CentralError if no crash of central or its computer explains that.
+        """
         for number, segment in enumerate(self._segments, self._segments[0].number):
             if segment.number > number:
                 if self._cuts or self._may_lack:
@@ -205,7 +208,7 @@ class InputReplay:
 
 
 def _damaged(segment: InputSegment) -> CentralError:
-    """The error for a damaged input before sound ones: no interrupted write explains that."""
+    """Return the error for a damaged input before sound ones: no interrupted write causes that."""
     msg = (
         f"{segment.path}, byte {segment.end}: an input is damaged, and others follow it; "
         "--resume facts continues from the inputs before it, --fresh starts a new run"
@@ -214,7 +217,10 @@ def _damaged(segment: InputSegment) -> CentralError:
 
 
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
-    """Yield each input with the index of the request in it to refuse (-1: none)."""
+    """Yield each input with the index of its request to refuse, which the next input may name.
+
+    The index is -1 if no request is refused.
+    """
     previous: Input | None = None
     for event in inputs:
         if previous is not None and not isinstance(previous, Spared):

@@ -29,7 +29,7 @@ class Recorder(Protocol):
 
 
 class RunFolder:
-    """A folder that only this central writes to.
+    """A folder that only this central writes to, with the run that it continues.
 
     Args:
         path: The folder, created if missing.
@@ -52,10 +52,12 @@ class RunFolder:
             os.close(self._lock)
             raise
         earlier = ", after earlier runs" if numbers(path, SEGMENT_SUFFIX) else ""
-        self.history = earlier if self.run is None else ", which continues"  #: for the log
+        #: What follows the folder's name in the log.
+        self.history = earlier if self.run is None else ", which continues"
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
 
     def _unfinished_run(self, *, is_fresh: bool, accept: bool) -> UnfinishedRun | None:
+        """Recover the folder's unfinished run, or end it if *is_fresh*."""
         segments = unfinished_segments(self.path, accept=accept or is_fresh)
         if not segments or not is_fresh:
             return recover(self.path, segments, accept=accept) if segments else None
@@ -83,18 +85,19 @@ class RunFolder:
         for entry in run.missing:
             journal.add(entry)
         if inputs is not None:
-            inputs.first = run.first
-        server.log = RunLog(journal, inputs, known=run.known, kept=run.kept)
+            inputs.first = run.first_segment
+        server.log = RunLog(journal, inputs, run.image_events, run.image)
         self._continue_run(server, run, inputs, hold=hold)
 
     @staticmethod
     def _continue_run(
         server: Recorder, run: UnfinishedRun, inputs: InputLog | None, *, hold: bool
     ) -> None:
+        """Have the server handle the restart, and the loss of ended processes."""
         restarted = run.restarted(hold=hold)
         server.handle_input(restarted)
         if restarted.skipped and inputs is not None:
-            # It must be on the disk: after another power cut now, other numbers must be skipped.
+            # The restart must be on the disk: after another power cut now, other ids are skipped.
             inputs.make_safe()
         log.warning(
             "continues the unfinished run, which stopped %.1f s ago: "

@@ -9,8 +9,7 @@ from tca_central.shell.input_log import InputLog
 from tca_central.shell.journal_writer import JournalWriter
 from tca_wire.journal.facts import Entry
 
-LEAST_FREE = 256 << 20
-LEAST_SHARE = 20
+LEAST_FREE, LEAST_SHARE = 256 << 20, 20
 """A disk is nearly full with fewer free bytes than LEAST_FREE, and less than a twentieth free."""
 
 
@@ -18,17 +17,17 @@ class RunLog:
     """The files of one run.
 
     Args:
-    journal: The run's journal.
-    inputs: The run's log of inputs; None: the run can't continue after a crash.
-    known: The number of events in the newest image.
-    kept: The number of the newest image.
+        journal: The run's journal.
+        inputs: The run's log of inputs; None: the run can't continue after a crash.
+        image_events: The number of events in the newest image.
+        image: The number of the newest image; 0: none.
     """
 
     def __init__(
-        self, journal: JournalWriter, inputs: InputLog | None, known: int = 0, kept: int = 0
+        self, journal: JournalWriter, inputs: InputLog | None, image_events: int = 0, image: int = 0
     ) -> None:
         self.folder = journal.folder
-        self.images = Images(inputs, journal, known, kept) if inputs is not None else None
+        self.images = Images(inputs, journal, image_events, image) if inputs is not None else None
         self._journal, self._inputs = journal, inputs
 
     def add_input(self, event: Input) -> None:
@@ -37,7 +36,7 @@ class RunLog:
             self._inputs.add(event)
 
     def add_entry(self, entry: Entry) -> None:
-        """Append an entry."""
+        """Append an entry of the journal."""
         self._journal.add(entry)
 
     def flush(self, central: Central) -> None:
@@ -49,7 +48,7 @@ class RunLog:
             self.images.update(central)
 
     def check(self) -> None:
-        """Raise CentralError if writes would be lost."""
+        """Raise CentralError if writes would be lost because a file was removed."""
         if self._inputs is not None:
             self._inputs.check()
         self._journal.check()
@@ -61,9 +60,9 @@ class RunLog:
         return free < LEAST_FREE and disk.f_bavail * LEAST_SHARE < disk.f_blocks
 
     def end(self, central: Central, why: str, *, is_over: bool) -> None:
-        """Write the rest, and `why` central ends.
+        """Write all records and *why* central ends, and close the files. Raises CentralError.
 
-        With `is_over` the run ends, else it may continue. Raises CentralError.
+        If the run *is_over* it ends, else it may continue.
         """
         if self.images is not None:
             self.images.close()
@@ -75,9 +74,9 @@ class RunLog:
         )
 
     def abandon(self) -> bool:
-        """Stop writing while central continues, and prevent that the run continues from here later.
+        """Remove the inputs, so that the run can't continue from here later.
 
-        Return False if the inputs can't be removed.
+        Central continues without these files. Return False if the inputs can't be removed.
         """
         try:
             if self._inputs is not None:

@@ -1,8 +1,9 @@
-"""The ZeroMQ shell around the core: with `door.py`, the only code of central that uses sockets.
+"""The ZeroMQ shell around the core: reads packets, has the core handle them, and sends messages.
 
 A turn of the loop: read the packets that have arrived, handle them, journal the effects, send the
 messages. Messages of one turn to one connection leave in one packet. Packets for a connection that
-accepts no more wait in its outbox, up to a bound.
+accepts no more wait in its outbox, up to a bound. Apart from this file only door.py and
+authenticator.py use central's sockets.
 """
 
 import contextlib
@@ -55,8 +56,8 @@ log = logging.getLogger("tca.central")
 _EVENTS, _POLLIN, _RCVMORE = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.RCVMORE)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
-# Milliseconds after a packet in which another one is likely.
 LIVELY = 20
+"""Milliseconds after a packet in which another one is likely."""
 
 _OPTIONS = (
     (zmq.ROUTER_MANDATORY, 1),
@@ -79,15 +80,19 @@ BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 LOST_AFTER = 5
 """Unanswered heartbeats on a pulse after which its process, which stands still, counts as lost."""
-# Packets read per turn: few enough that one flooding sender can't starve the slots, which get
-# their next messages once a turn.
 PACKETS_PER_TURN = 64
+"""Few enough that one flooding sender can't starve the slots.
+
+Slots get their next messages once a turn.
+"""
 BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
 """A turn ends once it exceeds these bytes or seconds: other connections wait for answers."""
-# Turns that read pending packets before a connection counts as lost. A bound, so that a flood from
-# others can't hide the loss for ever.
 MOST_DRAIN_TURNS = 1000
+"""Turns that read pending packets before a connection counts as lost.
+
+It is a bound, so that a flood from others can't hide the loss for ever.
+"""
 
 
 class Daemon:
@@ -95,13 +100,13 @@ class Daemon:
 
     Args:
         central: The core, new or recovered.
-        endpoint: The address to bind, `ipc:///path` or `tcp://host:port`.
+        endpoint: The address to bind, ``ipc:///path`` or ``tcp://host:port``.
         lost_after: Seconds of silence after which a process that stands still counts as lost; 0:
             never.
         gate: Decides which programs may connect (default: over TCP, every program).
-        memory: Bytes of what modules send that central holds at most.
+        memory: Bytes of modules' data that central holds at most.
         tap_depth: Listeners of wiretaps in one chain of messages at most.
-        task_depth: Tasks above one another at most.
+        task_depth: Depth of the task tree at most.
     """
 
     def __init__(
@@ -125,27 +130,25 @@ class Daemon:
         self._is_stop_requested = False
         self._started_at = time.monotonic() - central.clock.now
         self._outboxes = Outboxes(self._send)
-        self._too_slow: dict[ConnectionId, str] = {}
+        self._too_slow: dict[ConnectionId, str] = {}  #: connections that will be cut, and why
         self._lines = LogLines(log, central)
-        self._next_pulse, self._next_beat, self._next_sweep = (
-            PULSE_PERIOD,
-            BEAT_PERIOD,
-            SWEEP_PERIOD,
-        )
+        self._next_pulse, self._next_beat = PULSE_PERIOD, BEAT_PERIOD
+        self._next_sweep = SWEEP_PERIOD
         self._lost_after = lost_after
         self._pulses = Pulses(lost_after)
         self._gate = gate or gate_for(endpoint, insecure=True)
         self._lock = _lock_address(endpoint)
         self._context = zmq.Context()
-        #: Whether an unknown connection has closed: heartbeats to all connections show which.
+        #: Whether a connection has closed without Bye. Heartbeats to all connections show which.
         self._has_lost = False
-        self._closed = 0  #: sockets that have closed, as the door counts them
-        self._expected = 0  #: closed sockets that are accounted for: announced, or searched for
+        self._closed = 0  #: number of sockets that have closed, as the door counts them
+        #: Number of closed sockets that are explained: by a Bye, or by a search for the loss.
+        self._explained = 0
         self._wake_sender, self._wake_receiver = sockets.socketpair()
         self._wake_sender.setblocking(False)
         self.socket, self._door = self._bind(endpoint)
         self.endpoint = self.socket.get_string(zmq.LAST_ENDPOINT)
-        self._is_lively = False  #: a packet has just arrived, so another one is likely
+        self._is_lively = False  #: whether a packet has just arrived, so that another is likely
         self._poller = zmq.Poller()
         self._poller.register(self._wake_receiver.fileno(), _POLLIN)
         self._poller.register(self.socket, _POLLIN)
@@ -161,11 +164,13 @@ class Daemon:
         self._next_pulse = 0.0
         self._wake_up()
 
-    def _count_closed(self, lines: int) -> None:
-        self._closed += lines
+    def _count_closed(self, sockets_closed: int) -> None:
+        """Note closed sockets. The door's thread calls this."""
+        self._closed += sockets_closed
         self._wake_up()
 
     def _wake_up(self) -> None:
+        """End the loop's present wait."""
         # OSError: the loop has ended and closed the socket, or earlier wake-ups fill its buffer.
         with contextlib.suppress(OSError):
             self._wake_sender.send(b".")
@@ -181,7 +186,7 @@ class Daemon:
         while not self.stopping:
             patience = self._poll_timeout()
             if self._is_lively and patience > LIVELY:
-                # ZeroMQ's own wait is cheaper than a poll, but only a packet ends it.
+                # To wait in ZeroMQ's own way is cheaper than to poll, but only a packet ends it.
                 self._is_lively = self._receive(0)
             else:
                 for source, _ in self._poller.poll(patience):
@@ -209,8 +214,9 @@ class Daemon:
             self._perform(effects)
 
     def _track(self, connection: ConnectionId, header: Bye | Receipt) -> None:
+        """Note that a connection will close its sockets, or has read bytes."""
         if isinstance(header, Bye):
-            self._expected += self._count_sockets(connection)
+            self._explained += self._count_sockets(connection)
         else:
             self._outboxes.credit(connection, header.size)
 
@@ -234,6 +240,7 @@ class Daemon:
         )
 
     def _perform(self, effects: list[Effect]) -> None:
+        """Journal entries and queue messages; ``_flush`` writes and sends them."""
         for effect in effects:
             if isinstance(effect, Transmit):
                 self._enqueue(effect.connection, effect.header, effect.body)
@@ -243,12 +250,17 @@ class Daemon:
             self._lines.write(effect)
 
     def _run_due_work(self) -> None:
-        if self._closed > self._expected:
-            self._has_lost, self._expected = True, self._closed
+        """Handle losses, heartbeats and timers that are due."""
+        if self._closed > self._explained:
+            self._has_lost, self._explained = True, self._closed
         if self._has_lost or self._too_slow or self.now() >= self._next_beat:
-            self._find_lost()
+            self._check_connections()
         if self.now() >= self._next_pulse:
-            self._find_silent()
+            self._next_pulse = self.now() + PULSE_PERIOD
+            self._check_log()
+            self._apply_gate_changes()
+            self._lines.losses.write_due(self.now())
+            self._check_pulses()
         due = self.central.clock.next
         if due is not None and due <= self.now():
             self.handle_input(Tick(self.now()))
@@ -284,7 +296,7 @@ class Daemon:
         self.log = None
 
     def _check_log(self) -> None:
-        """Find what a write would not: removed files, and a disk that is nearly full."""
+        """Find problems that a write would not: removed files, and a disk that is nearly full."""
         if self.log is None:
             return
         try:
@@ -299,17 +311,17 @@ class Daemon:
                 self.handle_input(DiskSpace(self.now(), is_low))
 
     def now(self) -> float:
-        """Seconds since the run started, on a clock that never jumps."""
+        """Return the seconds since the run started, on a clock that never jumps."""
         return time.monotonic() - self._started_at
 
     def _poll_timeout(self) -> int:
-        """Milliseconds until the next heartbeat, timer or retry of a slow connection."""
+        """Return the milliseconds until the next heartbeat, timer or retry of a slow connection."""
         until = min(self._next_beat, self._next_pulse)
         due = self.central.clock.next
         if due is not None and due < until:
             until = due
         left = until - self.now()
-        if left <= 0 or self._has_lost or self._too_slow or self._closed > self._expected:
+        if left <= 0 or self._has_lost or self._too_slow or self._closed > self._explained:
             return 0
         return 10 if self._outboxes.has_waiting else int(left * 1000) + 1
 
@@ -318,7 +330,7 @@ class Daemon:
     def _receive(self, flags: int = _DONTWAIT) -> bool:
         """Handle the packets that have arrived, up to a bound. Return whether there were any.
 
-        With `flags` 0 wait up to LIVELY milliseconds for the first one.
+        With *flags* 0 wait up to LIVELY milliseconds for the first one.
         """
         receive, size, until = self.socket.recv, 0, 0.0
         # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every
@@ -330,7 +342,8 @@ class Daemon:
             try:
                 connection = ConnectionId(receive(_DONTWAIT if count else flags))
             except zmq.Again:
-                # Dearer than asking first, but where there are two packets there may be many.
+                # The exception costs more than ``_has_arrived``, but is rare: after a second packet
+                # there are often more.
                 return count > 0
             frame, now = receive(_DONTWAIT, copy=False), self.now()
             until = until or now + SECONDS_PER_TURN
@@ -358,13 +371,13 @@ class Daemon:
             self.handle_input(Arrived(now, connection, packet, principal))
 
     def _reject(self, connection: ConnectionId, frame: zmq.Frame) -> None:
-        """Discard a packet whose sender may not connect, unread; at its first one say so."""
+        """Discard a packet whose sender may not connect, unread. Answer only its first packet."""
         self._discard_frames(frame)
         if self._gate.is_first_rejection(connection):
-            self._enqueue(connection, Refused(0, Refusal.SHUT_OUT, self._gate.why), b"")
+            self._enqueue(connection, Refused(0, Refusal.SHUT_OUT, self._gate.rejection))
 
     def _discard_frames(self, frame: zmq.Frame) -> str:
-        """Discard the other frames of a message, and return the complaint about it."""
+        """Discard the other frames of a message. Return what is wrong with it."""
         frames, receive, is_more = 1, self.socket.recv, self.socket.getsockopt
         more: Any = frame.more
         while more:  # central handles nothing else in the meantime: keep it short
@@ -375,10 +388,10 @@ class Daemon:
     def _ask_identity(self, connection: ConnectionId) -> None:
         """Ask an unknown connection to identify itself."""
         if connection not in self.central.registry.connections:
-            self._enqueue(connection, Unknown(), b"")
+            self._enqueue(connection, Unknown())
 
     def _count_sockets(self, connection: ConnectionId) -> int:
-        """Count the sockets that close with a connection.
+        """Return the number of sockets that close with a connection.
 
         These are its own and, with the last connection of its process, the pulse.
         """
@@ -394,13 +407,14 @@ class Daemon:
         for event in self._gate.changes(self.now(), self.central):
             self.handle_input(event)
             if isinstance(event, ConnectionLost):
-                self._enqueue(event.connection, Refused(0, Refusal.SHUT_OUT, event.why), b"")
+                self._enqueue(event.connection, Refused(0, Refusal.SHUT_OUT, event.why))
 
-    def _find_lost(self) -> None:
-        """Send heartbeats to connections, and handle the loss of closed ones.
+    def _check_connections(self) -> None:
+        """Send heartbeats to connections, and handle the loss of closed and slow ones.
 
-        Usually they go to connections that wait for an answer. They go to all after an unexplained
-        close, since the door counts closes but can't say whose, and once per SWEEP_PERIOD.
+        Usually heartbeats go to connections that wait for an answer. They go to all after an
+        unexplained close, since the door counts closes but can't say whose, and once per
+        SWEEP_PERIOD.
         """
         now, known = self.now(), self.central.registry.connections
         is_sweep = self._has_lost or now >= self._next_sweep
@@ -409,10 +423,10 @@ class Daemon:
             self._has_lost, self._next_sweep = False, now + PULSE_PERIOD
         elif is_sweep:
             self._next_sweep = now + SWEEP_PERIOD
-            # Some connections say Bye and stay open.
-            self._expected = min(self._expected, self._closed)
+            # Some connections say Bye and stay open: they explain no close.
+            self._explained = min(self._explained, self._closed)
         self._next_beat = min(now + BEAT_PERIOD, self._next_sweep)
-        for stranger in [one for one in self._outboxes.connections() if one not in known]:
+        for stranger in [one for one in self._outboxes.idle_connections() if one not in known]:
             self._outboxes.forget(stranger, is_closed=not self._send_heartbeat(stranger))
         if self.central.unconfirmed:
             self.handle_input(ConfirmTasks(now))
@@ -420,12 +434,11 @@ class Daemon:
             self.handle_input(ConnectionLost(now, connection, why))
             self._ask_identity(connection)
         self._too_slow.clear()
-        beats = [
-            one
-            for one in known.values()
-            if (is_sweep or one.outstanding) and one not in self.central.restart_pause.awaited
+        awaited = self.central.restart_pause.awaited
+        checked = [
+            one.id for one in known.values() if (is_sweep or one.outstanding) and one not in awaited
         ]
-        closed = [one.id for one in beats if not self._send_heartbeat(one.id)]
+        closed = [connection for connection in checked if not self._send_heartbeat(connection)]
         if closed:
             self._drain()
         for connection in closed:
@@ -441,15 +454,11 @@ class Daemon:
             return False
         return True
 
-    def _find_silent(self) -> None:
+    def _check_pulses(self) -> None:
         """Send heartbeats to all pulses, and handle the loss of processes that stand still.
 
         A stopped process returns no heartbeat, although the kernel keeps its sockets open.
         """
-        self._next_pulse = self.now() + PULSE_PERIOD
-        self._check_log()
-        self._apply_gate_changes()
-        self._lines.losses.write_due(self.now())
         known, pulses = self.central.registry.connections, self._pulses
         beating = pulses.start_round(known.values()) if self._lost_after else set()
         if pulses.silent():
@@ -474,12 +483,13 @@ class Daemon:
             self._flush()
 
     def _has_arrived(self) -> bool:
-        # Asking is cheaper than the exception that a socket without messages raises.
+        """Whether a packet has arrived. Cheaper than the exception of a socket without packets."""
         return bool(int(self.socket.getsockopt(_EVENTS)) & _POLLIN)
 
     # --- sending ----------------------------------------------------------------------------------
 
-    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes) -> None:
+    def _enqueue(self, connection: ConnectionId, header: ToModule, body: bytes = b"") -> None:
+        """Queue a message for the end of the turn."""
         if self.central.restart_pause.awaited and connection.startswith(AWAY):
             return  # a connection that returns gets its messages again
         self._outboxes.add(connection, codec.pack_in_pieces(header, body))
@@ -493,15 +503,16 @@ class Daemon:
             self.socket.send(connection, _SNDMORE)
             self.socket.send(packet, _DONTWAIT)
         except zmq.Again:
-            # Messages to an unknown connection are dropped, not stored.
+            # Report a message to an unknown connection as sent: it is dropped, not stored.
             return connection not in self.central.registry.connections
         except zmq.ZMQError as error:
             raise ConnectionError from error
         return True
 
-    # --- start and end ------------------------------------------------------------------------
+    # --- start and end ----------------------------------------------------------------------------
 
     def _bind(self, endpoint: str) -> tuple[zmq.Socket[bytes], Door]:
+        """Return the bound socket and its open door. Raises CentralError."""
         socket = self._context.socket(zmq.ROUTER)
         for option, value in _OPTIONS:
             socket.setsockopt(option, value)
@@ -526,7 +537,7 @@ class Daemon:
         self._lines.losses.write_due()
         self._perform(self.central.handle(ConfirmTasks(self.now())))
         for connection in self.central.registry.connections:
-            self._enqueue(connection, Closing(self.stopping), b"")
+            self._enqueue(connection, Closing(self.stopping))
         with contextlib.suppress(CentralError):  # a journal that can't be written has been reported
             self._flush()
             if self.log is not None:
@@ -545,7 +556,7 @@ class Daemon:
 
 
 def _as_logged(event: Input, events: Sequence[Event]) -> Input:
-    """The input as the log stores it. Bytes that are no message become their error."""
+    """Return an input as the log stores it: bytes that are no packet as what is wrong with them."""
     return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
 
 

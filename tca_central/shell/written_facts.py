@@ -18,7 +18,7 @@ _ADVICE = (
 
 
 class Difference(CentralError):
-    """The journal differs from the facts to which the inputs lead."""
+    """The error that the journal differs from the facts to which the inputs lead."""
 
     def __init__(self, path: Path, offset: int, written: Entry, given: Entry | None) -> None:
         if given is None or written.number < given.number:
@@ -31,11 +31,12 @@ class Difference(CentralError):
             f"{path}, byte {offset}: the journal does not match the inputs: {what}. {_ADVICE}"
         )
         self.path, self.offset = path, offset
-        self.written, self.given = written, given  #: the entries at the first difference
+        #: The journal's entry at the first difference, and that of the replay (None: none is left).
+        self.written, self.given = written, given
 
 
 class WrittenFacts:
-    """The entries of one run's journal after the entry `after`, in order."""
+    """The entries of one run's journal after the entry number *after*, in order."""
 
     def __init__(self, folder: Path, epoch: str, after: int) -> None:
         self.opened: Opened | None = None  #: the head of its newest segment
@@ -43,39 +44,38 @@ class WrittenFacts:
         self.compared = 0  #: the number of equal entries
         self.aside = 0  #: the number of entries moved aside
         self._folder, self._after = folder, after
-        self._place = (folder, 0)  #: the file and offset of ``_next``
-        self._has_holes = False
-        self._paths = self._of_run(epoch, after)
+        self._next_at = (folder, 0)  #: the file and offset of ``_next``
+        self._has_holes = False  #: whether bytes were damaged, so that entries may be missing
+        self._paths = self._segments(epoch)
         self._end = 0  #: the offset after the last entry
         self._entries = self._read()
-        self._next = next(self._entries, None)
+        self._next = next(self._entries, None)  #: the first entry that is not compared yet
 
     def compare(self, given: Iterator[Entry], missing: list[Entry]) -> Difference | None:
         """Return the first difference to the entries to which the inputs lead; None: all are equal.
 
-        Entries that the journal lacks at its end are appended to `missing`; so is the entry at a
+        Append to *missing* the entries that the journal lacks at its end, and the entry at a
         difference.
         """
         for entry in given:
             if self._next is None:
                 missing.append(entry)
                 continue
-            place, written, before = self._place, self._next, self.last
+            written_at, written, before = self._next_at, self._next, self.last
             if written.number == entry.number:
-                whole = self._whole()
-                if whole == entry:
+                written = self._read_whole()
+                if written == entry:
                     self.compared += 1
                     continue
-                written = whole
             elif written.number > entry.number and self._has_holes:
-                continue
+                continue  # the entry was in damaged bytes
             missing.append(entry)
             self.last = before
-            return Difference(*place, written, entry)
-        return Difference(*self._place, self._next, None) if self._next is not None else None
+            return Difference(*written_at, written, entry)
+        return Difference(*self._next_at, self._next, None) if self._next is not None else None
 
-    def _whole(self) -> Entry:
-        """The next entry. One that was too big for a record is joined from several."""
+    def _read_whole(self) -> Entry:
+        """Return the next entry. One that was too big for a record is joined from several."""
         assert self._next is not None
         whole = Entry(self._next.number, self._next.time, [], self._next.cause)
         while self._next is not None and self._next.number == whole.number:
@@ -85,14 +85,14 @@ class WrittenFacts:
 
     def move_aside(self, difference: Difference) -> None:
         """Cut the journal at a difference, and move the rest to files beside it."""
-        path, place = difference.path, self._paths.index(difference.path)
+        path, after = difference.path, self._paths.index(difference.path) + 1
         self.aside += 1 + sum(1 for _ in self._entries)
-        move_aside(path, difference.offset, *self._paths[place + 1 :])
+        move_aside(path, difference.offset, *self._paths[after:])
         self.opened = _head_of(path)[0] or self.opened
-        self._next, self._end, self._paths = None, difference.offset, self._paths[: place + 1]
+        self._next, self._end, self._paths = None, difference.offset, self._paths[:after]
 
     def cut_journal(self) -> None:
-        """Cut a partial record at the end, for another segment follows. Raises OSError."""
+        """Cut a partial record at the end, because another segment follows. Raises OSError."""
         for path in files_of(self._folder, SEGMENT_SUFFIX):
             if (not self._paths or path > self._paths[-1]) and has_no_record(path):
                 path.unlink()
@@ -105,11 +105,11 @@ class WrittenFacts:
 
     # --- reading ----------------------------------------------------------------------------------
 
-    def _of_run(self, epoch: str, after: int) -> list[Path]:
-        """The run's segments, from the one that contains the entry `after`."""
+    def _segments(self, epoch: str) -> list[Path]:
+        """Return the run's segments, from the one that contains the entry number ``_after``."""
         found: list[Path] = []
         for path in reversed(files_of(self._folder, SEGMENT_SUFFIX)):
-            opened, first = _head_of(path)
+            opened, entry_before = _head_of(path)
             if opened is None:
                 if not has_no_record(path):  # else central ended while creating it
                     self._has_holes = True
@@ -119,21 +119,20 @@ class WrittenFacts:
                 break
             self.opened = self.opened or opened
             found.append(path)
-            if first <= after:
+            if entry_before <= self._after:
                 break
         return found[::-1] if self.opened is not None else []
 
     def _read(self) -> Iterator[Entry]:
+        """Yield the entries after ``_after``, without heads of segments, which have no cause."""
         for path in self._paths:
             with path.open("rb") as stream:
                 reader = JournalReader(stream, str(path))
                 try:
                     for entry in reader:
                         self._has_holes = self._has_holes or bool(reader.holes)
-                        if entry.cause is None:
-                            self.last = entry
-                        elif entry.number > self._after:
-                            self._place = (path, reader.offset)
+                        if entry.cause is not None and entry.number > self._after:
+                            self._next_at = (path, reader.offset)
                             yield entry
                         else:
                             self.last = entry
@@ -143,7 +142,7 @@ class WrittenFacts:
 
 
 def _head_of(path: Path) -> tuple[Opened | None, int]:
-    """The first fact of a segment, and the number of the last entry before the segment."""
+    """Return the first fact of a segment, and the number of the last entry before the segment."""
     with path.open("rb") as stream:
         try:
             entry = next(iter(JournalReader(stream, str(path))), None)
@@ -155,7 +154,7 @@ def _head_of(path: Path) -> tuple[Opened | None, int]:
 
 
 def newest_segment(folder: Path) -> tuple[Path, str] | None:
-    """The newest segment with a readable head, and the epoch of its run."""
+    """Return the newest segment with a readable head, and the epoch of its run."""
     paths = reversed(files_of(folder, SEGMENT_SUFFIX))
     return next(
         ((path, opened.epoch) for path in paths if (opened := _head_of(path)[0]) is not None),
@@ -164,7 +163,7 @@ def newest_segment(folder: Path) -> tuple[Path, str] | None:
 
 
 def is_closed(path: Path) -> bool:
-    """Whether the run whose newest segment this is ended regularly."""
+    """Whether a run has ended regularly, by its newest segment."""
     entry = None
     with path.open("rb") as stream, contextlib.suppress(JournalDamaged):
         for entry in JournalReader(stream, str(path)):  # noqa: B007 - the last one is wanted

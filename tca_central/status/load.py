@@ -21,22 +21,25 @@ from tca_wire.points import ROOT, START_HANDLING
 from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 
 SHOWN_WAITS = 50
+"""Waits of each kind in an answer."""
 LOOKED_AT = 10_000
-"""Tasks, the oldest, that are searched for held ones: the number bounds the cost of an answer."""
+"""The oldest tasks, among which held ones are searched. A bound on the cost of an answer."""
 _EDGES = 10_000
 """Edges of the graph of needs to visit at most, in search of the final causes of waits."""
-_ENDS = 10
+_SHOWN_ENDS = 10
+"""Final causes of waits in an answer."""
 
-_SINCE = attrgetter("since", "arrival")
+_AGE_ORDER = attrgetter("since", "arrival")
+"""Sorts what waits by the start of its wait, and things of one event by their arrival."""
 
-_Since = tuple[float, Callable[[], Waiter]]
+_Wait = tuple[float, Callable[[], Waiter]]
 """The start of a wait, and a function that describes it, called only for waits that are shown."""
 
 
 def load(central: State) -> dict[str, Any]:
-    """Counts of everything and the longest waits, SHOWN_WAITS of a kind.
+    """Return counts of everything and the longest waits, SHOWN_WAITS of a kind.
 
-    "ends" has the final causes that most held tasks wait for.
+    "ends" has the final causes for which most held tasks wait.
     """
     registry = central.registry
     waits, held, suspended = list(_waits(central)), _held(central), _suspended(central)
@@ -50,11 +53,13 @@ def load(central: State) -> dict[str, Any]:
         "tasks": len(central.tree.tasks),
         "modules": [_module(module, central.clock.now) for module in registry.modules.values()],
         "messages": [_message(message) for message in registry.messages.values()],
-        "waits": [make() for _, make in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))],
+        "waits": [
+            describe() for _, describe in heapq.nsmallest(SHOWN_WAITS, waits, key=itemgetter(0))
+        ],
         "held": [_held_task(central, task, ends) for task in held[:SHOWN_WAITS]],
         "suspended": suspended[:SHOWN_WAITS],
         "killed": _killed(central),
-        "ends": [CommonEnd(number, end) for end, number in common.most_common(_ENDS)],
+        "ends": [CommonEnd(number, end) for end, number in common.most_common(_SHOWN_ENDS)],
         "totals": {"waits": len(waits), "held": len(held), "suspended": len(suspended)},
         "memory": _memory(central),
         "overloads": central.budget.refused,
@@ -63,9 +68,9 @@ def load(central: State) -> dict[str, Any]:
 
 
 def _memory(central: State) -> dict[str, tuple[int, int]]:
-    """The bytes that each part of the budget holds, and may hold.
+    """Return the bytes that each part of the budget holds, and may hold.
 
-    Without sent but unread bytes, which the server counts.
+    Bytes that were sent but not read are missing: the server counts them.
     """
     budget = central.budget
     return {
@@ -95,18 +100,18 @@ def _message(message: MessageType) -> dict[str, Any]:
 
 
 def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
-    inside = [(one, slot) for slot in resource.slots for one in slot.handling]
-    first = min(resource.queued(), key=_SINCE, default=None)
+    handled = [one for slot in resource.slots for one in slot.handling]
+    oldest = min(resource.queued(), key=_AGE_ORDER, default=None)
     held_by = resource.held_by
     return {
         "resource": resource.name,
         "capacity": resource.capacity,
-        "handling": [_handled(one, now) for one, _ in inside],
+        "handling": [_handled(one, now) for one in handled],
         "blocked": sum(bool(slot.waits or slot.brief_waits) for slot in resource.slots),
         "waiting": resource.waiting,
-        "oldest": now - first.since if first else 0.0,
+        "oldest": now - oldest.since if oldest else 0.0,
         "delivered": resource.delivered,
-        "busy": resource.busy + sum(now - one.since for one, _ in inside if not one.nested),
+        "busy": resource.busy + sum(now - one.since for one in handled if not one.nested),
         "held_by": held_by.slot.module.name if held_by else "",
         "is_reserved": bool(held_by and held_by.admits_owner),
         "claims": len(resource.claims),
@@ -114,77 +119,72 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
 
 
 def _handled(one: Delivery, now: float) -> dict[str, Any]:
-    """A message with a handler; for a task its state, unless that is the usual one."""
+    """Return a message that is handled; for a task its state, unless that is the usual one."""
     state = one.state if isinstance(one, Task) and one.state != one.message.running else ""
     return {"id": one.id, "message": one.message.name, "state": state, "seconds": now - one.since}
 
 
-def _waits(central: State) -> Iterator[_Since]:
-    """The oldest message of each queue, messages without a handler, claims, waiting handlers."""
-    for resource in (
-        one for module in central.registry.modules.values() for one in module.resources.values()
-    ):
-        if (first := min(resource.queued(), key=_SINCE, default=None)) is not None:
-            yield (
-                first.since,
-                _queued(central, first, TurnAt(first, resource), resource.waiting - 1),
-            )
+def _waits(central: State) -> Iterator[_Wait]:
+    """Yield the wait of each queue's oldest message, and those of handlers, clients and claims."""
+    for module in central.registry.modules.values():
+        for resource in module.resources.values():
+            if (oldest := min(resource.queued(), key=_AGE_ORDER, default=None)) is not None:
+                yield _queued(central, oldest, TurnAt(oldest, resource), resource.waiting - 1)
     for message in central.registry.messages.values():
-        for first in islice(message.waiting.values(), 1):
-            yield first.since, _queued(central, first, Turn(first), len(message.waiting) - 1)
+        for oldest in islice(message.waiting.values(), 1):
+            yield _queued(central, oldest, Turn(oldest), len(message.waiting) - 1)
     for connection in central.registry.connections.values():
         for number, wait in (*connection.waits.items(), *connection.brief_waits.items()):
-            yield (
-                wait.at,
-                _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at),
-            )
+            yield _blocking(central, connection, wait.origin, Waiting(connection, number), wait.at)
     yield from _claims(central)
 
 
-def _claims(central: State) -> Iterator[_Since]:
-    """Claims for which no handler or client blocks."""
+def _claims(central: State) -> Iterator[_Wait]:
+    """Yield the waits of claims for which no handler or client blocks."""
     for (connection, number), claim in central.claims.items():
         if not (claim.is_granted or number in connection.waits or number in connection.brief_waits):
             origin = claim.holder.handling_id if claim.holder is not None else 0
-            yield claim.since, _blocking(central, connection, origin, Granting(claim), claim.since)
+            yield _blocking(central, connection, origin, Granting(claim), claim.since)
 
 
-def _queued(central: State, first: Delivery, node: Node, more: int) -> Callable[[], Waiter]:
-    name, seconds = first.message.name, central.clock.now - first.since
-    return lambda: Waiter(
-        first.message_id, name, more=more, seconds=seconds, waits=tuple(waits_of(central, node))
+def _queued(central: State, oldest: Delivery, node: Node, more: int) -> _Wait:
+    """Return the wait of a queue's oldest message; *more* messages wait behind it."""
+    name, seconds = oldest.message.name, central.clock.now - oldest.since
+    return oldest.since, lambda: Waiter(
+        oldest.message_id, name, more=more, seconds=seconds, waits=tuple(waits_of(central, node))
     )
 
 
 def _blocking(
     central: State, connection: Connection, origin: int, node: Node, since: float
-) -> Callable[[], Waiter]:
+) -> _Wait:
+    """Return the wait of a handler, by the number of its delivery, or of a client (0)."""
     handled, seconds = central.dispatcher.running.get(origin), central.clock.now - since
     number, name = (handled.message_id, handled.message.name) if handled is not None else (0, "")
     module = connection.module.name
-    return lambda: Waiter(
+    return since, lambda: Waiter(
         number, name, module, seconds=seconds, waits=tuple(waits_of(central, node))
     )
 
 
 def _held(central: State) -> list[Task]:
-    """Tasks that constraints or a suspended parent hold back, and monitors that are waited for.
+    """Return tasks that constraints or a suspended parent hold, and monitors to be waited for.
 
     The longest held come first.
     """
-    oldest = islice(central.tree.tasks.values(), LOOKED_AT)
     held = [
         one
-        for one in oldest
+        for one in islice(central.tree.tasks.values(), LOOKED_AT)
         if _is_held(one) and one.slot is None and one.queues is None and not one.killed
     ]
-    return sorted(held, key=_SINCE)
+    return sorted(held, key=_AGE_ORDER)
 
 
 def _is_held(task: Task) -> bool:
+    """Whether a task waits for a constraint or its parent, or a monitor makes its parent wait."""
     parent = task.parent
     if task.suspended and parent is not None:
-        # else it is among the suspended ones itself
+        # The topmost suspended tasks are listed by ``_suspended``.
         return parent.suspended and (has_held_start(task) or not task.reached & START_HANDLING)
     if task.message.is_outside_sequence and task.reached & START_HANDLING and not task.returned:
         return not task.is_background and parent is not None and parent.id != ROOT
@@ -192,6 +192,7 @@ def _is_held(task: Task) -> bool:
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
+    """Return a held task with its waits, and their final cause unless it is one of them."""
     waits, end = tuple(waits_of(central, next_of(task))), ends.end_of(next_of(task))
     return _waiter(central, task, task.since, waits, None if end in waits else end)
 
@@ -199,6 +200,7 @@ def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
 def _waiter(
     central: State, task: Task, since: float, waits: tuple[WaitFor, ...], end: WaitFor | None = None
 ) -> Waiter:
+    """Return a task that has waited *since* that time."""
     seconds = max(central.clock.now - since, 0.0)
     return Waiter(
         task.id, task.message.name, seconds=seconds, killed=task.killed, waits=waits, end=end
@@ -206,25 +208,25 @@ def _waiter(
 
 
 def _suspended(central: State) -> list[Waiter]:
-    """The topmost suspended tasks, the longest suspended first."""
-    noted = (
-        (central.tree.tasks[number], *how)
-        for number, how in islice(central.tree.suspended.items(), LOOKED_AT)
+    """Return the topmost suspended tasks, the longest suspended first."""
+    suspended = (
+        (central.tree.tasks[number], *suspension)
+        for number, suspension in islice(central.tree.suspended.items(), LOOKED_AT)
     )
     return [
         _waiter(
             central,
             task,
             since,
-            (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=is_born_so),),
+            (WaitFor(WaitKind.RESUME, module=by, seconds=since, since_birth=since_birth),),
         )
-        for task, since, by, is_born_so in noted
+        for task, since, by, since_birth in suspended
         if task.parent is None or not task.parent.suspended
     ]
 
 
 def _killed(central: State) -> list[Waiter]:
-    """Killed tasks whose handler still runs, with the handler's known waits."""
+    """Return the killed tasks whose handlers still run, with the handlers' known waits."""
     return [
         _waiter(central, one, one.since, (_handler_of(central, one, one.slot),))
         for one in central.dispatcher.running.values()
@@ -233,13 +235,13 @@ def _killed(central: State) -> list[Waiter]:
 
 
 def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
-    """The handler of a task, with its waits or, without waits, its last request."""
+    """Return the wait for a task's handler; its causes are its waits or else its last request."""
     because = tuple(waits_of(central, Returning(task)))
-    asked = [
+    requests = [
         number
         for number, due in slot.outstanding.items()
         if getattr(due, "origin", task.handling_id) == task.handling_id
     ]
-    if not because and asked:
-        because = tuple(waits_of(central, Waiting(slot, asked[-1])))
+    if not because and requests:
+        because = tuple(waits_of(central, Waiting(slot, requests[-1])))
     return WaitFor(WaitKind.RUNNING, module=slot.module.name, because=because)

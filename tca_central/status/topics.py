@@ -19,19 +19,20 @@ from tca_wire.points import ALL_MOMENTS, ROOT, Moment, describe_moments
 from tca_wire.vocabulary import CENTRAL, Limit, Outcome, Refusal
 
 SHOWN_TASKS = 10_000
-SHOWN_BYTES = 512  # of a variable's value
+SHOWN_BYTES = 512
+"""The longest value of a variable that is shown."""
 
 
 def overview(central: State) -> dict[str, Any]:
-    """Counts of everything."""
+    """Return counts of everything."""
     registry = central.registry
-    held: dict[str, Any] = {}
+    restart_pause: dict[str, Any] = {}
     if central.dispatcher.are_tasks_paused:
-        held = {
+        restart_pause = {
             "awaited": sorted({one.module.name for one in central.restart_pause.awaited}),
             "to be told": central.restart_pause.until_resumed,
         }
-    return held | {
+    return restart_pause | {
         "epoch": central.epoch,
         "events": central.event_count,
         "modules": len(registry.modules),
@@ -54,7 +55,7 @@ def overview(central: State) -> dict[str, Any]:
 
 
 def modules(central: State) -> list[dict[str, Any]]:
-    """Each module with its resources and their load."""
+    """Return each module with its resources and their load."""
     return [
         {
             "module": module.name,
@@ -81,7 +82,7 @@ def _resource(resource: ModuleResource) -> dict[str, Any]:
 
 
 def messages(central: State) -> list[dict[str, Any]]:
-    """Each message with its class, its handlers (newest first), and the number that wait."""
+    """Return each message: its class, its handlers (newest first), how many wait, its formats."""
     return [
         {
             "message": message.name,
@@ -100,7 +101,7 @@ def messages(central: State) -> list[dict[str, Any]]:
 
 
 def _modules(message: MessageType) -> list[str]:
-    """The modules that handle a message, newest last."""
+    """Return the modules that handle a message, newest last."""
     return [handler.module.name for handler in message.handlers]
 
 
@@ -118,13 +119,13 @@ def _handler(handler: Handler) -> dict[str, Any]:
 
 
 def tree(central: State) -> list[dict[str, Any]]:
-    """The living tasks, parents first, at most SHOWN_TASKS."""
-    everything = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
-    return [describe(task) for task in everything]
+    """Return the living tasks, parents first, at most SHOWN_TASKS."""
+    tasks = itertools.islice(central.tree.subtree(central.tree.root), 1, 1 + SHOWN_TASKS)
+    return [describe(task) for task in tasks]
 
 
 def describe(task: Task | TaskRecord) -> dict[str, Any]:
-    """A task in plain values."""
+    """Return a living or retained task in plain values."""
     return {
         "task": int(task.id),
         "parent": int(task.parent.id) if task.parent else 0,
@@ -136,6 +137,7 @@ def describe(task: Task | TaskRecord) -> dict[str, Any]:
 
 
 def _living(task: Task) -> dict[str, Any]:
+    """Return the progress of a living task."""
     return {
         "reached": describe_moments(task.reached),
         "held": {
@@ -151,6 +153,7 @@ def _living(task: Task) -> dict[str, Any]:
 
 
 def _ended(task: TaskRecord) -> dict[str, Any]:
+    """Return the end of a retained task, in the same fields."""
     outcome, failure, text, _ = task.outcome
     return {
         "reached": describe_moments(ALL_MOMENTS),
@@ -166,9 +169,9 @@ def _ended(task: TaskRecord) -> dict[str, Any]:
 def relatives(
     central: State, task: Task | TaskRecord | None, relation: str, message: str
 ) -> list[dict[str, Any]]:
-    """The relatives of a task with their data, nearest or oldest first.
+    """Return the relatives of a task with their data, nearest or oldest first.
 
-    `message`: only the tasks of that message; "": all.
+    They are the tasks of that *message* only ("": of all).
     """
     if task is None:
         return []
@@ -197,7 +200,7 @@ def relatives(
 
 
 def variables(central: State) -> list[dict[str, Any]]:
-    """Each variable with its value as MessagePack (empty if long), its setter and its watchers."""
+    """Return each variable: its value as MessagePack (empty if long), its setter, its watchers."""
     found = []
     for message in central.registry.messages.values():
         if not message.message_class.keeps_value:
@@ -217,10 +220,10 @@ def variables(central: State) -> list[dict[str, Any]]:
 
 
 def attached(central: State) -> dict[str, Any]:
-    """The exception handlers, wiretaps and monitors in force, at most SHOWN_TASKS of each.
+    """Return the exception handlers, wiretaps and monitors in force, at most SHOWN_TASKS of each.
 
     They are sorted oldest first, except retried monitors, which are last. "totals" has their
-    numbers. A *task* of 0 without a *message* is the root; a *failure* of "" is any.
+    numbers. A "task" of 0 without a "message" is the root; a "failure" of "" is any.
     """
     ready = central.registry.ready_programs()
     handlers = [
@@ -230,7 +233,7 @@ def attached(central: State) -> dict[str, Any]:
             "handler": one.handler.name,
             **_place(place_of(one)),
             "maximum": one.maximum,
-            **_held(central, one.holders.values(), place_of(one), ready),
+            **_holders(central, one.holders.values(), place_of(one), ready),
             "handled_by": _modules(one.handler),
         }
         for one in itertools.islice(central.attached.values(), SHOWN_TASKS)
@@ -241,7 +244,7 @@ def attached(central: State) -> dict[str, Any]:
             "condition": str(tap.condition),
             "listener": tap.listener.name,
             **_place(place_of(tap)),
-            **_held(central, tap.holders.values(), place_of(tap), ready),
+            **_holders(central, tap.holders.values(), place_of(tap), ready),
             "handled_by": _modules(tap.listener),
             "is_monitor": tap.listener.message_class.is_monitor,
         }
@@ -265,25 +268,24 @@ def attached(central: State) -> dict[str, Any]:
 def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
     place = task.parent or central.tree.root
     senders = [task.sender.module.holder] if task.sender else []
-    held = _held(central, senders, place, ready)
-    modules = held["modules"] or [CENTRAL]
+    holders = _holders(central, senders, place, ready)
     return {
         "id": int(task.id),
         "monitor": task.message.name,
         **_place(place),
-        **held,
-        "modules": modules,
+        **holders,
+        "modules": holders["modules"] or [CENTRAL],
     }
 
 
-def _held(
+def _holders(
     central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]
 ) -> dict[str, Any]:
-    """The modules that attached something.
+    """Return the modules that attached something; *ready* are the programs that have started.
 
-    *gone* are modules that have left; *earlier* are modules with a later run, which has not
-    attached it again. It *is stale* if all of them are earlier. An attachment to a task is never
-    stale, since it ends with the task.
+    "gone" are modules that have left; "earlier" are modules whose program has a later run, which
+    has not attached it again. The attachment "is_stale" if all its modules are earlier. One to a
+    task is never stale, since it ends with the task.
     """
     holders, runs = list(holders), central.registry.modules
     rejoined = ready - {one.called for one in holders if one.run in runs}
@@ -297,7 +299,7 @@ def _held(
 
 
 def _place(place: Task | MessageType) -> dict[str, Any]:
-    """The place of an attachment: a task (with its message; the root has none), or a message."""
+    """Return the place of an attachment: a task with its message (root: none), or a message."""
     if isinstance(place, MessageType):
         return {"task": 0, "message": place.name}
     return {"task": int(place.id), "message": place.message.name if place.id else ""}
@@ -319,28 +321,22 @@ TOPICS = {
 
 
 def on_ask(central: State, connection: Connection, header: headers.Ask, _: bytes) -> None:
-    """A module asks about a topic."""
-    _answer(
-        central,
-        connection,
-        header.number,
-        TOPICS[header.topic](central),
-        f"the answer to '{header.topic}'",
-    )
+    """Answer a module's question about a topic."""
+    found = TOPICS[header.topic](central)
+    _answer(central, connection, header.number, found, f"the answer to '{header.topic}'")
 
 
 def on_inspect(central: State, connection: Connection, header: headers.Inspect, _: bytes) -> None:
-    """A module asks about a task and its relatives."""
-    task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
-    found = relatives(
-        central, task or central.memory.kept.get(header.task), header.relation, header.message
-    )
-    _answer(
-        central, connection, header.number, found, f"the {header.relation} of task {header.task}"
-    )
+    """Answer a module's question about a task and its relatives."""
+    living = central.tree.root if header.task == ROOT else central.tree.task(header.task)
+    task = living or central.memory.kept.get(header.task)
+    found = relatives(central, task, header.relation, header.message)
+    what = f"the {header.relation} of task {header.task}"
+    _answer(central, connection, header.number, found, what)
 
 
 def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:
+    """Answer with a value. Raise RequestError, which names *what* it is, if it is too long."""
     body = msgspec.msgpack.encode(value)
     if len(body) > Limit.BODY:
         raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")

@@ -38,12 +38,12 @@ def rerun(journal: Log) -> tuple[list[str], bool]:
         )
     try:
         replay = InputReplay(journal.path, segments, cuts=True, from_first=True)
-        began = replay.began
-        facts = WrittenFacts(journal.path, replay.central.epoch, began)
+        image_events = replay.image_events
+        facts = WrittenFacts(journal.path, replay.central.epoch, image_events)
         difference = facts.compare(replay.entries(), [])
     except CentralError as error:
         raise click.ClickException(str(error)) from None
-    since = f"since the image at entry {began}" if began else "since the run started"
+    since = f"since the image at entry {image_events}" if image_events else "since the run started"
     inputs = f"{counted(replay.inputs, 'input')} {since}"
     if difference is None:
         return [f"{inputs} lead to the same {_entries(facts.compared)} in this version"], True

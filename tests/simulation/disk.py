@@ -112,7 +112,7 @@ class Disk:
         for thread in threading.enumerate():
             target = getattr(thread, "_target", None)  # None after its end
             if target is not None and thread.name.startswith("sync ."):
-                target.__self__._stopped.set()
+                target.__self__._stop_requested.set()
         for name in os.listdir("/proc/self/fd"):  # noqa: PTH208
             with contextlib.suppress(FileNotFoundError):  # the listing's own descriptor
                 if self._has(int(name)):
