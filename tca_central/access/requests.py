@@ -123,7 +123,7 @@ def _see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
-    is_own = any(module.principal == connection.principal for module in record.keeping.by)
+    is_own = any(module.principal == connection.principal for module in record.retention.by)
     return is_own or _may_one_of(connection, (TAP, KILL), record.message.name)
 
 

@@ -134,7 +134,9 @@ def _return(
 def _why_not_kept(central: State, delivery: Delivery, body: bytes) -> str:
     """Return why there is no room for the result of a task; "" if there is."""
     return (
-        central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+        central.refuse_if_full(len(body))
+        if len(body) > _SMALL and isinstance(delivery, Task)
+        else ""
     )
 
 
@@ -231,7 +233,7 @@ def _collect(
         text = answer.text.partition("\n")[0][:_LONGEST]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # it ends with the first failure, unless a reply comes
-            kept = body if len(body) <= _SMALL or not central.why_no_room(len(body)) else b""
+            kept = body if len(body) <= _SMALL or not central.refuse_if_full(len(body)) else b""
             collector.end = (
                 Answer(collector.number, answer.outcome, answer.failure, answer.text),
                 kept,

@@ -19,7 +19,7 @@ def on_restarted(central: State, event: Restarted) -> None:
     registry = central.registry
     if event.skipped:
         first, central.tree.newest = central.tree.newest + 1, central.tree.newest + event.skipped
-        central.lost.append((first, central.tree.newest))
+        central.lost_ids.append((first, central.tree.newest))
     known = list(registry.connections.values())
     registry.connections.clear()
     for number, connection in enumerate(known):

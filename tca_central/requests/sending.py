@@ -272,7 +272,7 @@ def _check_end(message: MessageType, parent: Task, options: WatchOptions) -> Non
         or not (options.waited_for or not message.is_outside_sequence)
     ):
         return
-    above = parent.above(until.task)
+    above = parent.find_above(until.task)
     if above is not None:
         text = f"{message.title} can't watch until {above} ends, because {above} waits for it"
         hint = (

@@ -315,7 +315,7 @@ class RecordFold(Run):
         rule = CONDITIONS[tap.condition]
         if not rule.holds_until:
             return
-        before, after = Moment(rule.holds_until), Moment(rule.before)
+        before, after = Moment(rule.holds_until), Moment(rule.held_moment)
         # A handling may start again, so its listener holds the task each time
         is_pending = tapped.time_of(after) == inf or after is Moment.START_HANDLING
         if is_pending and listener.time_of(before) == inf:
