@@ -261,7 +261,7 @@ class State(Waits):
             if delivery.message.custom_handlers or self.observers.may_observe(delivery):
                 self.accept_for_handler(delivery)
             else:
-                delivery.state = delivery.message.running
+                delivery.state = delivery.message.running_state
                 delivery.serial += 1
         if not is_prefetched:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
@@ -269,8 +269,8 @@ class State(Waits):
     def accept_for_handler(self, task: Task) -> None:
         """Mark a task as accepted by its handler, unless the handler accepts tasks explicitly."""
         handler = task.handler
-        if (handler is None or not handler.accepts) and task.state == task.message.initial:
-            task.state = task.message.running
+        if (handler is None or not handler.accepts) and task.state == task.message.initial_state:
+            task.state = task.message.running_state
             task.serial += 1
             module = task.slot.module.name if task.slot is not None else ""
             self.notify_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
@@ -279,7 +279,7 @@ class State(Waits):
 
     def report_new_task(self, task: Task) -> None:
         """Report a new task to its observers."""
-        if self.observers.may_observe(task) and task.state == task.message.initial:
+        if self.observers.may_observe(task) and task.state == task.message.initial_state:
             module = task.sender.module.name if task.sender is not None else ""
             self.notify_observers(
                 task, "initiated", Party.CLIENT if module else Party.CENTRAL, module

@@ -56,8 +56,8 @@ def restart(central: State, task: Task) -> None:
         task.clients.newest = 0  # the next call of a handler has seen no requests
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
-    elif task.state != task.message.initial:
-        task.state = task.message.initial
+    elif task.state != task.message.initial_state:
+        task.state = task.message.initial_state
         task.serial += 1
         central.notify_observers(task, "restarted", Party.CENTRAL)
 
@@ -190,7 +190,7 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
     """Return why central refuses a request for the handler; "" if it grants the request."""
     message = task.message
     handler, cycle = task.handler, message.life_cycle
-    if handler is None and message.handlers and source != message.initial:
+    if handler is None and message.handlers and source != message.initial_state:
         handler = message.handlers[-1]
     is_refused = handler is not None and step.name in handler.refuses
     if is_refused and cycle.refusal(task.state) is not None:

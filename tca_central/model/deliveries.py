@@ -290,14 +290,14 @@ class Declared(Stored):
         "fans_out",
         "first_declared_by",
         "format",
-        "initial",
+        "initial_state",
         "is_goal",
         "is_notice",
         "is_outside_sequence",
         "message_class",
         "name",
         "parts",
-        "running",
+        "running_state",
     )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
@@ -311,7 +311,8 @@ class Declared(Stored):
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
-        self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
+        cycle = self.life_cycle
+        self.initial_state, self.running_state = cycle.initial, cycle.accepted.target
         self.is_outside_sequence = declared.message_class.is_outside_sequence
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out

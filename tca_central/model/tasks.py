@@ -127,7 +127,7 @@ class Task(Ordered):
         Ordered.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
         #: Of its life cycle; observers learn the final one when the task has ended.
-        self.state = message.initial
+        self.state = message.initial_state
         self.serial = 0  #: number of changes of that state
         #: Whether it was passed on for delivery, because its start conditions were met. It is in
         #: ``Agenda.startable``, in a queue, or with a handler.

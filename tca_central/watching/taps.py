@@ -15,7 +15,7 @@ from tca_central.errors import RequestError
 from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.contexts import Listening, listener_cause
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
-from tca_central.model.intervals import delivered_at
+from tca_central.model.intervals import unified
 from tca_central.model.task_tree import first_moments, taps_of, to_be_fired
 from tca_central.model.tasks import Tapping, Task, place_of
 from tca_central.outgoing import direct_routes
@@ -57,11 +57,11 @@ MOST_TAPS = 1000
 """Wiretaps of one message or task."""
 
 
-_PLANNED_BY = {
+_HELD_PLANNING = {
     Condition.BEFORE_PLANNING: "'before handling' also holds a goal's planning until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until the listener is planned: advice for a listener without plan."""
+"""Conditions that hold a goal until its listener is planned: advice, if the listener is no goal."""
 
 
 # --- adding and removing --------------------------------------------------------------------------
@@ -80,8 +80,8 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
         _check_monitor(central, header, tapped, listener)
     module = connection.module
     if isinstance(place, Task) and place.id not in central.tree.tasks:
-        number = _call_for_ended(central, module, header, listener, place)
-        central.accept(connection, header.number, number)
+        tap_id = _call_for_ended(central, module, header, listener, place)
+        central.accept(connection, header.number, tap_id)
         return
     tap = _add(central, module, header, listener, tapped, place)
     tap.holders[module.name] = module.holder
@@ -126,14 +126,14 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         which = "informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, f"{what} '{listener.name}' can't listen: {which}")
     if (
-        condition in _PLANNED_BY
+        condition in _HELD_PLANNING
         and listener.message_class.is_task
         and not listener.message_class.is_goal
     ):
         text = f"{listener.title} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(
             Refusal.PROTOCOL,
-            f"{text}; use a goal as listener, or note that {_PLANNED_BY[condition]}",
+            f"{text}; use a goal as listener, or note that {_HELD_PLANNING[condition]}",
         )
     data = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = (
@@ -316,7 +316,7 @@ def forget_task(central: State, task: Task) -> None:
 
 def _apply_to_waiting(central: State, tap: Wiretap) -> None:
     """Apply a new wiretap to tasks that wait for a handler."""
-    for task in _waiting(central, tap):
+    for task in _queued_tasks(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue
         if tap.is_heard:
@@ -331,12 +331,12 @@ def on_listeners_added(central: State, names: Iterable[str]) -> None:
     new = {message for message in added if not message.handlers}
     for tap in central.taps.values() if new else ():
         if tap.listener in new:
-            for task in _waiting(central, tap):
+            for task in _queued_tasks(central, tap):
                 if task.tapping is not None and task.tapping.fired.get(tap.id) is False:
                     _requeue(central, task)
 
 
-def _waiting(central: State, tap: Wiretap) -> list[Task]:
+def _queued_tasks(central: State, tap: Wiretap) -> list[Task]:
     """Return the tasks in queues that the tap can hold, oldest first."""
     if not tap.held_moment & STARTS:
         return []
@@ -355,13 +355,13 @@ def _requeue(central: State, task: Task) -> None:
 # --- firing ---------------------------------------------------------------------------------------
 
 
-def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
-    """Fire the taps for an event of a message, with *body* or the message's own data."""
+def fire_after(central: State, tapped: Delivery, events: int, body: bytes | None = None) -> None:
+    """Fire the taps for events of a message, with *body* or the message's own data."""
     if not central.taps:
         return
     for tap in taps_of(tapped):
         is_reply = tap.condition is Condition.AFTER_REPLIED
-        if tap.at & what and is_reply == (body is not None):
+        if tap.at & events and is_reply == (body is not None):
             _fire(central, tap, tapped, tapped.body if body is None else body)
 
 
@@ -374,19 +374,14 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         listener = _fire(central, tap, task, task.body)
         # False: it fires again when the listener has a handler.
         Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)
-        interval = CONDITIONS[tap.condition].holds_until
-        if not isinstance(listener, Task) or not interval or listener.reached & interval:
+        end = CONDITIONS[tap.condition].holds_until
+        if not isinstance(listener, Task) or not end or listener.reached & end:
             continue
-        # A task that is retried has reached all moments of its start, so only the start of its next
-        # handling can be held.
-        if tap.held_moment == START_HANDLING and task.reached & START_HANDLING:
-            central.agenda.holds.hold(listener, interval, task, START_HANDLING)
-            continue
-        moment = (
-            delivered_at(task.is_goal) if tap.held_moment == START_HANDLING else tap.held_moment
-        )
-        if not task.reached & moment:
-            central.agenda.holds.hold(listener, interval, task, moment)
+        # A retried task has reached all moments of its start: only its next handling can be held.
+        is_retried = tap.held_moment == START_HANDLING and bool(task.reached & START_HANDLING)
+        moment = START_HANDLING if is_retried else unified(task.is_goal, tap.held_moment)
+        if is_retried or not task.reached & moment:
+            central.agenda.holds.hold(listener, end, task, moment)
     central.agenda.taps_fired(task)
 
 
