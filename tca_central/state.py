@@ -298,7 +298,7 @@ class State(Waits):
     ) -> None:
         """Report a change of a task's state to its observers.
 
-        With an *outcome* the task has ended: the observations end too.
+        With an *outcome* the task has ended, so observations of it, or of its subtree, end too.
         """
         observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
         if not (observers or (outcome is not None and self.observers.others)):
@@ -372,7 +372,7 @@ class State(Waits):
     def outcome(self, task: Task) -> TaskOutcome:
         """Return a task's outcome, the name and text of its failure, and its result.
 
-        An unresolved failure has data instead of the result.
+        The text of a killed task is the reason. An unresolved failure's data replaces the result.
         """
         if task.failure is not None:
             failure, text, body = task.failure
