@@ -453,8 +453,8 @@ def _check_retained(central: State) -> None:
         assert record.siblings.get(record.id) is record, (
             f"record {record.id}: its parent does not know it"
         )
-        assert record.keeping.by, f"record {record.id}: no module retains it"
-        assert record.keeping.by.keys() <= {*modules}, (
+        assert record.retention.by, f"record {record.id}: no module retains it"
+        assert record.retention.by.keys() <= {*modules}, (
             f"record {record.id}: retained by a removed module"
         )
     promises = [(module, number) for module in modules for number in module.keeps]

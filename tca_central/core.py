@@ -99,7 +99,7 @@ class Central(State):
             _output(agenda.withdrawn, self._withdraw),
             _output(agenda.ended, self._on_ended),
             _output(agenda.unanswered, partial(changes.apply_defaults, self)),
-            _output(agenda.ended_waits, self._on_reached),
+            _output(agenda.ended_waits, self._end_wait),
             _output(self.dispatcher.granted, partial(claims.on_granted, self)),
             _output(
                 self.dispatcher.waiting_for_custom_handler, partial(busy.on_handler_busy, self)
@@ -209,10 +209,8 @@ class Central(State):
                 sending.record_refusal(self, header, error.text)
             self._refuse(event.connection, number, error.refusal, error.text)
         self._process_all()
-        module, place = _as_cause(connection)
-        self._report(
-            effects, event.time, causes.Request(module, place, number, kind.name, self.origin)
-        )
+        cause = causes.Request(*_as_cause(connection), number, kind.name, self.origin)
+        self._report(effects, event.time, cause)
         self.origin = 0
 
     def _carry_out(
@@ -226,12 +224,12 @@ class Central(State):
         if kind.read_origin is not None and (origin := kind.read_origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.drops_wrong_origin and not self.origin and origin in self.dispatcher.running:
-                header = msgspec.structs.replace(header, origin=0)  # that handler is not its own
+                header = msgspec.structs.replace(header, origin=0)  # another module's delivery
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
-            if self.lost:
-                naming.refuse_lost(self.lost, header)
+            if self.lost_ids:
+                naming.refuse_lost(self.lost_ids, header)
         if connection.rights is not None:
             access.check(self, connection, header)
         if len(body) > _LONGEST_BODY:
@@ -244,12 +242,8 @@ class Central(State):
         asking = self.dispatcher.running.get(origin) or self.dispatcher.begin_prefetched(
             connection, origin
         )
-        is_its = (
-            asking is not None
-            and asking.slot is not None
-            and asking.slot.module is connection.module
-        )
-        return origin if is_its else 0
+        slot = asking.slot if asking is not None else None
+        return origin if slot is not None and slot.module is connection.module else 0
 
     def _admit_stranger(self, event: RequestReceived, number: int) -> Connection | None:
         """Handle a message of an unknown connection.
@@ -263,13 +257,13 @@ class Central(State):
         return self.registry.connections.get(event.connection)
 
     def _replace_stale_connection(
-        self, before: Connection, event: RequestReceived, number: int
+        self, stale: Connection, event: RequestReceived, number: int
     ) -> Connection | None:
         """Replace a connection whose id another user's connection now has.
 
-        The line of the known connection is broken, and central had not noticed.
+        The stale connection has broken, and central had not noticed.
         """
-        joining.disconnect(self, before, "a connection of another user has its name", lost=True)
+        joining.disconnect(self, stale, "a connection of another user has its name", lost=True)
         return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
@@ -301,10 +295,10 @@ class Central(State):
         """Answer a repeated request as before, or confirm again that it is in progress."""
         header, body = self.answers.get(connection, number)
         if header is None:
-            known = connection.outstanding.get(number)
-            made = connection.tasks.get(number, 0)
-            header = Accepted(number, made or getattr(known, "id", 0))
-            if known is None and not made:
+            pending = connection.outstanding.get(number)
+            sent_task = connection.tasks.get(number, 0)
+            header = Accepted(number, sent_task or getattr(pending, "id", 0))
+            if pending is None and not sent_task:
                 text = (
                     f"request {number} is not open: it was answered long ago, or dropped when the "
                     "connection broke"
@@ -343,9 +337,9 @@ class Central(State):
         for _, handle_all in compress(self._outputs, self._output_queues):
             handle_all()
 
-    def _on_reached(self, reached: tuple[Task, Stored]) -> None:
+    def _end_wait(self, ended: tuple[Task, Stored]) -> None:
         """End a wait for a moment that was reached."""
-        task, wait = reached
+        task, wait = ended
         REACHED[type(wait)](self, cast("Never", wait), task)
 
     def _withdraw(self, withdrawn: tuple[Task, bool]) -> None:
@@ -366,30 +360,30 @@ class Central(State):
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
 
-        Stranded tasks come first (exception handlers whose message no module handles): giving them
-        up may end other tasks. Then monitors.
+        Stranded exception handlers come first: the search that continues after them may end other
+        tasks. Monitors come next.
         """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.start_granted and not task.killed]
         waiting.clear()
-        first = startable if len(startable) < 2 else _most_urgent(startable)
-        if len(first) < len(startable):
-            is_first = set(first)
-            waiting.extend(task for task in startable if task not in is_first)
-        if first and first[0].message.message_class.is_monitor:
-            for task in first:
+        urgent = startable if len(startable) < 2 else _most_urgent(startable)
+        if len(urgent) < len(startable):
+            in_turn = set(urgent)
+            waiting.extend(task for task in startable if task not in in_turn)
+        if urgent and urgent[0].message.message_class.is_monitor:
+            for task in urgent:
                 if not task.killed:  # one that fails at once may end others
                     if task.retry_pending:
                         self._start_attempt(task)
                     monitors.start(self, task)
             return
-        for task in first:
+        for task in urgent:
             if task.retry_pending:
                 self._start_attempt(task)
-        self.dispatcher.route_all([task for task in first if not task.killed])
+        self.dispatcher.route_all([task for task in urgent if not task.killed])
 
     def _start_attempt(self, task: Task) -> None:
-        """Start the next attempt of a task that is retried, unless it is to be cancelled."""
+        """Start the next attempt of a retried task, unless a client's request ends the task."""
         changes.restart(self, task)
         if task.killed:
             return
@@ -402,7 +396,7 @@ class Central(State):
 
     def _on_ended(self, task: Task) -> None:
         """Clean up after a task that has ended, and report its end."""
-        if self.observers.concern(task):
+        if self.observers.may_observe(task):
             observing.publish_end(self, task)
         if self.claimed_for:
             claims.end_claims_of(self, task, "it has ended")
@@ -412,8 +406,8 @@ class Central(State):
             attaching.forget_task(self, task)
         if task.tapping is not None:
             taps.forget_task(self, task)
-        if task.keeping is not None:
-            keeping.retain_or_drop(self, task, task.keeping)
+        if task.retention is not None:
+            keeping.retain_or_drop(self, task, task.retention)
         if task.role is Role.EXCEPTION:
             failures.on_exception_handler_ended(self, task)
         if task.result or task.killed or task.failure is not None:
@@ -430,7 +424,7 @@ class Central(State):
 
 
 def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
-    """Return a queue, and a function that handles all its items."""
+    """Return a queue, and a function that empties it and handles each item."""
 
     def handle_all() -> None:
         while waiting:
@@ -440,18 +434,15 @@ def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Call
 
 
 def _as_cause(connection: Connection | None) -> tuple[str, int]:
-    """Return how causes name a connection: its module and its number."""
+    """Return a connection's module and number, as causes in the journal name it."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
 
 
 def _most_urgent(startable: list[Task]) -> list[Task]:
     """Return the startable tasks that are started before all others; they are of one kind."""
-    stranded = [task for task in startable if task.is_stranded]
-    return (
-        stranded
-        or [task for task in startable if task.message.message_class.is_monitor]
-        or startable
-    )
+    if stranded := [task for task in startable if task.is_stranded]:
+        return stranded
+    return [task for task in startable if task.message.message_class.is_monitor] or startable
 
 
 HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
@@ -501,6 +492,7 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
 
 
 _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)
+"""Requests that wait for an answer: without a request number it could not be sent."""
 
 
 class _Kind:
@@ -520,12 +512,13 @@ class _Kind:
         field = next((name for name in ("origin", "delivery") if name in fields), "")
         self.name: str = header.__name__
         self.has_number = "number" in fields
-        self.needs_number = header in _WAITS  # the number finds the answer
+        self.needs_number = header in _WAITS
         # ``Lock`` is refused with a wrong origin: a lock ends with the delivery that it is for.
         self.drops_wrong_origin = "origin" in fields and header is not headers.Lock
         self.names_tasks = bool(naming.NAMING[header])
         self.read_origin: Callable[[ToCentral], int] | None = attrgetter(field) if field else None
-        """Reads the delivery whose handler sends such a header; None if it has none."""
+        """Reads from a header the delivery whose handler sends it; None if there is no such field.
+        """
 
 
 KINDS = {header: _Kind(header) for header in HANDLERS}
@@ -550,7 +543,7 @@ TIMERS: dict[Due, Callable[[Central, Never], None]] = {
     Due.WATCHED: monitors.on_watched,
     Due.HUNG: joining.on_hung,
     Due.CLAIM: claims.on_time_out,
-    Due.LOOK: deadlocks.on_look,
+    Due.LOOK: deadlocks.on_search_due,
     Due.GRACE: joining.on_grace_over,
 }
 """One row per kind of timer: what happens when it is due."""

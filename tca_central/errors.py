@@ -2,7 +2,7 @@
 
 RequestError    a module's request cannot be done: it is refused and leaves no trace.
 CentralError    central cannot start or continue: the address is in use, for example.
-DiskFull        it can as soon as the disk has room.
+DiskFull        central can start or continue as soon as the disk has room.
 ImageError      the state cannot be written as an image, or an image cannot be read.
 """
 
@@ -27,7 +27,10 @@ class RequestError(Exception):
 
 
 def check_name(kind: str, name: str, *, or_none: bool = False) -> None:
-    """Raise RequestError if a name for a *kind* is too long, or would control a terminal."""
+    """Raise RequestError if a name for a *kind* is too long, or would control a terminal.
+
+    With *or_none* the name may be empty.
+    """
     if not is_name(name) and not (or_none and not name):
         text = f"{name!r:.60} names no {kind}: give 1 to {Limit.NAME:d} printable characters"
         raise RequestError(Refusal.PROTOCOL, text)
@@ -48,13 +51,10 @@ def disk_error(
 
     *advice* is added unless the disk is full.
     """
-    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     text = f"{text}: {error.strerror}"
-    return (
-        DiskFull(f"{text}: make room, then start central again")
-        if is_full
-        else CentralError(f"{text}: {advice}")
-    )
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return DiskFull(f"{text}: make room, then start central again")
+    return CentralError(f"{text}: {advice}")
 
 
 class ImageError(CentralError):

@@ -73,7 +73,7 @@ class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
 
 
 class ConfirmTasks(msgspec.Struct, frozen=True, array_like=True, tag="a"):
-    """The ids of unconfirmed tasks are to be sent to their senders now."""
+    """It is time to send the ids of unconfirmed tasks to their senders."""
 
     time: EntryTime
 
@@ -133,13 +133,13 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     hold: bool = False
     """No task starts until an operator resumes them, even if all connections are back."""
     skipped: int = 0
-    """Ids not to be used: they may have been given in the last second, which the disk has lost."""
+    """Number of ids to skip, which may have been given in a last second that the disk has lost."""
     aside: int = 0
-    """Lost entries that the journal had."""
+    """Number of journal entries that were moved aside: no input leads to them."""
 
 
 class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
-    """As an input: central crashed in this request of the packet before. A replay refuses it."""
+    """Central crashed in a request of the packet before this. A replay refuses that request."""
 
     index: int
 

@@ -8,7 +8,10 @@ from tca_wire.packets import codec
 
 
 def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
-    """Return the events of an input. The request number *spared* of a packet becomes a refusal."""
+    """Return the events of an input.
+
+    *spared* is the index of a request in the packet that is refused: central crashed in it.
+    """
     if isinstance(event, Spared):
         return ()
     if not isinstance(event, Arrived):

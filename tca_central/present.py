@@ -23,7 +23,7 @@ class Present:
         self.event_count = 0  #: number of events and timers handled
         self.origin = 0  #: the delivery whose handler sent the request (0: none)
         self.facts: list[facts.Fact] = []  #: facts of the event, for its journal entry
-        self.failed: dict[int, str] = {}  #: its failed parts in words, for the log
+        self.failed: dict[int, str] = {}  #: messages that failed in the event, for the log
         self.messages: list[Effect] = []  #: messages to send when the event is recorded
 
     def notify(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
@@ -40,11 +40,12 @@ class Waits(Present):
         Present.__init__(self, epoch)
         self.blocked: dict[Connection, None] = {}
         self.suspects: deque[Suspect] = deque()  #: waits that may have closed a cycle
-        #: Seconds before all that blocks is searched (0: no search for deadlocks)
+        #: Seconds before the search of everything that blocks (0: no search for deadlocks)
         self.search_delay = 0.25
         self.search_timer: Timer | None = None
         self.scan: object = None  #: an unfinished search, which that timer continues (deadlocks.py)
-        self.may_have_closed = False  #: whether a later event may have closed a cycle
+        #: Whether an event since the last search began may have closed a cycle.
+        self.may_have_closed = False
 
     def block(
         self,
@@ -55,7 +56,7 @@ class Waits(Present):
         brief: bool,
         others: Iterable[int] = (),
     ) -> None:
-        """A connection does nothing until this request, or one of *others*, is answered.
+        """Have a connection do nothing until this request, or one of *others*, is answered.
 
         A *brief* wait ends soon, by its timeout: it is never searched for deadlocks.
         """
@@ -69,7 +70,7 @@ class Waits(Present):
     def block_coroutine(
         self, connection: Connection, numbers: tuple[int, ...], delivery: int
     ) -> None:
-        """The coroutine of a delivery waits for one of several answers; its slot continues."""
+        """Have a delivery's coroutine wait for one of several answers; its slot continues."""
         self._block(
             connection, numbers, Blocking(delivery, self.event_count, self.clock.now, numbers, True)
         )

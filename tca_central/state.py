@@ -118,10 +118,10 @@ class RestartPause(Stored):
 
 
 def _is_to_own_resource(delivery: Delivery) -> bool:
-    """Whether a query goes to its sender's own resource, which takes direct messages too.
+    """Whether a query goes to its sender's own resource, which accepts direct messages too.
 
-    The slot must then handle it although it may be busy: with a direct message, which is unknown to
-    central, and whose handler waits for this query.
+    The slot must then handle it at once. It may be busy with a direct message, unknown to central,
+    whose handler waits for this query.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -185,7 +185,7 @@ class State(Waits):
         "collectors",
         "dispatcher",
         "is_disk_low",
-        "lost",
+        "lost_ids",
         "memory",
         "observers",
         "registry",
@@ -201,12 +201,8 @@ class State(Waits):
     def __init__(self, epoch: str = "test") -> None:
         Waits.__init__(self, epoch)
         self.budget, self.answers = Budget(), KeptAnswers(Budget().answers)
-        self.registry, self.observers, self.variables, self.memory = (
-            Registry(),
-            Observers(),
-            Variables(),
-            Memory(),
-        )
+        self.registry, self.observers = Registry(), Observers()
+        self.variables, self.memory = Variables(), Memory()
         self.tree = TaskTree(
             MessageType(MessageFormat("root", MessageClass.GOAL, "", ""), "central")
         )
@@ -227,7 +223,7 @@ class State(Waits):
         self.unconfirmed: dict[Connection, None] = {}
         self.restart_pause = RestartPause()
         #: Ranges of ids (first, last) that may have been given before the disk lost them.
-        self.lost: list[tuple[int, int]] = []
+        self.lost_ids: list[tuple[int, int]] = []
         self.is_disk_low = False  #: whether new tasks are refused
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
@@ -262,10 +258,10 @@ class State(Waits):
             self.agenda.tap_events.append((delivery, DELIVERED))
         if isinstance(delivery, Task):
             self.agenda.mark_started(delivery)
-            if delivery.message.custom_handlers or self.observers.concern(delivery):
+            if delivery.message.custom_handlers or self.observers.may_observe(delivery):
                 self.accept_for_handler(delivery)
             else:
-                delivery.state = delivery.message.running
+                delivery.state = delivery.message.running_state
                 delivery.serial += 1
         if not is_prefetched:
             self.messages.append(Transmit(slot.id, deliver_header(delivery), delivery.body))
@@ -273,8 +269,8 @@ class State(Waits):
     def accept_for_handler(self, task: Task) -> None:
         """Mark a task as accepted by its handler, unless the handler accepts tasks explicitly."""
         handler = task.handler
-        if (handler is None or not handler.accepts) and task.state == task.message.initial:
-            task.state = task.message.running
+        if (handler is None or not handler.accepts) and task.state == task.message.initial_state:
+            task.state = task.message.running_state
             task.serial += 1
             module = task.slot.module.name if task.slot is not None else ""
             self.notify_observers(task, task.message.life_cycle.accepted.name, Party.SERVER, module)
@@ -283,7 +279,7 @@ class State(Waits):
 
     def report_new_task(self, task: Task) -> None:
         """Report a new task to its observers."""
-        if self.observers.concern(task) and task.state == task.message.initial:
+        if self.observers.may_observe(task) and task.state == task.message.initial_state:
             module = task.sender.module.name if task.sender is not None else ""
             self.notify_observers(
                 task, "initiated", Party.CLIENT if module else Party.CENTRAL, module
@@ -302,9 +298,9 @@ class State(Waits):
     ) -> None:
         """Report a change of a task's state to its observers.
 
-        With an *outcome* the task has ended: the observations end too.
+        With an *outcome* the task has ended, so observations of it, or of its subtree, end too.
         """
-        observers = list(self.observers.of(task)) if self.observers.concern(task) else []
+        observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
         if not (observers or (outcome is not None and self.observers.others)):
             return
         change = StateChange(
@@ -339,18 +335,18 @@ class State(Waits):
         """Report a change to one observer, if it observes that state."""
         if not observation.states or state in observation.states:
             self.end_observers_wait(observation)
-            observation.told += 1
+            observation.notifications += 1
             self.notify(observation.connection, Answer(observation.number, more=True), encoded)
 
     def end_observers_wait(self, observation: Observation) -> None:
-        """End an observer's wait for a change: one came, or it waits no longer."""
+        """End an observer's wait for a change: a change came, or the observer waits no longer."""
         if not observation.is_awaited:
             return
         connection, number = observation.connection, observation.number
         wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        # A blocked thread waits for several things at once, and none of them blocks it any longer.
-        # A coroutine is only one of its slot's: it may still await the others.
+        # A blocked thread waits for several things at once: none of them blocks it any longer. A
+        # slot may have several coroutines, so others may still await what this one awaited.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
         for awaited in (observation, *map(connection.outstanding.get, others)):
             if isinstance(awaited, Observation) and awaited.is_awaited:
@@ -362,8 +358,8 @@ class State(Waits):
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a prefetched message: the slot handles it after those that it has."""
         assert slot.resource is not None
-        before = len(slot.handling) + len(slot.resource.prefetched) - 1
-        self.messages.append(Transmit(slot.id, deliver_header(delivery, before), delivery.body))
+        ahead = len(slot.handling) + len(slot.resource.prefetched) - 1
+        self.messages.append(Transmit(slot.id, deliver_header(delivery, ahead), delivery.body))
 
     def recall(self, slot: Connection) -> None:
         """Ask a slot to return prefetched messages that it has not begun."""
@@ -374,9 +370,9 @@ class State(Waits):
         )
 
     def outcome(self, task: Task) -> TaskOutcome:
-        """Return a task's outcome, the name and text of its failure, and its data or result.
+        """Return a task's outcome, the name and text of its failure, and its result.
 
-        A failure that was resolved is only named.
+        The text of a killed task is the reason. An unresolved failure's data replaces the result.
         """
         if task.failure is not None:
             failure, text, body = task.failure
@@ -389,15 +385,20 @@ class State(Waits):
         return Outcome.DONE, "", "", task.result
 
     def record_failure(
-        self, delivery: Delivery, failure: RaisedFailure, *, is_beside: bool = False, by: str = ""
+        self,
+        delivery: Delivery,
+        failure: RaisedFailure,
+        *,
+        from_outside: bool = False,
+        by: str = "",
     ) -> None:
         """Record a failure of a task or message.
 
-        *is_beside*: it was raised on a task, *by* a module, and not by the task's own handler.
+        *from_outside*: *by* a module on a task, and not by the task's own handler.
         """
-        body = failure.body if is_beside else b""
+        body = failure.body if from_outside else b""
         name, text, copy_of = failure.name, failure.text, delivery.copy_of
-        self.facts.append(facts.Failed(delivery.id, name, text, is_beside, by, body, copy_of))
+        self.facts.append(facts.Failed(delivery.id, name, text, from_outside, by, body, copy_of))
         self.failed[delivery.id] = str(delivery)
 
     def answer(
@@ -454,10 +455,10 @@ class State(Waits):
             + self.budget.awaited
         )
 
-    def why_no_room(self, size: int) -> str:
-        """Return why there is no room for a message of *size* bytes; "" if there is.
+    def refuse_if_full(self, size: int) -> str:
+        """Refuse a message of *size* bytes, and count that, if there is no room for it.
 
-        Counts a refusal if there is none.
+        Returns the text of the refusal; "" if there is room.
         """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
@@ -467,15 +468,15 @@ class State(Waits):
 
     def check_room(self, size: int) -> None:
         """Raise RequestError if there is no room for a message of *size* bytes."""
-        if why := self.why_no_room(size):
+        if why := self.refuse_if_full(size):
             raise RequestError(Refusal.OVERLOAD, why)
 
     def refuse_own_task_if_full(self, what: str, body: bytes) -> bool:
-        """Refuse a task that central would send, if memory is full. Return whether it is.
+        """Refuse a task that central would send, if memory is full. Return whether it was refused.
 
         The recorded refusal names *what* would have been sent.
         """
-        if why := self.why_no_room(len(body)):
+        if why := self.refuse_if_full(len(body)):
             self.facts.append(
                 facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, f"{what} is not sent: {why}")
             )
@@ -485,7 +486,7 @@ class State(Waits):
 
     @property
     def tap_depth(self) -> int:
-        """The number of wiretaps' listeners in the chain of causes of the present request."""
+        """The number of listeners of wiretaps in the chain of causes of the present request."""
         asking = self.dispatcher.running.get(self.origin)
         return asking.tap_depth if asking is not None else 0
 
@@ -496,10 +497,10 @@ class State(Waits):
         tap = next((tap for tap in message.taps if tap.is_heard), None)
         if tap is not None:
             message.dropped += 1
-            raise RequestError(Refusal.OVERLOAD, self.end_of_taps(tap, f"'{message.name}'"))
+            raise RequestError(Refusal.OVERLOAD, self.why_too_deep(tap, f"'{message.name}'"))
 
-    def end_of_taps(self, tap: Wiretap, tapped: object) -> str:
-        """Return the text that says why *tap* does not send its listener for *tapped*."""
+    def why_too_deep(self, tap: Wiretap, tapped: object) -> str:
+        """Return why *tap* does not send its listener for *tapped*: the chain would be too long."""
         most = self.budget.tap_depth
         text = f"{tapped} would call '{tap.listener.name}' (wiretap {tap.id}, {tap.condition})"
         text = f"{text} after {most} other listeners in its chain of causes"
@@ -531,9 +532,9 @@ class State(Waits):
                 _over_budget(what, held, most, "end those that are no longer needed"),
             )
 
-    def accept(self, connection: Connection, number: int, made: int = 0) -> None:
-        """Answer that a request was done. *made* is the id that it created, or is about."""
-        self.answer(connection, number, headers.Accepted(number, TaskId(made)))
+    def accept(self, connection: Connection, number: int, subject: int = 0) -> None:
+        """Answer that a request was done. *subject* is the id that it created, or is about."""
+        self.answer(connection, number, headers.Accepted(number, TaskId(subject)))
 
     def accept_task(
         self, connection: Connection, number: int, task: TaskId, *, quiet: bool
@@ -562,8 +563,8 @@ class State(Waits):
     ) -> Task | None:
         """Return the task of that id.
 
-        If it has ended or was killed, ignore the request and return None. *consequence* names what
-        is not done then, for the text.
+        If it has ended or was killed, ignore the request and return None. *consequence* says in
+        the text what is therefore not done.
         """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:

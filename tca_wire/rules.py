@@ -110,7 +110,7 @@ class TapRule(NamedTuple):
 
     classes: frozenset[MessageClass]
     """The message classes that can be tapped with this condition."""
-    before: int = 0
+    held_moment: int = 0
     """The moment of the tapped task that waits until the listener has been sent."""
     at: int = 0
     """The event at which the listener is sent: a moment, or an event such as ``SENT``."""
@@ -134,7 +134,7 @@ class TapRule(NamedTuple):
 CONDITIONS = {
     Condition.WHEN_SENT: TapRule(_ANY, at=SENT),
     Condition.BEFORE_HANDLING: TapRule(
-        _ANY, before=START_HANDLING, holds_until=END_HANDLING, is_child=True
+        _ANY, held_moment=START_HANDLING, holds_until=END_HANDLING, is_child=True
     ),
     Condition.WHILE_HANDLING: TapRule(_ANY, at=DELIVERED, lasts_until=END_HANDLING),
     Condition.AFTER_HANDLED: TapRule(_ANY, at=RETURNED),
@@ -144,17 +144,17 @@ CONDITIONS = {
     Condition.WHEN_SUCCESS: TapRule(_HANDLED, at=SUCCESS, is_child=True),
     Condition.WHEN_FAILURE: TapRule(_HANDLED, at=FAILURE, is_child=True),
     Condition.BEFORE_PLANNING: TapRule(
-        _GOALS, before=START_PLANNING, holds_until=END_PLANNING, is_child=True
+        _GOALS, held_moment=START_PLANNING, holds_until=END_PLANNING, is_child=True
     ),
     Condition.WHILE_PLANNING: TapRule(_GOALS, at=START_PLANNING, lasts_until=END_PLANNING),
     Condition.AFTER_PLANNED: TapRule(_GOALS, at=END_PLANNING),
-    Condition.WHEN_PLANNED: TapRule(_GOALS, before=END_PLANNING, is_child=True),
+    Condition.WHEN_PLANNED: TapRule(_GOALS, held_moment=END_PLANNING, is_child=True),
     Condition.BEFORE_ACHIEVING: TapRule(
-        _TASKS, before=START_ACHIEVING, holds_until=END_ACHIEVING, is_child=True
+        _TASKS, held_moment=START_ACHIEVING, holds_until=END_ACHIEVING, is_child=True
     ),
     Condition.WHILE_ACHIEVING: TapRule(_TASKS, at=START_ACHIEVING, lasts_until=END_ACHIEVING),
     Condition.AFTER_ACHIEVED: TapRule(_TASKS, at=END_ACHIEVING),
-    Condition.WHEN_ACHIEVED: TapRule(_TASKS, before=END_ACHIEVING, is_child=True),
+    Condition.WHEN_ACHIEVED: TapRule(_TASKS, held_moment=END_ACHIEVING, is_child=True),
     Condition.WHEN_KILLED: TapRule(_TASKS, at=KILLED),
 }
 """One row per condition.
@@ -170,5 +170,5 @@ def recurs_on_retry(condition: Condition) -> bool:
     """Whether a condition is met again each time that the message is retried."""
     rule = CONDITIONS[condition]
     return bool(
-        (rule.before | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE)
+        (rule.held_moment | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE)
     )

@@ -79,7 +79,7 @@ def _decides_for(central: State, connection: Connection, task: Task) -> bool:
         or asking.slot is not connection
     ):
         return False
-    return asking.parent is not None and asking.parent.above(task.id) is task
+    return asking.parent is not None and asking.parent.find_above(task.id) is task
 
 
 def _check_control(central: State, connection: Connection, number: TaskId, what: str) -> None:
@@ -118,7 +118,7 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
     """Whether a connection may see the record of an ended task: its principal retains it, too."""
-    is_own = any(module.principal == connection.principal for module in record.keeping.by)
+    is_own = any(module.principal == connection.principal for module in record.retention.by)
     return is_own or _may_any(connection, (TAP, KILL), record.message.name)
 
 

@@ -92,10 +92,10 @@ def _drop(central: State, record: TaskRecord) -> None:
     forgotten = [record]
     while forgotten:
         dropped = forgotten.pop()
-        forgotten.extend(dropped.keeping.records.values())
+        forgotten.extend(dropped.retention.records.values())
         del central.memory.kept[dropped.id]
         central.memory.kept_bytes -= dropped.size
-        for module in dropped.keeping.by:
+        for module in dropped.retention.by:
             del module.keeps[dropped.id]
             central.memory.promises -= 1
         central.facts.append(facts.Released(dropped.id, ""))

@@ -13,6 +13,7 @@ these shortly after. It works in slices, so that central is never held up. Each 
 wait of a handler, or something locked: nothing waits for what a mere client waits for.
 """
 
+from contextlib import suppress
 from itertools import pairwise
 
 from msgspec.structs import replace
@@ -48,10 +49,13 @@ SLICE = 2000
 _CLOSES_NOTHING = {facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan}
 """Facts that begin no wait, or whose waits are among the suspects anyway."""
 
+_CALLS = ((Waiting, Returning), (Returning, Waiting))
+"""Neighbours in a cycle: a wait and the handler that answers it, or a handler and its wait."""
+
 _SHOWN = 12  # parts of a cycle that the error names
 
-Kept = dict[ModuleClaim, Task]
-"""Claims, each with the task whose end alone releases it."""
+TaskClaims = dict[ModuleClaim, Task]
+"""Claims that no handler releases, each with the task whose end releases it."""
 
 
 class DeadlockScan:
@@ -60,7 +64,7 @@ class DeadlockScan:
     def __init__(self, central: State) -> None:
         self.search = Search(central, SLICE, list)
         self.starts: list[Node | Connection] = [*central.blocked]
-        """The nodes still to check; the last one is next."""
+        """The nodes still to check, the next one last. A connection stands for all its waits."""
         granted = (claim for claim in central.claims.values() if claim.is_granted)
         self.starts.extend(Releasing(claim) for claim in granted)
         self.starts.reverse()
@@ -79,7 +83,7 @@ def check_suspects(central: State) -> None:
                 search = _resolve_all(central, search, start)
     except TooLongError:
         central.suspects.clear()
-        schedule_look(central)
+        schedule_search(central)
 
 
 def _may_close(central: State, suspect: Suspect) -> Node | None:
@@ -104,7 +108,7 @@ def check_event(central: State) -> None:
     if not central.may_have_closed:
         for fact in central.facts:
             if type(fact) not in _CLOSES_NOTHING and _may_matter(central, fact):
-                schedule_look(central)
+                schedule_search(central)
                 return
 
 
@@ -118,19 +122,19 @@ def _may_matter(central: State, fact: facts.Fact) -> bool:
     return not isinstance(fact, facts.Received) or fact.message_class.is_task
 
 
-def schedule_look(central: State) -> None:
-    """Schedule a search because something may have closed a cycle."""
+def schedule_search(central: State) -> None:
+    """Schedule a search of everything that blocks: something may have closed a cycle."""
     central.may_have_closed = True
-    _schedule(central)
+    _set_search_timer(central)
 
 
-def _schedule(central: State) -> None:
+def _set_search_timer(central: State) -> None:
     """Set the timer of the next search, if it is not set."""
     if central.search_delay and central.search_timer is None:
         central.search_timer = central.clock.after(central.search_delay, Due.LOOK, None)
 
 
-def on_look(central: State, _: None) -> None:
+def on_search_due(central: State, _: None) -> None:
     """Search everything that blocks, or continue a search."""
     central.search_timer, scan = None, central.scan
     if isinstance(scan, DeadlockScan):
@@ -138,15 +142,12 @@ def on_look(central: State, _: None) -> None:
     else:
         central.scan = scan = DeadlockScan(central)
         central.may_have_closed = False
-    try:
+    with suppress(TooLongError):
         while scan.starts:
             _check_next(central, scan)
         central.scan = None
-    except TooLongError:
-        _schedule(central)
-    else:
-        if central.may_have_closed:
-            _schedule(central)
+    if central.scan is not None or central.may_have_closed:
+        _set_search_timer(central)
 
 
 def _check_next(central: State, scan: DeadlockScan) -> None:
@@ -158,14 +159,14 @@ def _check_next(central: State, scan: DeadlockScan) -> None:
         if start.handling:
             scan.starts.extend(Waiting(start, number) for number in reversed(start.waits))
         return
-    if _is_there(start):
+    if _still_exists(start):
         scan.search = _resolve_all(central, scan.search, start)
     elif scan.search.is_under_way:  # the wait has ended: the rest of its search is not needed
         scan.search = scan.search.restarted()
     scan.starts.pop()
 
 
-def _is_there(start: Node) -> bool:
+def _still_exists(start: Node) -> bool:
     """Whether a wait or claim from which a search starts still exists."""
     if isinstance(start, Releasing):
         return start.claim.is_granted
@@ -176,59 +177,58 @@ def _is_there(start: Node) -> bool:
 
 
 def _resolve_all(central: State, search: Search, start: Node) -> Search:
-    """End waits as long as *start* waits for a cycle. Return a search that knows the result."""
+    """End waits as long as *start* leads to a cycle. Return a search that knows the result."""
     while search.is_stuck(start):
-        if not _resolve(central, search.circle(start), search):
+        if not _resolve(central, search.cycle(start), search):
             break
         search = search.restarted()
     return search
 
 
-def _resolve(central: State, circle: list[Node], search: Search) -> bool:
+def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
     """End a wait or a claim of a cycle, or raise a failure for it.
 
     Returns False if the failure is already being handled.
     """
-    text = describe(central, circle)
-    waits = [node for node in circle if isinstance(node, Waiting)]
-    claims = (node.claim for node in circle if isinstance(node, Releasing))
-    kept = {claim: task for claim in claims if (task := task_holding(claim)) is not None}
-    goes_first = _of_recovery(central, circle)
-    if kept and goes_first:  # the lock's holder is informed of its loss
-        claim = min(
-            kept, key=lambda claim: any(above.role.survives for above in kept[claim].lineage())
-        )
+    text = describe(central, cycle)
+    waits = [node for node in cycle if isinstance(node, Waiting)]
+    claims = (node.claim for node in cycle if isinstance(node, Releasing))
+    task_claims = {claim: task for claim in claims if (task := task_holding(claim)) is not None}
+    in_recovery = _nodes_in_recovery(central, cycle)
+    if task_claims and in_recovery:  # recovery has priority: its own claims go last
+        known: dict[Task, bool] = {}
+        claim = min(task_claims, key=lambda claim: _is_recovery(task_claims[claim], known))
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
     elif waits:
-        refused = [wait for wait in waits if wait not in goes_first] or waits
+        refused = [wait for wait in waits if wait not in in_recovery] or waits
         connection, number = max(refused, key=_since)
         fact = facts.RequestRefused(connection.module.name, Refusal.DEADLOCK, text)
         central.facts.append(fact)
         give_up(central, connection, number, Dropping.DEADLOCK)
         central.answer(connection, number, Refused(number, Refusal.DEADLOCK, text))
     else:
-        return _raise_or_revoke(central, kept, search, text)
+        return _raise_or_revoke(central, task_claims, search, text)
     return True
 
 
 def _since(wait: Waiting) -> int:
-    """The event in which a wait began."""
+    """Return the event in which a wait began."""
     return wait.connection.waits[wait.number].since
 
 
-def _raise_or_revoke(central: State, kept: Kept, search: Search, text: str) -> bool:
-    """Resolve a cycle in which no handler blocks.
+def _raise_or_revoke(central: State, task_claims: TaskClaims, search: Search, text: str) -> bool:
+    """Resolve a cycle in which no handler blocks: raise the failure on a claim's holder.
 
-    The failure is raised on a holder of what others need. If no exception handler helps, it loses
-    its claim.
+    If exception handlers did not help, revoke a claim. Returns False if the failure is already
+    being handled.
     """
-    if not kept or any(_is_being_handled(task, search) for task in kept.values()):
+    if not task_claims or any(_is_being_handled(task, search) for task in task_claims.values()):
         return False
-    for task in kept.values():
+    for task in task_claims.values():
         if task.failure is None or task.failure[0] != DEADLOCK:
             raise_failure(central, task, RaisedFailure(DEADLOCK, text))
             return True
-    revoke(central, next(iter(kept)), f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
+    revoke(central, next(iter(task_claims)), f"{DEADLOCK}: {text}", f"{DEADLOCK}: {text}")
     return True
 
 
@@ -242,26 +242,24 @@ def _is_being_handled(task: Task, search: Search) -> bool:
     )
 
 
-def _of_recovery(central: State, circle: list[Node]) -> set[Node]:
+def _nodes_in_recovery(central: State, cycle: list[Node]) -> set[Node]:
     """Return the nodes of a cycle that belong to recovery or to leaving things safe.
 
-    They are such tasks, their descendants, and the waits of both.
+    They are such tasks, their descendants, the waits of both, and the handlers that these wait for.
     """
     found: set[Node] = set()
     known: dict[Task, bool] = {}
-    before = circle[-1]
-    for node in circle + circle:
-        is_asked = isinstance(before, Waiting) and isinstance(node, Returning)
-        asks_on = isinstance(before, Returning) and isinstance(node, Waiting)
-        belongs_too = before in found and (is_asked or asks_on)
-        if belongs_too or _is_recovery(_delivery_of(central, node), known):
+    previous = cycle[-1]
+    for node in cycle + cycle:  # twice, since the last node may decide about the first
+        is_call = (type(previous), type(node)) in _CALLS
+        if (previous in found and is_call) or _is_recovery(_delivery_of(central, node), known):
             found.add(node)
-        before = node
+        previous = node
     return found
 
 
 def _delivery_of(central: State, node: Node) -> Delivery | None:
-    """The delivery that a node is about; None for resources and claims."""
+    """Return the delivery that a node is about; None for resources and claims."""
     match node:
         case Place(task, _):
             return task
@@ -273,27 +271,30 @@ def _delivery_of(central: State, node: Node) -> Delivery | None:
 
 
 def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
-    """Whether a task handles a failure, leaves things safe, or is under one that does."""
-    passed: list[Task] = []
-    does = False
+    """Whether a task handles a failure, leaves things safe, or is under one that does.
+
+    *known* stores the results for the task and the tasks above it.
+    """
+    walked: list[Task] = []
+    result = False
     for above in delivery.lineage() if isinstance(delivery, Task) else ():
-        passed.append(above)
-        does = known.get(above, above.role.survives)
-        if does or above in known:
+        walked.append(above)
+        result = known.get(above, above.role.survives)
+        if result or above in known:
             break
-    known.update(dict.fromkeys(passed, does))
-    return does
+    known.update(dict.fromkeys(walked, result))
+    return result
 
 
 # --- words ----------------------------------------------------------------------------------------
 
 
-def describe(central: State, circle: list[Node]) -> str:
+def describe(central: State, cycle: list[Node]) -> str:
     """Describe a cycle in words, from the first handler that waits."""
-    first = next((at for at, node in enumerate(circle) if isinstance(node, Waiting)), 0)
-    circle = circle[first:] + circle[:first]
+    first = next((at for at, node in enumerate(cycle) if isinstance(node, Waiting)), 0)
+    cycle = cycle[first:] + cycle[:first]
     sentences: dict[str, None] = {}
-    for node, following in pairwise([*circle, circle[0]]):
+    for node, following in pairwise([*cycle, cycle[0]]):
         waits = _waits(central, node, following)
         if waits is not None:
             sentences[
@@ -304,7 +305,7 @@ def describe(central: State, circle: list[Node]) -> str:
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
-    """The waits at a node of a cycle; None if its neighbours describe it."""
+    """Return the waits at a node of a cycle; None if the text about its neighbours tells them."""
     match node, following:
         case Waiting(), _:
             waits = waits_of(central, node)
@@ -321,6 +322,7 @@ def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
 
 
 def _waiter(central: State, node: Node) -> Waiter:
+    """Return the task, message or module that waits at a node."""
     subject, module = _delivery_of(central, node), ""
     match node:
         case Waiting(connection, _):

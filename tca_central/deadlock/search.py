@@ -40,7 +40,6 @@ class Search:
 
     def __init__(self, central: State, edges: int, each: Each = iter) -> None:
         self.edges = edges  #: number of edges that it may still visit
-        self.looked_at = 0  #: number of edges visited in all
         self._central = central
         self._each = each
         self._is_old = False  #: whether anything may have changed since it began
@@ -48,7 +47,7 @@ class Search:
         #: Nodes not known to be live, each with its remaining groups.
         self._open: dict[Node, Groups] = {}
         self._at: dict[Node, Group] = {}  #: the group at which an open node stands
-        #: By node: the open nodes that stand at a group with it, and that group.
+        #: By node: the open nodes that stand at a group with that node, and the group.
         self._users: dict[Node, list[tuple[Node, Group]]] = {}
         self._to_do: list[Node] = []  #: open nodes that can continue; the last one is next
 
@@ -71,15 +70,15 @@ class Search:
         while True:
             if _key(node) in self._live:
                 return False
-            self._meet([node])
+            self._open_new([node])
             self._walk(node)
             if node not in self._open:
                 return False
             if not self._is_old or self._confirm(node):
                 return True
 
-    def circle(self, start: Node) -> list[Node]:
-        """Return a cycle that *start*, a stuck node, waits for, in its order."""
+    def cycle(self, start: Node) -> list[Node]:
+        """Return a cycle to which *start*, a stuck node, leads. Each node needs the next."""
         trail: dict[Node, int] = {}
         node = start
         while node not in trail:
@@ -94,10 +93,10 @@ class Search:
         self._count(1)
 
     def _count(self, edges: int) -> None:
+        """Count edges of a group, which is always visited as a whole."""
         self.edges -= edges
-        self.looked_at += edges
 
-    def _meet(self, nodes: Iterable[Node]) -> None:
+    def _open_new(self, nodes: Iterable[Node]) -> None:
         """Open nodes that were not visited before."""
         for node in nodes:
             if node not in self._open:
@@ -116,7 +115,7 @@ class Search:
             self._at[node] = group
             for needed in group:
                 self._users.setdefault(needed, []).append((node, group))
-            self._meet(reversed(group))
+            self._open_new(reversed(group))
 
     def _next_group(self, node: Node) -> Group | None:
         """Return the next group without a node known to be live; None after the last group."""
@@ -134,7 +133,7 @@ class Search:
     def _mark_live(self, node: Node) -> None:
         """Mark a node live, and let the nodes that stand at a group with it continue."""
         del self._open[node]
-        if not _is_not_worth_storing(node):
+        if _is_worth_storing(node):
             self._live.add(_key(node))
         for user, group in self._users.pop(node, ()):
             if self._at.get(user) is group:
@@ -142,9 +141,9 @@ class Search:
                 self._to_do.append(user)
 
     def _confirm(self, start: Node) -> bool:
-        """Whether every reason why *start* is stuck still holds.
+        """Whether *start* is still stuck: all nodes that it leads to have the same needs as before.
 
-        Nodes with other needs are opened again.
+        Nodes with other needs by now are opened again.
         """
         met, trail, changed = {start}, [start], []
         for node in trail:  # grows while it is walked
@@ -158,7 +157,7 @@ class Search:
                 changed.append(node)
         for node in changed:
             del self._open[node], self._at[node]
-            self._meet([node])
+            self._open_new([node])
         return not changed
 
 
@@ -170,11 +169,11 @@ def _key(node: Node) -> Node | int:
     return node.task.id << 6 | node.moment if isinstance(node, Place) else node
 
 
-def _is_not_worth_storing(node: Node) -> bool:
-    """Whether a live node is not worth storing.
+def _is_worth_storing(node: Node) -> bool:
+    """Whether to store that a node is live.
 
-    There is one for each queued task, and it costs little to visit again.
+    There are such nodes for each queued task, and they cost little to visit again.
     """
-    return isinstance(node, Turn | TurnAt) or (
-        isinstance(node, Place) and is_only_queued(node.task)
-    )
+    if isinstance(node, Place):
+        return not is_only_queued(node.task)
+    return not isinstance(node, Turn | TurnAt)

@@ -18,7 +18,7 @@ MOST_ATTACHED = 1000
 
 
 def on_attach(central: State, connection: Connection, header: headers.Attach, _: bytes) -> None:
-    """A module attaches an exception handler to a task, to a message's tasks, or to the root."""
+    """Attach a module's exception handler to a task, to a message's tasks, or to the root."""
     message = _task_message(central, header.message) if header.message else None
     task = central.tree.root if header.task == ROOT else central.tree.task(header.task)
     if task is None:
@@ -29,6 +29,7 @@ def on_attach(central: State, connection: Connection, header: headers.Attach, _:
 
 
 def _task_message(central: State, name: str) -> MessageType:
+    """Return the message of that name. Raises RequestError unless it is a goal or command."""
     message = central.registry.messages.get(name)
     if message is None or not message.message_class.is_task:
         what = f"a {message.message_class}" if message else "not declared"
@@ -90,9 +91,9 @@ def attach(
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """A module removes its own exception handler or wiretap.
+    """Remove a module's own exception handler or wiretap.
 
-    An operator may remove those of any module (`for_all`), and end monitors.
+    An operator may remove those of any module (``for_all``), and end monitors.
     """
     module, removed = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
@@ -122,6 +123,7 @@ def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
 
 
 def _remove(central: State, attached: AttachedHandler, by: str) -> None:
+    """Remove an exception handler from its task or message."""
     attached.place.attached.remove(attached)
     del central.attached[attached.id]
     central.facts.append(facts.Removed(attached.id, by))

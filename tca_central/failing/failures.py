@@ -48,14 +48,15 @@ LONGEST_REASON = 500
 MOST_ATTEMPTS = 100
 """Times that a task is handled for the sake of an exception handler without a maximum."""
 MOST_KINDS = 32
+"""Names of more general failures that one failure may have; a header's others are ignored."""
 MOST_NESTED = 8
-"""Calls of an exception handler within its own calls: it may fail with its own failure."""
+"""Calls of an exception handler within its own calls: it may fail with the failure it handles."""
 
-NEWLINE = "\n"
+NEWLINE = "\n"  # no backslash may stand in an f-string's braces
 
 
 def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailure:
-    """The failure that a header reports, with its parts shortened to their limits."""
+    """Return the failure that a header reports, with its parts shortened to their limits."""
     failure, *kinds = (
         printable(name)[: Limit.NAME] for name in (header.failure, *header.kinds[:MOST_KINDS])
     )
@@ -66,7 +67,7 @@ def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailu
 
 
 def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
-    """A module raises a failure on a task that another module handles."""
+    """Raise a module's failure on a task that another module handles."""
     task = central.living_or_ignored(
         connection, header.number, header.task, "no failure can be raised on it"
     )
@@ -77,11 +78,11 @@ def on_raise(central: State, connection: Connection, header: headers.Raise, body
 
 
 def fail_task(central: State, task: Task, failure: RaisedFailure) -> None:
-    """The handler of a task has ended with a failure."""
+    """Handle the failure with which a task's handler has ended."""
     central.record_failure(task, failure)
     if central.agenda.end_or_retry(task):
         return
-    exception_handler = _search(central, task, failure, is_beside=False)
+    exception_handler = _search(central, task, failure, from_outside=False)
     if exception_handler is None:
         central.agenda.mark_returned(task)
     else:
@@ -93,23 +94,25 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
     if task.returned and task.failure is None and not task.result:
         central.tree.grow(task, len(NIL))
         task.result = NIL  # its handler has returned None, the result if the failure is resolved
-    central.record_failure(task, failure, is_beside=True, by=by)
-    _search(central, task, failure, is_beside=True)
+    central.record_failure(task, failure, from_outside=True, by=by)
+    _search(central, task, failure, from_outside=True)
 
 
-def _search(central: State, task: Task, failure: RaisedFailure, *, is_beside: bool) -> Task | None:
+def _search(
+    central: State, task: Task, failure: RaisedFailure, *, from_outside: bool
+) -> Task | None:
     """Call the nearest exception handler for a failure. Return its task.
 
     Without a handler the top-level task ends, its sender gets the failure, and this returns None.
     """
-    exception_handler = _call_handler(central, task, failure, is_beside=is_beside)
-    if exception_handler is None and (undecided := _unhandled(central, task, failure)) is not None:
-        _continue_search(central, undecided)
+    exception_handler = _call_handler(central, task, failure, from_outside=from_outside)
+    if exception_handler is None:
+        _continue_search(central, _end_unhandled(central, task, failure))
     return exception_handler
 
 
 def _continue_search(central: State, exception_handler: Task | None) -> None:
-    """Continue a search above an exception handler that could not decide.
+    """Continue a search above an exception handler that could not decide, if any is given.
 
     If no handler is left, the failure that called for the undecided handler continues in turn.
     """
@@ -120,14 +123,14 @@ def _continue_search(central: State, exception_handler: Task | None) -> None:
             return
         is_deciding = recovery.exception_handler is exception_handler
         next_handler = _call_handler(
-            central, failing, trouble.failure, trouble, is_beside=not is_deciding
+            central, failing, trouble.failure, trouble, from_outside=not is_deciding
         )
         if is_deciding:
             recovery.exception_handler = next_handler
             if next_handler is None:
                 central.agenda.mark_returned(failing)
         exception_handler = (
-            _unhandled(central, failing, trouble.failure) if next_handler is None else None
+            _end_unhandled(central, failing, trouble.failure) if next_handler is None else None
         )
 
 
@@ -135,20 +138,23 @@ def _call_handler(
     central: State,
     task: Task,
     failure: RaisedFailure,
-    below: FailureContext | None = None,
+    previous: FailureContext | None = None,
     *,
-    is_beside: bool,
+    from_outside: bool,
 ) -> Task | None:
-    """Call the nearest exception handler for a failure; with `below`, the nearest above it."""
+    """Call the nearest exception handler for a failure. Return its task; None if there is none.
+
+    With *previous*, the context of a handler that could not decide, the search continues above it.
+    """
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
-    exceptions = task.exception_handlers_up()
+    handlers_above = task.exception_handlers_up()
     passed: dict[tuple[int, str], None] = {}
-    if exceptions:
-        passed = trouble_of(exceptions[0]).passed
-    elif below is not None:
-        passed = below.passed
-    nested = Counter(trouble_of(one).attached.id for one in exceptions)
-    trouble = _find(task, failure, below, passed, nested)
+    if handlers_above:
+        passed = trouble_of(handlers_above[0]).passed
+    elif previous is not None:
+        passed = previous.passed
+    nested = Counter(trouble_of(one).attached.id for one in handlers_above)
+    trouble = _find_handler(task, failure, previous, passed, nested)
     if trouble is None:
         return None
     at, attached = trouble.at, trouble.attached
@@ -156,7 +162,9 @@ def _call_handler(
     exception_handler = make_task(
         central, attached.handler, failure.body, task, Role.EXCEPTION, context=trouble
     )
-    central.facts.append(facts.Caught(task.id, exception_handler.id, at.id, attached.id, is_beside))
+    central.facts.append(
+        facts.Caught(task.id, exception_handler.id, at.id, attached.id, from_outside)
+    )
     return exception_handler
 
 
@@ -171,19 +179,20 @@ def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
         }
 
 
-def _find(
+def _find_handler(
     task: Task,
     failure: RaisedFailure,
-    below: FailureContext | None,
+    previous: FailureContext | None,
     passed: dict[tuple[int, str], None],
     nested: Counter[int],
 ) -> FailureContext | None:
-    """The nearest exception handler that may be called, and was not undecided before.
+    """Return the context of the nearest exception handler that may be called.
 
-    `nested` counts the calls of each exception handler that the task is part of.
+    *passed* lists the handlers that have passed on the failure. *nested* counts, by exception
+    handler, its calls that the task is part of.
     """
     names = ("", failure.name, *failure.kinds)
-    for at, attached in _candidates(task, below):
+    for at, attached in _candidates(task, previous):
         if attached.failure not in names or not attached.handler.handlers:
             continue
         if (attached.id, failure.name) in passed:
@@ -201,9 +210,14 @@ def _find(
     return None
 
 
-def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task, AttachedHandler]]:
-    """Yield the exception handlers from a task up, nearest first; with `below`, those after it."""
-    above: Task | None = task if below is None else below.at
+def _candidates(
+    task: Task, previous: FailureContext | None
+) -> Iterator[tuple[Task, AttachedHandler]]:
+    """Yield the exception handlers from a task up, nearest first, each with the task it is on.
+
+    With *previous*, only those after the handler of that context.
+    """
+    above: Task | None = task if previous is None else previous.at
     # Takes 0.1 ms at a depth of 1,000 tasks, and 10 ms at the greatest depth, 20,000.
     while above is not None:
         at, above = above, above.parent
@@ -211,27 +225,28 @@ def _candidates(task: Task, below: FailureContext | None) -> Iterator[tuple[Task
         if not (own or at.message.attached):
             continue
         found = [*reversed(own), *reversed(at.message.attached)]
-        if below is not None and at is below.at:  # ``below`` itself may have been removed since
-            found = [one for one in found if _rank(one) > _rank(below.attached)]
+        if previous is not None and at is previous.at:  # its handler may have been removed since
+            found = [one for one in found if _rank(one) > _rank(previous.attached)]
         yield from ((at, one) for one in found)
 
 
 def _rank(attached: AttachedHandler) -> tuple[bool, int]:
-    """The sort key of a task's exception handlers: its own before its message's, newest first."""
+    """Return the sort key of a task's exception handlers: own first, then by age, newest first."""
     return not isinstance(attached.place, Task), -attached.id
 
 
-def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
+def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """End the top-level task of a failure that no handler deals with, and return None.
 
-    If the failure is within an exception handler, and not by choice or left behind by a retry, kill
-    that handler instead, and return it.
+    If the failing task is part of an exception handler that has thereby not decided, kill that
+    handler instead. Return it if the search continues after it. A handler that fails by choice has
+    decided, unless another handler's retry leaves it behind.
     """
-    exceptions = task.exception_handlers_up()
-    undecided = exceptions[0] if exceptions else None
+    handlers_above = task.exception_handlers_up()
+    undecided = handlers_above[0] if handlers_above else None
     if undecided is not None and NOT_BY_CHOICE.isdisjoint((failure.name, *failure.kinds)):
         above = trouble_of(undecided).failing.lineage()
-        undecided = undecided if any(_leaves_behind(one, exceptions) for one in above) else None
+        undecided = undecided if any(_leaves_behind(one, handlers_above) for one in above) else None
     central.facts.append(facts.Unhandled(task.id, undecided.id if undecided else ROOT))
     verdict = Verdict(f"failure '{failure.name}' of {task} was not handled", failed=task.id)
     if undecided is None:
@@ -251,14 +266,14 @@ def _unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | Non
     return undecided
 
 
-def _leaves_behind(above: Task, exceptions: list[Task]) -> bool:
+def _leaves_behind(above: Task, handlers_above: list[Task]) -> bool:
     """Whether a task above is about to be retried for none of the given exception handlers."""
     retry_requesters = above.recovery.retry_requesters if above.recovery is not None else {}
-    return above.retry_pending and retry_requesters.keys().isdisjoint(exceptions)
+    return above.retry_pending and retry_requesters.keys().isdisjoint(handlers_above)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
-    """The failure, whose first line also says which exception handler left it undecided."""
+    """Return the failure with *what* its undecided exception handler did, in the first line."""
     line, newline, rest = first.text.partition(NEWLINE)
     line = shortened(line, Limit.TEXT // 2)
     summary = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
@@ -268,15 +283,15 @@ def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedF
 def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: Verdict) -> None:
     """End the top-level task, and report the failure to its sender."""
     *_, top = task.lineage()
-    exceptions = task.exception_handlers_up()
-    is_of_its_handler = any(one.parent is top for one in exceptions)
+    handlers_above = task.exception_handlers_up()
+    is_of_its_handler = any(one.parent is top for one in handlers_above)
     if top is not task and (top.failure is None or top.is_dealt_with or is_of_its_handler):
         text = f"in {task}: {failure.text}" if failure.text else f"in {task}"
         central.tree.set_failure(top, (failure.name, text, failure.body))
     kill(central, top, verdict)
     # Exception handlers survive the kill of the tasks above, but not their own failure.
-    for exception in reversed(exceptions):
-        kill(central, exception, verdict)
+    for exception_handler in reversed(handlers_above):
+        kill(central, exception_handler, verdict)
 
 
 def kill(central: State, task: Task, verdict: Verdict) -> None:
@@ -321,7 +336,7 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
 
 
 def skip_exception_handler(central: State, exception_handler: Delivery) -> None:
-    """Continue the search after an exception handler that waits without any handler."""
+    """Continue the search after an exception handler whose message no module handles."""
     assert isinstance(exception_handler, Task)
     if exception_handler.killed or exception_handler.queues != ():  # it has a handler again
         return
@@ -337,7 +352,7 @@ def skip_exception_handler(central: State, exception_handler: Delivery) -> None:
 
 
 def reissue(central: State, exception_handler: Task) -> None:
-    """The exception handler can't deal with the failure: continue the search after it."""
+    """Continue the search after an exception handler that can't deal with the failure."""
     central.facts.append(facts.Reissued(exception_handler.id))
     if _void_decision(exception_handler):
         _continue_search(central, exception_handler)
@@ -345,9 +360,9 @@ def reissue(central: State, exception_handler: Task) -> None:
 
 
 def on_resolve(central: State, connection: Connection, header: headers.Resolve, _: bytes) -> None:
-    """An exception handler has dealt with its failure; this takes effect when its task has ended.
+    """Record that an exception handler has dealt with its failure.
 
-    It has no effect after a retry or kill.
+    This takes effect when the handler's task has ended, and has no effect after a retry or kill.
     """
     asking = central.dispatcher.running.get(central.origin)
     if asking is None:
@@ -358,15 +373,15 @@ def on_resolve(central: State, connection: Connection, header: headers.Resolve, 
         raise RequestError(Refusal.PROTOCOL, text)
     trouble = trouble_of(asking)
     is_over = trouble.decision is Decision.VOID or trouble.failing.killed
-    counts = not (is_over or asking.retry_pending or asking.killed)
-    if counts and trouble.decision is Decision.NONE:
+    has_effect = not (is_over or asking.retry_pending or asking.killed)
+    if has_effect and trouble.decision is Decision.NONE:
         trouble.decision = Decision.DEALT_WITH
         central.facts.append(facts.Resolved(asking.id))
-    central.accept(connection, header.number, asking.id if counts else ROOT)
+    central.accept(connection, header.number, asking.id if has_effect else ROOT)
 
 
 def on_exception_handler_ended(central: State, exception_handler: Task) -> None:
-    """An exception handler's task has ended: apply its decision, or continue the search."""
+    """Apply the decision of an exception handler whose task has ended, or continue the search."""
     trouble = trouble_of(exception_handler)
     failing = trouble.failing
     for asked in trouble.retried:
@@ -380,6 +395,7 @@ def on_exception_handler_ended(central: State, exception_handler: Task) -> None:
 
 
 def _recover(central: State, failing: Task, exception_handler: Task) -> None:
+    """Mark a task's failure as dealt with. The task continues if it waited for this handler."""
     recovery = Recovery.of(failing)
     recovery.is_dealt_with = True
     central.facts.append(facts.Recovered(failing.id, exception_handler.id))
@@ -399,7 +415,7 @@ def _continue_unresolved(central: State, failing: Task, exception_handler: Task)
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
-    """The exception handler that asks for a retry; None if another program asks.
+    """Return the exception handler that asks for a retry; None if another program asks.
 
     Raises RequestError if the exception handler may not retry this task.
     """
@@ -407,7 +423,7 @@ def _asking_handler(central: State, task: Task) -> Task | None:
     if not isinstance(asking, Task) or not isinstance(asking.context, FailureContext):
         return None
     failing = asking.context.failing
-    if failing.above(task.id) is None:
+    if failing.find_above(task.id) is None:
         text = (
             f"{asking} handles the failure of {failing}: "
             f"it can retry that task or one above it, not {task}"
@@ -418,10 +434,8 @@ def _asking_handler(central: State, task: Task) -> Task | None:
 
 def _check_attempts(task: Task, asking: Task) -> None:
     """Raise RequestError if the task was handled so often that a retry needs a maximum."""
-    attempts, trouble = (
-        task.recovery.attempts if task.recovery is not None else 1,
-        trouble_of(asking),
-    )
+    attempts = task.recovery.attempts if task.recovery is not None else 1
+    trouble = trouble_of(asking)
     if not trouble.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} was handled {attempts} times: attach its exception handler with maximum="
         # The refusal fails the handler: it must not be called for its own failure.
@@ -440,12 +454,9 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
         for monitor in (task.background_monitors or {}).values()
         if monitor.is_foreign_monitor
     ]
-    starts = [*_next_ends(task, END_HANDLING, END_PLANNING)]
-    starts += [
-        place
-        for guest in foreign_monitors
-        for place in _next_ends(guest, END_HANDLING, END_ACHIEVING)
-    ]
+    starts = _next_ends(task, END_HANDLING, END_PLANNING)
+    for monitor in foreign_monitors:
+        starts += _next_ends(monitor, END_HANDLING, END_ACHIEVING)
     awaited = {
         child
         for child in (task.children or {}).values()
@@ -465,12 +476,12 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
 
 
 def _next_ends(task: Task, *moments: int) -> list[Place]:
-    """The first unreached point among these moments of a task."""
+    """Return the first of these moments that a task has not reached, as a point; [] if none."""
     return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
-def _forget_failures(task: Task) -> None:
-    """Void the decisions of exception handlers for a retried task's earlier failures."""
+def _void_earlier_decisions(task: Task) -> None:
+    """Void the decisions of exception handlers about a retried task's earlier failures."""
     for child in (task.children or {}).values():
         if child.role is Role.EXCEPTION:
             trouble_of(child).decision = Decision.VOID
@@ -520,7 +531,7 @@ def retry_task(
         _set_decision(trouble_of(task), Decision.NONE)
     if asking is not None:
         _set_decision(trouble_of(asking), Decision.DEALT_WITH)
-    _forget_failures(task)
+    _void_earlier_decisions(task)
     if has_begun:
         _kill_descendants(central, task, Verdict(f"{task} is retried", by, central.origin))
         if asking is not None and asking not in Recovery.of(task).retry_requesters:

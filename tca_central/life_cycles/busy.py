@@ -11,30 +11,21 @@ from tca_wire.vocabulary import Busy
 
 
 def on_handler_busy(central: State, task: Task) -> None:
-    """A task has to wait for a handler, which may have a wish for that case."""
+    """Apply the wish of the newest handler for a task that has to wait for it."""
     handlers = task.message.handlers
-    if (
-        not task.queues
-        or not handlers
-        or handlers[-1].busy is Busy.QUEUE
-        or central.dispatcher.are_tasks_paused
-    ):
+    if not task.queues or not handlers or central.dispatcher.are_tasks_paused:
         return
-    if any(not resource.capacity for resource in task.queues):
-        return  # a handler without slots is absent, not busy
-    if handlers[-1].busy is Busy.REJECT:
-        reject(central, task, f"{_named(task.queues[0])} is busy")
+    wish = handlers[-1].busy
+    # A handler without slots is absent, not busy.
+    if wish is Busy.QUEUE or any(not resource.capacity for resource in task.queues):
+        return
+    if wish is Busy.REJECT:
+        module, name = task.queues[0].module, task.queues[0].name
+        where = module if module == name else f"{name} of {module}"
+        reject(central, task, f"{where} is busy")
         return
     for resource in task.queues:
         _pre_empt(central, resource, task)
-
-
-def _named(resource: ModuleResource) -> str:
-    return (
-        resource.module
-        if resource.module == resource.name
-        else f"{resource.name} of {resource.module}"
-    )
 
 
 def reject(central: State, task: Task, why: str) -> None:
@@ -56,7 +47,8 @@ def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
 
 
 def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
-    if running.above(newest.id) is not None or newest.above(running.id) is not None:
+    """Cancel a running task as its life cycle says; kill it if that has no cancel."""
+    if running.find_above(newest.id) is not None or newest.find_above(running.id) is not None:
         return  # one is a subtask of the other
     by = newest.sender.module.name if newest.sender is not None else "central"
     cycle = running.message.life_cycle

@@ -50,14 +50,14 @@ def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> Non
 
 
 def restart(central: State, task: Task) -> None:
-    """A task goes to a handler once more. If a client's request is to end it, it ends instead."""
+    """Set a task back to its initial state for its next handler; kill it if a client ends it."""
     asked = central.tree.pop_client_requests(task)
     if task.clients is not None:
         task.clients.newest = 0  # the next call of a handler has seen no requests
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
-    elif task.state != task.message.initial:
-        task.state = task.message.initial
+    elif task.state != task.message.initial_state:
+        task.state = task.message.initial_state
         task.serial += 1
         central.notify_observers(task, "restarted", Party.CENTRAL)
 
@@ -65,7 +65,7 @@ def restart(central: State, task: Task) -> None:
 def on_change_state(
     central: State, connection: Connection, header: ChangeState, body: bytes
 ) -> None:
-    """A client of a task, or its handler, requests a change of its state."""
+    """Change a task's state at the request of a client, or of its handler."""
     task = central.living_or_ignored(
         connection, header.number, header.task, f"it can't take '{header.transition}'"
     )
@@ -92,10 +92,11 @@ def on_change_state(
 def _change_by_client(
     central: State, connection: Connection, header: ChangeState, body: bytes, task: Task
 ) -> None:
+    """Apply a transition that a client requests. Raises RequestError if it is not possible now."""
     cycle, name = task.message.life_cycle, header.transition
     step = cycle.step(task.state, name, Party.CLIENT)
     if step is None:
-        _refuse(task, name, Party.CLIENT)
+        _check_known(task, name, Party.CLIENT)
         if -1 < header.serial < task.serial:  # the server was first
             central.ignore(connection, header.number, _too_late(task, name))
             return
@@ -104,7 +105,7 @@ def _change_by_client(
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
     if task.clients is not None and len(task.clients.asked) >= MOST_ASKED:
         central.tree.pop_client_requests(
-            task, lambda one: not _is_awaited(task, one.source, one.name)
+            task, lambda one: not _awaits_decision(task, one.source, one.name)
         )
         if len(task.clients.asked) >= MOST_ASKED:
             raise RequestError(
@@ -117,10 +118,10 @@ def _change_by_client(
 def apply_client_request(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b""
 ) -> None:
-    """Apply a client's request: the handler decides, or central for it."""
+    """Apply a client's transition, and have the handler decide on it, or central for it."""
     handler = task.handler
     needs_decision = handler is not None and step.name in handler.takes
-    if not (needs_decision or _is_awaited(task, task.state, step.name)):
+    if not (needs_decision or _awaits_decision(task, task.state, step.name)):
         raise RequestError(
             Refusal.PROTOCOL, f"no handler of {task} takes '{step.name}': see takes="
         )
@@ -135,11 +136,11 @@ def apply_client_request(
 
 
 def apply_defaults(central: State, task: Task) -> None:
-    """A task's handler has returned without a decision on clients' requests: apply the defaults."""
+    """Decide for a handler that has returned without a decision on clients' requests."""
     asked = [
         one
         for one in central.tree.pop_client_requests(task)
-        if _is_awaited(task, one.source, one.name)
+        if _awaits_decision(task, one.source, one.name)
     ]
     if asked and not task.killed and central.tree.task(task.id) is task:
         cycle, newest = task.message.life_cycle, asked[-1]
@@ -148,14 +149,15 @@ def apply_defaults(central: State, task: Task) -> None:
             _decide(central, task, step, newest, 0)
 
 
-def _is_awaited(task: Task, source: str, name: str) -> bool:
-    """Whether a client's transition needs a decision of the server, or of central for it."""
+def _awaits_decision(task: Task, source: str, name: str) -> bool:
+    """Whether the server, or central for it, must decide on a client's transition."""
     cycle = task.message.life_cycle
     target = cycle.steps[source, name].target
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
 
 
 def _notify_handler(central: State, task: Task, asked: ClientRequest) -> None:
+    """Send a client's request to the handler that has the task."""
     assert task.slot is not None
     header = Requested(task.handling_id, asked.name, asked.serial, asked.text)
     central.notify(task.slot, header, asked.body)
@@ -171,7 +173,7 @@ def resend_requests(central: State, task: Task) -> None:
 def _decide(
     central: State, task: Task, step: Transition, asked: ClientRequest, origin: int
 ) -> None:
-    """Apply the default, since no handler decides."""
+    """Decide on a client's request by the defaults, since no handler decides."""
     if why := _refusal_reason(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.pop_client_requests(task)
@@ -185,26 +187,23 @@ def _decide(
 
 
 def _refusal_reason(central: State, task: Task, step: Transition, source: str) -> str:
-    """The reason why central refuses a request for the handler; "" if it grants the request."""
-    handlers = task.message.handlers
-    handler = task.handler or (
-        handlers[-1] if handlers and source != task.message.initial else None
-    )
-    cycle = task.message.life_cycle
-    if (
-        handler is not None
-        and step.name in handler.refuses
-        and cycle.refusal(task.state) is not None
-    ):
-        return f"the handler of '{task.message.name}' takes no '{step.name}'"
+    """Return why central refuses a request for the handler; "" if it grants the request."""
+    message = task.message
+    handler, cycle = task.handler, message.life_cycle
+    if handler is None and message.handlers and source != message.initial_state:
+        handler = message.handlers[-1]
+    is_refused = handler is not None and step.name in handler.refuses
+    if is_refused and cycle.refusal(task.state) is not None:
+        return f"the handler of '{message.name}' takes no '{step.name}'"
     if step.effect is Effect.NEW_GOAL:
         try:
             check_order(central, task, None)
         except RequestError as error:
             return error.text
         return ""
-    is_known = cycle.ends_on_request(task.state)
-    return "" if is_known else f"the handler of '{task.message.name}' knows no '{step.name}'"
+    if cycle.ends_on_request(task.state):
+        return ""
+    return f"the handler of '{message.name}' knows no '{step.name}'"
 
 
 def _accept_goal(central: State, task: Task, goal: bytes) -> None:
@@ -222,6 +221,7 @@ def _accept_goal(central: State, task: Task, goal: bytes) -> None:
 def _change_by_server(
     central: State, connection: Connection, header: ChangeState, body: bytes, task: Task
 ) -> None:
+    """Apply a transition of a task's handler, then the clients' requests that it had not seen."""
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
     asked = task.clients.asked if task.clients is not None else []
@@ -231,7 +231,7 @@ def _change_by_server(
         earlier_step = cycle.step(unseen[0].source, name, Party.SERVER)
         step, overtaken = (earlier_step, True) if earlier_step is not None else (step, False)
     if step is None:
-        _refuse(task, name, Party.SERVER)
+        _check_known(task, name, Party.SERVER)
         if task.clients is not None and seen < task.clients.newest:  # a client was first
             central.facts.append(facts.Ignored(connection.module.name, _too_late(task, name)))
             _answer(central, connection, header, 0)
@@ -243,7 +243,7 @@ def _change_by_server(
         )
     if body and step.effect not in (Effect.RESULT, Effect.TAKE_GOAL):
         raise RequestError(Refusal.PROTOCOL, f"'{name}' of {task} has no data")
-    _apply(central, task, step, connection.module.name, header.text, body, seen)
+    _apply_server_step(central, task, step, connection.module.name, header.text, body, seen)
     if overtaken:
         central.tree.pop_client_requests(task, unseen.__contains__)
         for request in unseen:
@@ -252,17 +252,19 @@ def _change_by_server(
 
 
 def _answer(central: State, connection: Connection, header: ChangeState, serial: int) -> None:
+    """Answer a server's request, if it waits for an answer."""
     if header.number:
         central.accept(connection, header.number, serial)
 
 
-def _apply(
+def _apply_server_step(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes, seen: int
 ) -> None:
     """Apply the server's transition, and its effect on clients' requests."""
     if step.effect is Effect.RESULT:
         central.tree.pop_client_requests(
-            task, lambda one: one.serial <= seen and not _is_awaited(task, one.source, one.name)
+            task,
+            lambda one: one.serial <= seen and not _awaits_decision(task, one.source, one.name),
         )
         central.tree.set_progress(task, body)
         _apply_step(central, task, step, Party.SERVER, module, text, body)
@@ -293,12 +295,13 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
 
 
 def _wanted_by(asked: list[ClientRequest], module: str) -> Verdict:
-    """The verdict for a task that clients asked to end."""
+    """Return the verdict for a task that clients asked to end: by the newest request, if any."""
     text, by = (asked[-1].text, asked[-1].module) if asked else ("", module)
     return Verdict(text or "a client cancels it", by)
 
 
 def _set_goal(central: State, task: Task, goal: bytes) -> None:
+    """Replace a task's data."""
     central.tree.grow(task, len(goal) - len(task.body))
     task.body = goal
 
@@ -315,6 +318,7 @@ def _apply_step(
     text: str,
     body: bytes = b"",
 ) -> None:
+    """Change the state, and report that to the journal and to observers."""
     task.state = step.target
     task.serial += 1
     central.facts.append(
@@ -323,7 +327,7 @@ def _apply_step(
     central.notify_observers(task, step.name, by, module, text, body)
 
 
-def _refuse(task: Task, name: str, by: Party) -> None:
+def _check_known(task: Task, name: str, by: Party) -> None:
     """Raise RequestError if the table has no such transition for that party at all."""
     cycle = task.message.life_cycle
     if name not in cycle.names(by):
@@ -339,10 +343,12 @@ def _refuse(task: Task, name: str, by: Party) -> None:
 
 
 def _too_late(task: Task, name: str) -> str:
+    """Return why a transition is ignored: the other party's change came first."""
     return f"{task} is {task.state} by now: '{name}' comes too late"
 
 
 def _not_now(task: Task, name: str, by: Party) -> str:
+    """Return why a transition is not possible in the task's present state."""
     sources = " or ".join(f"'{one}'" for one in task.message.life_cycle.sources(name, by))
     return f"{task} is '{task.state}': '{name}' is possible while it is {sources}"
 

@@ -20,12 +20,12 @@ from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
 """Tasks of which a late observer gets the current state."""
-MOST_LOOKED_AT = 100_000
-"""Tasks that are searched for these."""
+MOST_SEARCHED = 100_000
+"""Living tasks among which central searches for those that a late observer observes."""
 
 
 def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
-    """A module wants to observe states.
+    """Let a module observe states.
 
     It gets the current states, then an answer without a body, then each change.
     """
@@ -46,7 +46,7 @@ def on_observe(central: State, connection: Connection, header: Observe, _: bytes
         central.notify_observer(
             observation, msgspec.msgpack.encode(_current_state(task)), task.state
         )
-    observation.told += 1
+    observation.notifications += 1
     central.notify(connection, Answer(header.number, more=True))
 
 
@@ -58,7 +58,7 @@ def start_observers_wait(central: State, observation: Observation) -> None:
 
 
 def _living(central: State, observation: Observation) -> list[Task]:
-    """The observed tasks that live. Raises RequestError if there are too many."""
+    """Return the observed tasks that live. Raises RequestError if there are too many."""
     tree = central.tree
     if observation.task_id:
         return [tree.tasks[observation.task_id]]
@@ -69,7 +69,7 @@ def _living(central: State, observation: Observation) -> list[Task]:
             for task in tree.subtree(tree.tasks[observation.below])
             if task.id != observation.below
         )
-    if len(tree.tasks) <= MOST_LOOKED_AT:
+    if len(tree.tasks) <= MOST_SEARCHED:
         late = [task for task in found if observation.message in ("", task.message.name)]
         if len(late) <= MOST_LATE:
             return late
@@ -105,10 +105,12 @@ def _answer_ended(central: State, connection: Connection, header: Observe) -> No
 
 
 def _failure_text(failure: str, text: str) -> str:
+    """Return a failure's name and text; either may be empty."""
     return f"{failure}: {text}" if failure and text else failure or text
 
 
 def _current_state(task: Task) -> StateChange:
+    """Return a task's state as a late observer gets it."""
     progress = task.clients.progress if task.clients is not None else b""
     return StateChange(
         TaskId(int(task.id)),

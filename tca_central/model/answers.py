@@ -14,7 +14,7 @@ REMEMBERED_ANSWERS = 64
 class KeptAnswers(Stored):
     """The stored answers of all connections.
 
-    If a request is repeated whose answer was forgotten, it is refused as too late.
+    A repeated request whose answer was forgotten is refused as too late.
     """
 
     __slots__ = ("_kept", "bytes", "forgotten", "most")
@@ -69,6 +69,7 @@ class KeptAnswers(Stored):
             self._forget_oldest(connection)
 
     def _forget_oldest(self, connection: Connection) -> None:
+        """Forget the oldest answer of a connection."""
         number = connection.answers.popleft()
         _, _, body = self._kept.pop((connection.session, number))
         size = ANSWER_BYTES + len(body)

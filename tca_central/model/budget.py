@@ -12,6 +12,7 @@ MEMORY = 512 << 20
 """Bytes, unless --memory says otherwise."""
 
 LEAST_MEMORY = 16 << 20
+"""Bytes: the least that --memory accepts."""
 
 TAP_DEPTH, TASK_DEPTH = 8, 20_000
 """Default limits: listeners of wiretaps in one chain of causes, and depth of the task tree."""

@@ -15,7 +15,7 @@ VOID_TIMERS = 64
 
 
 class Timer(Stored):
-    """An action due at a time."""
+    """A time at which something is *due*, and the object that it concerns."""
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
 
@@ -27,19 +27,19 @@ class Timer(Stored):
 class Clock(Stored):
     """The current time and the timers, earliest first."""
 
-    __slots__ = ("_asked", "_cancelled", "_queue", "now")
+    __slots__ = ("_cancelled", "_queue", "_set_count", "now")
 
     def __init__(self) -> None:
-        self.now = 0.0  #: seconds since the epoch began, as the newest event said
+        self.now = 0.0  #: the time of the newest event, in seconds since the epoch began
         self._queue: list[tuple[float, int, Timer]] = []
-        self._asked = 0
-        self._cancelled = 0
+        self._set_count = 0  #: number of timers ever set; it decides among equal times
+        self._cancelled = 0  #: number of cancelled timers in the queue
 
     def after(self, seconds: float, due: Due, subject: Stored | None) -> Timer:
         """Set a timer that is due in *seconds* seconds."""
-        self._asked += 1
+        self._set_count += 1
         timer = Timer(self.now + seconds, due, subject)
-        heapq.heappush(self._queue, (timer.time, self._asked, timer))
+        heapq.heappush(self._queue, (timer.time, self._set_count, timer))
         return timer
 
     def cancel(self, timer: Timer | None) -> None:

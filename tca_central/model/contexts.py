@@ -24,15 +24,17 @@ class Decision(Enum):
     NONE = "none"
     """When its task has ended, the search for a handler continues above it."""
     DEALT_WITH = "dealt with"
-    """When its task has ended, the failure is resolved: it said so, or wants a retry."""
+    """The handler resolves the failure or wants a retry. This takes effect when its task has ended.
+    """
     VOID = "void"
-    """It decides nothing any more: it reissued, was killed, or the failure is forgotten."""
+    """It decides nothing any more: it reissued or was killed, or a retry has made the failure void.
+    """
 
 
 class FailureContext(Stored):
-    """The trouble of an exception handler's task, and its decision.
+    """The failure for which an exception handler is called, and the handler's decision.
 
-    The failure of *failing* was caught *at* that task or one above it.
+    The failure was raised on the task ``failing``. The handler was found ``at`` it or a task above.
     """
 
     __slots__ = ("at", "attached", "decision", "failing", "failure", "passed", "retried")
@@ -46,8 +48,8 @@ class FailureContext(Stored):
         passed: dict[tuple[int, str], None],
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-        #: (attachment id, failure name) of handlers that have already passed on this failure or
-        #: one below it.
+        #: (attachment id, failure name) of handlers that have passed on this failure, or that of a
+        #: task below. With the name "", the handler's own retry was refused.
         self.passed = passed
         self.decision = Decision.NONE
         self.retried: list[Task] = []  #: tasks that it wants retried

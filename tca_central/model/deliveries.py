@@ -60,7 +60,7 @@ class LostClaim(NamedTuple):
 
 
 class Line(Stored):
-    """The identity of a connection, and what was in progress when it broke."""
+    """The identity of a connection, and the deliveries that it had when it broke."""
 
     __slots__ = (
         "id",
@@ -85,7 +85,7 @@ class Line(Stored):
         self.number = number  #: its number within its module
         self.module = module
         self.pulse = b""  #: the pulse of its process, for the server
-        #: It had broken: answers of deliveries up to this one may come twice.
+        #: The last delivery before it broke: answers of deliveries up to this one may come twice.
         self.repeats_until = 0
         self.orphans: list[int] = []  #: deliveries to cancel: it had them when it was lost
         #: By delivery: the newest orphans that may still be answered, and the text to reply.
@@ -161,7 +161,7 @@ class Slot(Asker):
         self.maybe_unstarted: Delivery | None = None
         #: When the slot began the prefetched message that it gets next (0: when it gets it)
         self.next_began_at = 0.0
-        #: End of the last run that central knows: none reported later is before it.
+        #: The newest time at which central knows what it did; times reported later are not before.
         self.known_until = 0.0
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)
         self.hung_after = 0.0
@@ -175,9 +175,9 @@ class Slot(Asker):
         return not self.handling or all(one.nested for one in self.handling)
 
     def to_central_time(self, now: float, ago: float) -> float:
-        """Return central's time of a moment *ago* seconds back by the connection's clock.
+        """Return central's time of something *ago* seconds back by the connection's clock.
 
-        The result is between the last known moment of the slot and *now*.
+        The result is between ``known_until`` and *now*.
         """
         return min(now, max(self.known_until, now - ago))
 
@@ -199,7 +199,7 @@ class Connection(Slot):
 
 
 class Module(Stored):
-    """A connected program. It exists as long as one of its connections does."""
+    """A connected program. It exists as long as it has a connection."""
 
     __slots__ = (
         "called",
@@ -290,14 +290,14 @@ class Declared(Stored):
         "fans_out",
         "first_declared_by",
         "format",
-        "initial",
+        "initial_state",
         "is_goal",
         "is_notice",
         "is_outside_sequence",
         "message_class",
         "name",
         "parts",
-        "running",
+        "running_state",
     )
 
     def __init__(self, declared: MessageFormat, by: str) -> None:
@@ -311,7 +311,8 @@ class Declared(Stored):
         self.parts = declared.parts
         self.message_class = declared.message_class
         self.is_goal = declared.message_class.is_goal
-        self.initial, self.running = self.life_cycle.initial, self.life_cycle.accepted.target
+        cycle = self.life_cycle
+        self.initial_state, self.running_state = cycle.initial, cycle.accepted.target
         self.is_outside_sequence = declared.message_class.is_outside_sequence
         self.is_notice = declared.name in NOTICES
         self.fans_out = declared.message_class.fans_out
@@ -435,7 +436,7 @@ class Attachable(Protocol):
 
 
 class Holder(NamedTuple):
-    """A run of a program that has attached something."""
+    """A run of a program that has attached an exception handler or wiretap."""
 
     name: str  #: the module's name, unique among connected modules
     called: str  #: the program's own name
@@ -467,13 +468,13 @@ class AttachedHandler(Stored):
 
 
 class Wiretap(Stored):
-    """A wiretap: its listener is sent *before* some moments, which it holds, or *at* others."""
+    """A wiretap: its listener is sent before a moment, which it holds, or at an event."""
 
     __slots__ = (
         "at",
-        "before",
         "condition",
         "has_fired",
+        "held_moment",
         "holders",
         "id",
         "listener",
@@ -488,8 +489,8 @@ class Wiretap(Stored):
         self.condition = condition
         self.listener = listener
         self.place = place  #: the task or message that it taps
-        self.before = 0
-        self.at = 0
+        self.held_moment = 0  #: the moment of the tapped task that waits for the listener
+        self.at = 0  #: the moment or event at which the listener is sent
         self.has_fired = False  #: of a task's own wiretap: whether it has sent its listener
         self.watch: WatchOptions | None = None  #: options of a listener that is a monitor
         #: By name: the modules that added it and have not removed it.
@@ -510,7 +511,7 @@ class Context(Protocol):
 
 
 class Queued(Stored):
-    """The state of a message that waits for a slot, or has one."""
+    """A message's place in queues, and the slot that handles it."""
 
     __slots__ = ("arrival", "nested", "priority", "queues", "since", "slot", "ticket")
 

@@ -47,7 +47,7 @@ class Memory(Stored):
         )
 
     def remember(self, task_id: int, outcome: TaskOutcome, most_bytes: int) -> list[int]:
-        """Store an outcome that is more than "done". Return the tasks whose outcomes give way."""
+        """Store an outcome other than "done". Return the tasks whose outcomes it displaces."""
         self.outcomes[task_id] = outcome
         self.outcome_bytes += _size(outcome)
         displaced = []
@@ -60,4 +60,5 @@ class Memory(Stored):
 
 
 def _size(outcome: TaskOutcome) -> int:
+    """Return the bytes that an outcome holds."""
     return len(outcome[2]) + len(outcome[3])

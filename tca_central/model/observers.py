@@ -10,9 +10,9 @@ from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind
 
 OTHERS = ""
-"""The group of observations of a subtree or of all tasks.
+"""The key of the group of observations of a subtree or of all tasks.
 
-The other groups are named by a task's id or a message's name.
+The keys of the other groups are the id of a task or the name of a message.
 """
 
 
@@ -24,16 +24,16 @@ class Observation(Stored):
         "connection",
         "is_awaited",
         "message",
+        "notifications",
         "number",
         "origin",
         "states",
         "task_id",
-        "told",
     )
 
     def __init__(self, connection: Connection, header: Observe) -> None:
         self.connection, self.number, self.origin = connection, header.number, header.origin
-        self.told = 0  #: number of changes reported
+        self.notifications = 0  #: number of notifications sent, the answer to the request included
         #: Whether its connection, as far as central knows, waits for the next change.
         self.is_awaited = False
         self.task_id, self.message, self.below = header.task, header.message, header.below
@@ -42,32 +42,26 @@ class Observation(Stored):
 
     @property
     def subject(self) -> str:
-        """Text for its subject if that is not one task: "any move leg"."""
+        """What it observes, in words such as "any move leg"; "" for one task."""
         under = f" under {{{self.below}}}" if self.below else ""
         return "" if self.task_id else f"any {self.message or 'task'}{under}"
 
     @property
     def wait(self) -> tuple[str, int, TaskId, int, WaitKind, str]:
         """The arguments of the facts about the wait for a change."""
-        return (
-            self.connection.module.name,
-            self.origin,
-            self.task_id,
-            0,
-            WaitKind.CHANGE,
-            self.subject,
-        )
+        module = self.connection.module.name
+        return module, self.origin, self.task_id, 0, WaitKind.CHANGE, self.subject
 
     def wants(self, task: Task) -> bool:
         """Whether an observation that names no task includes this one."""
         is_below = not self.below or (
-            task.parent is not None and task.parent.above(self.below) is not None
+            task.parent is not None and task.parent.find_above(self.below) is not None
         )
         return is_below and self.message in ("", task.message.name)
 
 
 class Observers(Stored):
-    """All observations, grouped by what they are about."""
+    """All observations, grouped by task or message."""
 
     __slots__ = ("count", "groups")
 
@@ -80,7 +74,7 @@ class Observers(Stored):
         """Observations of a subtree, or of all tasks."""
         return self.groups[OTHERS]
 
-    def concern(self, task: Task) -> bool:
+    def may_observe(self, task: Task) -> bool:
         """Whether a task may have observers. For most tasks this is a quick no."""
         if not self.count:
             return False
@@ -88,16 +82,16 @@ class Observers(Stored):
 
     def add(self, observation: Observation) -> None:
         """Add an observation."""
-        self.groups.setdefault(_subject(observation), {})[observation] = None
+        self.groups.setdefault(_group_key(observation), {})[observation] = None
         self.count += 1
 
     def remove(self, observation: Observation) -> None:
         """Remove an observation."""
-        subject = _subject(observation)
-        del self.groups[subject][observation]
+        key = _group_key(observation)
+        del self.groups[key][observation]
         self.count -= 1
-        if not (self.groups[subject] or subject == OTHERS):
-            del self.groups[subject]
+        if not (self.groups[key] or key == OTHERS):
+            del self.groups[key]
 
     def of(self, task: Task) -> Iterator[Observation]:
         """Yield the observations of a task, each once."""
@@ -106,5 +100,6 @@ class Observers(Stored):
         yield from (observation for observation in self.others if observation.wants(task))
 
 
-def _subject(observation: Observation) -> int | str:
+def _group_key(observation: Observation) -> int | str:
+    """Return the key of an observation's group."""
     return observation.task_id or (OTHERS if observation.below else observation.message)

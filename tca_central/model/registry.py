@@ -49,7 +49,7 @@ class Registry(Stored):
         self.permissions = Permissions()
         self.bytes = 0  #: bytes of declared messages and resources
         self.dropped = 0  #: number of dropped messages whose type was forgotten
-        #: Number of the event before which no search for unneeded messages starts.
+        #: No search for unneeded messages starts before the event of this number.
         self.next_search = 0
         self._names: dict[str, None] = {}  #: names of modules in use
 
@@ -78,21 +78,14 @@ class Registry(Stored):
         if name not in module.resources:
             module.resources[name] = resource = ModuleResource(module.name, name)
             self.bytes += RESOURCE_BYTES
-            copies = (
-                one
-                for one in self.modules.values()
-                if one.called == module.called and one is not module
-            )
-            if (
-                other := next(
-                    (one.resources[name] for one in copies if name in one.resources), None
-                )
-            ) is not None:
-                resource.join_copies(other)
+            for one in self.modules.values():
+                if one is not module and one.called == module.called and name in one.resources:
+                    resource.join_copies(one.resources[name])
+                    break
         return module.resources[name]
 
     def ready_programs(self) -> set[str]:
-        """Return the programs of which a connected run has made the attachments of its start."""
+        """Return the programs whose attachments a connected run has made at its start."""
         return {module.called for module in self.modules.values() if module.is_ready}
 
     def forget_connection(self, connection: Connection) -> Connection | None:
@@ -207,15 +200,10 @@ def _refuse_difference(
         if not difference and (progress := first_difference(declared.progress, known.progress)):
             difference = f"intermediate result {progress}"
         if not difference and declared.life_cycle != known.life_cycle:
-            here, there_too = (
-                read_life_cycle(declared.life_cycle),
-                read_life_cycle(known.life_cycle),
-            )
-            difference = (
-                f"{here} here, {there_too} there"
-                if here.name != there_too.name
-                else f"two versions of {here}"
-            )
+            ours, theirs = read_life_cycle(declared.life_cycle), read_life_cycle(known.life_cycle)
+            difference = f"{ours} here, {theirs} there"
+            if ours.name == theirs.name:
+                difference = f"two versions of {ours}"
     if difference:
         sides = f"here = module '{module.name}', there = {there}"
         raise RequestError(

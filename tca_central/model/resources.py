@@ -39,11 +39,16 @@ class Queueable(Protocol):
         """The sender, as reservations compare it."""
 
 
+def rank(entry: Queueable) -> tuple[int, int]:
+    """Return the sort key of a queue: higher priority first, then arrival."""
+    return -entry.priority, entry.arrival
+
+
 VOID_ENTRIES = 64
 """Void entries that a queue may hold beyond the number of valid ones."""
 
 INSIDE = 1 << 62
-"""Higher than any priority: that of a claim from inside the resource."""
+"""The priority of a claim by a handler of the resource itself: higher than any other."""
 
 S = TypeVar("S")  # a slot's type
 Q = TypeVar("Q", bound=Queueable)
@@ -59,10 +64,7 @@ class PendingLimit(Stored, Generic[Q]):
         self.waiting: OrderedDict[Q, None] = OrderedDict()  #: in order of arrival
 
     def add(self, delivery: Q) -> Q | None:
-        """Add a delivery.
-
-        Return the one that must give way: the longest waiting, whatever its priority.
-        """
+        """Add a delivery. Return the one that has waited longest if there are too many now."""
         self.waiting[delivery] = None
         return next(iter(self.waiting)) if len(self.waiting) > self.most else None
 
@@ -74,17 +76,16 @@ class PendingLimit(Stored, Generic[Q]):
 class Queue(Stored, Generic[Q]):
     """Waiting messages and claims: higher priority first, then arrival.
 
-    To remove an entry from the middle of a heap is expensive. An entry becomes void instead, by a
-    new ticket of its message, and is dropped when it reaches the front.
+    Removing an entry from the middle of a heap is expensive. Instead, a new ticket of its message
+    makes it void, and it is dropped when it reaches the front.
     """
 
     __slots__ = ("_heap", "waiting")
 
     def __init__(self) -> None:
         self.waiting = 0  #: number of valid entries
-        self._heap: list[
-            tuple[int, int, int, Q]
-        ] = []  #: (-priority, arrival, ticket, waiting entry)
+        #: (-priority, arrival, ticket, waiting entry)
+        self._heap: list[tuple[int, int, int, Q]] = []
 
     def add(self, entry: Q) -> None:
         """Add an entry."""
@@ -138,7 +139,7 @@ class Claim(Stored, Generic[S, Q]):
         self, resource: "Resource[S, Q]", slot: S, owner: object, *, admits_owner: bool
     ) -> None:
         self.resource = resource
-        self.slot = slot  #: its sender; it does not wait for itself if it is a slot of the resource
+        self.slot = slot  #: its sender; the claim does not wait for this slot to be free
         self.owner = owner  #: the sender whose messages a reservation admits
         self.admits_owner = admits_owner  #: whether it is a reservation
         #: The delivery at whose end it ends; None: it ends with its connection.
@@ -260,21 +261,16 @@ class Resource(Stored, Generic[S, Q]):
     def _is_behind(self, message: Q) -> bool:
         """Whether something in the queue goes before a new message.
 
-        It is a claim or, where a lock has just ended, a message.
+        That may be a claim or, if a lock has just ended, a message.
         """
         first = self._first_in_line()
-        return first is not None and (-first.priority, first.arrival) < (
-            -message.priority,
-            message.arrival,
-        )
+        return first is not None and rank(first) < rank(message)
 
     def acquire_slot(self) -> S:
         """Take the slot that has been free longest, or that has prefetched the next message."""
-        slot = (
-            self.prefetching_slot
-            if self.prefetched and self.prefetching_slot is not None
-            else next(iter(self._free))
-        )
+        slot = self.prefetching_slot if self.prefetched else None
+        if slot is None:
+            slot = next(iter(self._free))
         del self._free[slot]
         return slot
 
@@ -324,11 +320,8 @@ class Resource(Stored, Generic[S, Q]):
         return next(self.queued(), None)
 
     def in_line(self) -> list[Q | Claim[S, Q]]:
-        """Return the waiting messages and claims, in their order."""
-        return [
-            *self.prefetched,
-            *sorted(self._queue, key=lambda entry: (-entry.priority, entry.arrival)),
-        ]
+        """Return the waiting messages and claims, the next one first."""
+        return [*self.prefetched, *sorted(self._queue, key=rank)]
 
     def next_queued(self) -> Q | Claim[S, Q] | None:
         """Return what may be admitted next: a message, or a claim to grant now."""
@@ -346,13 +339,13 @@ class Resource(Stored, Generic[S, Q]):
             for entry in self._queue
             if not entry.is_task and (isinstance(entry, Claim) or self.admits(entry))
         ]
-        first = min(others, key=lambda entry: (-entry.priority, entry.arrival), default=None)
+        first = min(others, key=rank, default=None)
         return None if isinstance(first, Claim) or self.is_recalling else first
 
     # --- prefetched messages ----------------------------------------------------------------------
 
     def next_to_prefetch(self) -> Q | None:
-        """Return the message that may be prefetched next; None if one may be overtaken."""
+        """Return the message that may be prefetched next; None if something may overtake one."""
         if (
             self.is_recalling
             or self.claims
@@ -383,8 +376,7 @@ class Resource(Stored, Generic[S, Q]):
         """Whether what has just arrived goes before a prefetched message."""
         if not self.prefetched:
             return False
-        last = next(reversed(self.prefetched))
-        return (-newest.priority, newest.arrival) < (-last.priority, last.arrival)
+        return rank(newest) < rank(next(reversed(self.prefetched)))
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
         """Return the next in line among those that the lock or reservation admits."""
@@ -409,13 +401,10 @@ class Resource(Stored, Generic[S, Q]):
         self.copies.append(self)
         self.held_by = other.held_by
         for claim in other.claims:
-            self._wait(claim)
+            self._queue_claim(claim)
 
     def leave_copies(self) -> "Resource[S, Q] | None":
-        """Leave the copies.
-
-        Return one that remains, which inherits the claims; None if none remains.
-        """
+        """Leave the copies. Return one that remains, which inherits the claims; else None."""
         self.copies.remove(self)
         if not self.copies:
             self.copies = [self]
@@ -437,15 +426,15 @@ class Resource(Stored, Generic[S, Q]):
     def add_claim(self, claim: Claim[S, Q]) -> None:
         """Queue a claim.
 
-        One from inside the resource goes first: its slot is busy until its handler returns, so that
-        waiting for others would never end.
+        A claim by a handler of the resource goes first. Its slot is busy until that handler
+        returns, so a claim before it could never be granted.
         """
         if any(claim.slot in copy.slots and not copy.is_free(claim.slot) for copy in self.copies):
             claim.priority = INSIDE
         for copy in self.copies:
-            copy._wait(claim)  # noqa: SLF001
+            copy._queue_claim(claim)  # noqa: SLF001
 
-    def _wait(self, claim: Claim[S, Q]) -> None:
+    def _queue_claim(self, claim: Claim[S, Q]) -> None:
         """Queue a claim in this copy."""
         self.claims[claim] = None
         self._queue.add(claim)

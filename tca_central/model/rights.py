@@ -13,6 +13,7 @@ OWNER = "owner"
 MOST_LICENCES = 10_000
 """Valid licences: one for each sender of direct messages, connected or not."""
 MOST_BARRED = 10_000
+"""Revoked licences that are remembered, the newest."""
 
 _REMEMBERED = 4096  # decisions per connection
 
@@ -39,12 +40,12 @@ class Rights(Stored):
 
 
 class Permissions(Stored):
-    """The rules, the principals that they need to know, and the licences to send directly."""
+    """The rules of access, the owners of outcomes, and the licences to send directly."""
 
     __slots__ = ("barred", "licences", "newest_licence", "outcome_owners", "rules")
 
     def __init__(self) -> None:
-        self.rules: tuple[AccessRule, ...] | None = None  #: none: everything is allowed to all
+        self.rules: tuple[AccessRule, ...] | None = None  #: None: all users may do everything
         #: By ended task with a stored outcome: the principal that sent it.
         self.outcome_owners: dict[int, str] = {}
         #: By number, oldest first: the owner of each valid licence.

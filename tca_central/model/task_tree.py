@@ -61,7 +61,7 @@ class TaskTree(Stored):
         return task
 
     def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:
-        """Return the task that flags of a new child refer to.
+        """Return the task that the constraint flags of a new child refer to.
 
         Under the root each module has its own sequence: it does not know the tasks of others.
         """
@@ -69,7 +69,7 @@ class TaskTree(Stored):
         return last if last is not None and last.reached != ALL_MOMENTS else None
 
     def attach(self, task: Task, parent: Task) -> None:
-        """Hang a new task under its parent."""
+        """Add a new task under its parent."""
         task.parent, task.depth = parent, parent.depth + 1
         self.bytes += task.size
         if parent.children is None:
@@ -178,19 +178,15 @@ class TaskTree(Stored):
             del self.top_of_module[sender]
 
     def forget_module(self, sender: Module) -> None:
-        """Forget the sequence of a disconnected module.
-
-        A later module of the same name has its own.
-        """
+        """Forget the sequence of a disconnected module. A later module of its name has another."""
         self.last_of_module.pop(sender, None)
 
     @staticmethod
     def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
         """Yield *task* and its descendants, parents first.
 
-        The tree must not change during the walk.
-
-        With *doomed* only those that are killed with it.
+        With *doomed*, only those that are killed with the task. The tree must not change during
+        the walk.
         """
         stack = [task]
         while stack:
@@ -242,7 +238,7 @@ def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
     return [
         tap
         for tap in taps_of(task)
-        if tap.before & moments
+        if tap.held_moment & moments
         and (tap.id not in fired or (not fired[tap.id] and tap.listener.handlers))
     ]
 
@@ -265,8 +261,8 @@ def _newest_child(parent: Task) -> Task | None:
 def _newest(siblings: dict[int, Task]) -> Task:
     """Return the sibling that came last.
 
-    ``popitem`` frees the slots of entries that were deleted behind it. ``reversed`` would walk over
-    them each time.
+    ``popitem`` also frees the places of later siblings that were deleted. ``reversed`` would walk
+    over these places each time.
     """
     number, task = siblings.popitem()
     siblings[number] = task

@@ -78,9 +78,8 @@ class Ordered(Node):
     ) -> None:
         Node.__init__(self, task_id, message, body, sender)
         self.reached = 0  #: the moments reached, as bits
-        self.planning_delayed = (
-            False  #: whether planning starts only when achieving does (DELAY_PLANNING)
-        )
+        #: Whether planning starts only when achieving does (DELAY_PLANNING).
+        self.planning_delayed = False
         self.held = 0  #: number of unmet constraints per moment, packed into one integer (holds.py)
         #: The points that constraints hold until a moment of this task:
         #: (its own moment, follower, the follower's moment, delay)
@@ -104,10 +103,10 @@ class Task(Ordered):
     __slots__ = (
         "clients",
         "is_goal",
-        "keeping",
         "killed",
         "recovery",
         "result",
+        "retention",
         "retry_pending",
         "returned",
         "scheduled",
@@ -128,7 +127,7 @@ class Task(Ordered):
         Ordered.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
         #: Of its life cycle; observers learn the final one when the task has ended.
-        self.state = message.initial
+        self.state = message.initial_state
         self.serial = 0  #: number of changes of that state
         #: Whether it was passed on for delivery, because its start conditions were met. It is in
         #: ``Agenda.startable``, in a queue, or with a handler.
@@ -144,7 +143,7 @@ class Task(Ordered):
         self.scheduled: Scheduled | None = None
         self.watch: Watch | None = None  #: of a monitor only
         self.clients: Clients | None = None
-        self.keeping: Retention | None = None
+        self.retention: Retention | None = None
 
     def __repr__(self) -> str:
         return f"task {self.id} '{self.message.name}'"
@@ -152,15 +151,8 @@ class Task(Ordered):
     @property
     def has_parts(self) -> bool:
         """Whether it has any of the optional parts."""
-        parts = (
-            self.recovery,
-            self.tapping,
-            self.scheduled,
-            self.watch,
-            self.clients,
-            self.keeping,
-        )
-        return any(one is not None for one in parts)
+        first_three = self.recovery or self.tapping or self.scheduled
+        return bool(first_three or self.watch or self.clients or self.retention)
 
     @property
     def attached(self) -> list[AttachedHandler]:
@@ -184,7 +176,7 @@ class Task(Ordered):
 
     @property
     def is_foreign_monitor(self) -> bool:
-        """Whether it is a monitor that a foreign module has put under its parent.
+        """Whether it is a monitor that was not sent by the handling of its parent.
 
         A retry of the parent does not end it.
         """
@@ -192,14 +184,14 @@ class Task(Ordered):
 
     @property
     def ignores_parent(self) -> bool:
-        """Whether it may start before its parent: true of tasks that central makes."""
+        """Whether it may start before its parent, as tasks that central makes may."""
         return bool(self.role)
 
     @property
     def has_unprocessed_decisions(self) -> bool:
-        """Whether exception handlers of it have ended whose decisions central has not processed.
+        """Whether central has yet to process decisions of its exception handlers that have ended.
 
-        They may still make it fail again.
+        Until then it may fail again.
         """
         return self.recovery is not None and self.recovery.unprocessed_decisions > 0
 
@@ -252,8 +244,8 @@ class Task(Ordered):
             yield task
             task = task.parent
 
-    def above(self, number: int) -> "Task | None":
-        """Return this task or its ancestor with that id, or None.
+    def find_above(self, number: int) -> "Task | None":
+        """Return the task with that id if it is this task or an ancestor; else None.
 
         The walk stops at the first older task, because a parent is always older than its children.
         """
@@ -357,7 +349,7 @@ class ClientRequest(NamedTuple):
 
     name: str
     source: str  #: the state of the task before
-    serial: int  #: the serial number of the change, which the handler was sent
+    serial: int  #: the serial number of the change, as it was sent to the handler
     module: str  #: the client's
     text: str
     body: bytes  #: the new goal of an update
@@ -396,28 +388,23 @@ class Retention(Stored):
     @staticmethod
     def of(place: "Task | TaskRecord") -> "Retention":
         """Return the ``Retention`` of a task or record, creating it on first use."""
-        if place.keeping is None:
+        if place.retention is None:
             assert isinstance(place, Task)
-            place.keeping = Retention()
-        return place.keeping
+            place.retention = Retention()
+        return place.retention
 
 
 class TaskRecord(Stored):
     """The record of an ended task that a module retains."""
 
-    __slots__ = ("body", "id", "keeping", "message", "outcome", "parent", "role")
+    __slots__ = ("body", "id", "message", "outcome", "parent", "retention", "role")
 
-    def __init__(self, task: Task, outcome: TaskOutcome, keeping: Retention) -> None:
-        self.id, self.message, self.role, self.body, self.outcome = (
-            task.id,
-            task.message,
-            task.role,
-            task.body,
-            outcome,
-        )
+    def __init__(self, task: Task, outcome: TaskOutcome, retention: Retention) -> None:
+        self.id, self.message, self.role = task.id, task.message, task.role
+        self.body, self.outcome = task.body, outcome
         self.parent: Task | TaskRecord | None = task.parent  #: a living task or a record
-        self.keeping = keeping
-        for child in keeping.records.values():
+        self.retention = retention
+        for child in retention.records.values():
             child.parent = self
 
     @property
@@ -469,7 +456,7 @@ class Watch(Stored):
         self.task = task
         self.options = options
         self.parts = parts  #: condition and action; of a demon monitor: set-up, action and cancel
-        #: Whether another module than the one that handles its parent has created it.
+        #: Whether something else than the handling of its parent has sent it (watches.py).
         self.is_foreign_monitor = is_foreign_monitor
         self.watching_since: float | None = None  #: when it began to watch
         self.periods_from = 0.0  #: the moment from which its periods count
@@ -498,7 +485,7 @@ class Watch(Stored):
 
 
 class Verdict(NamedTuple):
-    """Why a task is killed."""
+    """The reason why a task is killed."""
 
     why: str
     by: str = CENTRAL  #: the module that wants it, or central

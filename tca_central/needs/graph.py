@@ -17,7 +17,7 @@ from typing import NamedTuple, Never, cast
 from tca_central.model.deliveries import Connection, Delivery, ModuleClaim, ModuleResource
 from tca_central.model.intervals import SINGLE_MOMENTS, delivered_at
 from tca_central.model.observers import Observation
-from tca_central.model.resources import Claim
+from tca_central.model.resources import Claim, Resource, rank
 from tca_central.model.tasks import Task
 from tca_central.order.cycles import Each, Place, predecessors
 from tca_central.state import State, TaskWait
@@ -34,7 +34,7 @@ from tca_wire.points import (
 )
 
 MOST_OBSERVED = 1000
-"""Tasks checked per observation."""
+"""Tasks checked per observation. With more, the next change counts as coming without help."""
 
 
 class Waiting(NamedTuple):
@@ -89,7 +89,7 @@ Groups = Iterator[Group | None]
 
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
-    """Yield the needs of a node as groups. A None between them is an edge that holds nothing back.
+    """Yield the needs of a node as groups. None between them stands for an edge that holds nothing.
 
     Use ``list`` for *each* if central may change during the walk.
     """
@@ -108,8 +108,8 @@ def still_needs(central: State, node: Node, group: Group) -> bool:
     return any(one is not None and list(one) == list(group) for one in needs(central, node))
 
 
-def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
-    """The needs of a request for an answer."""
+def _needs_of_wait(central: State, node: Waiting, _: Each) -> Groups:
+    """Yield the needs of a request for an answer."""
     due = node.connection.outstanding.get(node.number)
     if isinstance(due, Delivery):
         if (answer := _current_node(due)) is not None:
@@ -119,7 +119,7 @@ def _of_wait(central: State, node: Waiting, _: Each) -> Groups:
     elif isinstance(due, TaskWait):
         if (task := central.tree.tasks.get(due.task_id)) is not None:
             yield [Place(task, due.moment)]
-    elif isinstance(due, Observation) and (changes := _changes(central, due)):
+    elif isinstance(due, Observation) and (changes := _next_changes(central, due)):
         yield changes
 
 
@@ -130,11 +130,11 @@ def _current_node(delivery: Delivery) -> Returning | Turn | None:
     return Turn(delivery) if delivery.queues else None
 
 
-def _changes(central: State, observation: Observation) -> list[Node]:
+def _next_changes(central: State, observation: Observation) -> list[Node]:
     """Return the nodes that may bring the next change of observed tasks; [] if something else may.
 
-    A new task, a monitor's timer or a retry are something else. Requests of clients count as little
-    as kills do: both may never come.
+    A new task, a monitor's timer or a retry are something else. Requests of clients and kills are
+    not: they may never come.
     """
     tree, number = central.tree, observation.task_id or observation.below
     top = tree.tasks.get(number)
@@ -145,72 +145,70 @@ def _changes(central: State, observation: Observation) -> list[Node]:
     may_change = any(one.retry_pending or one.message.message_class.is_monitor for one in found)
     if len(found) > MOST_OBSERVED or may_change:
         return []
-    return [_change(task) for task in found]
+    return [_next_change(task) for task in found]
 
 
-def _change(task: Task) -> Node:
-    """The node that may bring the next change of a task."""
+def _next_change(task: Task) -> Node:
+    """Return the node that may bring the next change of a task."""
     moment = END_ACHIEVING if task.reached & START_HANDLING else START_HANDLING
     return _current_node(task) or Place(task, moment)
 
 
-def _of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """The needs of a handler: its own waits, and those of handlers nested in it.
+def _needs_of_handler(_: State, node: Returning, each: Each) -> Groups:
+    """Yield the needs of a handler: its own waits, and those of handlers nested in it.
 
-    One answer is enough for a coroutine. A wait of a callback of the slot does not hold a
-    prefetched delivery that has not begun.
+    One answer is enough for a coroutine. A callback of the slot that waits does not hold back a
+    prefetched delivery that may not have begun.
     """
     delivery, slot = node.delivery, node.delivery.slot
     if slot is None:
         return
-    given = slot.handling[delivery]
+    begun_in = slot.handling[delivery]
     awaited: tuple[int, ...] = ()
     for number, wait in each(slot.waits.items()):
         group = wait.together or (number,)
         if wait.is_coroutine:
             awaited = wait.together if wait.origin == delivery.handling_id else awaited
             yield None
-        elif wait.since > given and (wait.origin or slot.maybe_unstarted is not delivery):
+        elif wait.since > begun_in and (wait.origin or slot.maybe_unstarted is not delivery):
             yield [Waiting(slot, one) for one in group] if group[0] == number else None
     if awaited:
         yield [Waiting(slot, number) for number in awaited]
 
 
-def _of_turn(_: State, node: Turn, __: Each) -> Groups:
-    """The needs of a queued delivery: its turn at one of its resources."""
+def _needs_of_turn(_: State, node: Turn, __: Each) -> Groups:
+    """Yield the needs of a queued delivery: its turn at one of its resources."""
     if node.delivery.queues:
         yield [TurnAt(node.delivery, resource) for resource in node.delivery.queues]
 
 
-def _of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
-    """The needs of a delivery in the queue of one resource."""
+def _needs_of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
+    """Yield the needs of a delivery in the queue of one resource."""
     delivery, resource = node
     held_by = resource.held_by
     if held_by is not None and not resource.admits(delivery):
         yield [Releasing(held_by)]
-    if held_by is None:
-        key = -delivery.priority, delivery.arrival
-        for claim in each(resource.claims):
-            yield [Granting(claim)] if (-claim.priority, claim.arrival) < key else None
+    if held_by is None and resource.claims:
+        yield from _claims_before(delivery, resource, each)
     # A query of the resource's own slot needs no free slot: the slot handles it in its wait.
     if resource.slots and not resource.free and delivery not in resource.locked_out_queries:
         yield [Freeing(resource)]
 
 
-def _of_freeing(_: State, node: Freeing, __: Each) -> Groups:
-    """The needs of a resource for a free slot: the return of any of its handlers."""
+def _needs_of_freeing(_: State, node: Freeing, __: Each) -> Groups:
+    """Yield the needs of a resource for a free slot: the return of any of its handlers."""
     resource = node.resource
     if resource.slots and not resource.free:
         yield [_emptied(slot) for slot in resource.slots if slot.handling]
 
 
 def _emptied(slot: Connection) -> Returning:
-    """The node at which a slot becomes free: its oldest delivery returns."""
+    """Return the node at which a slot becomes free: its oldest delivery returns."""
     return Returning(next(iter(slot.handling)))
 
 
-def _of_claim(_: State, node: Granting, each: Each) -> Groups:
-    """The needs of a claim that is not granted."""
+def _needs_of_claim(_: State, node: Granting, each: Each) -> Groups:
+    """Yield the needs of a claim that is not granted."""
     claim = node.claim
     resource = claim.resource
     if claim.is_granted:
@@ -219,18 +217,23 @@ def _of_claim(_: State, node: Granting, each: Each) -> Groups:
         yield [Releasing(resource.held_by)]
     for slot in (slot for copy in each(resource.copies) for slot in each(copy.slots)):
         yield [_emptied(slot)] if slot.handling and slot is not claim.slot else None
-    key = -claim.priority, claim.arrival
-    for other_claim in each(resource.claims):
-        yield (
-            [Granting(other_claim)] if (-other_claim.priority, other_claim.arrival) < key else None
-        )
+    yield from _claims_before(claim, resource, each)
 
 
-def _of_release(central: State, node: Releasing, each: Each) -> Groups:
-    """The needs of a granted claim's end.
+def _claims_before(
+    waiting: Delivery | ModuleClaim, resource: Resource[Connection, Delivery], each: Each
+) -> Groups:
+    """Yield the claims that go before a delivery or claim in a resource's queue."""
+    key = rank(waiting)
+    for claim in each(resource.claims):
+        yield [Granting(claim)] if rank(claim) < key else None
 
-    Its handler may release it. After the handler, the end of the task does, or the start of a
-    retry.
+
+def _needs_of_release(central: State, node: Releasing, each: Each) -> Groups:
+    """Yield the needs of a granted claim's end.
+
+    Its handler may release it. If the handler has returned, the claim ends with the task, or with
+    the start of a retry.
     """
     claim = node.claim
     holder = claim.holder
@@ -250,23 +253,23 @@ def _of_release(central: State, node: Releasing, each: Each) -> Groups:
         yield [Place(holder, END_ACHIEVING)]
 
 
-def _of_point(central: State, place: Place, each: Each) -> Groups:
-    """The needs of a point of a task."""
+def _needs_of_point(central: State, place: Place, each: Each) -> Groups:
+    """Yield the needs of a point of a task."""
     task, moment = place
     if task.reached & moment or (task.suspended and moment & STARTS):
         return
     if task.killed:
-        yield from _of_killed(central, task, moment, each)
+        yield from _needs_of_killed(central, task, moment, each)
         return
     if task.queues and is_only_queued(task):
         is_plain = all(one.held_by is None and not one.claims for one in task.queues)
         yield [Freeing(one) for one in task.queues] if is_plain else [Turn(task)]
         return
-    yield from _of_its_handler(task, moment)
+    yield from _needs_of_execution(task, moment)
     has_begun = task.reached & START_HANDLING and moment == END_HANDLING
     if has_begun and task.message.message_class.is_monitor:
-        yield from _of_test(task)
-    yield from _of_order(central, task, moment, each)
+        yield from _needs_of_test(task)
+    yield from _needs_by_order(central, task, moment, each)
 
 
 def is_only_queued(task: Task) -> bool:
@@ -281,11 +284,11 @@ def is_only_queued(task: Task) -> bool:
     return task.ignores_parent or parent is None or bool(parent.reached & START_ACHIEVING)
 
 
-def _of_test(monitor: Task) -> Groups:
-    """The needs of a monitor that ends after its next test or action.
+def _needs_of_test(monitor: Task) -> Groups:
+    """Yield the needs of a monitor that ends after its next test or action.
 
-    Other monitors end by time or by request. If the parent does not wait for the monitor, it also
-    ends with everything else there. The oldest of the other children stands for all.
+    Other monitors end by time or by request. A background monitor also ends when everything else
+    under its parent has ended. The oldest of the other children stands for all of them.
     """
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
@@ -304,8 +307,8 @@ def _of_test(monitor: Task) -> Groups:
     yield ends
 
 
-def _of_its_handler(task: Task, moment: int) -> Groups:
-    """The needs of a point for its task's handler or place in a queue."""
+def _needs_of_execution(task: Task, moment: int) -> Groups:
+    """Yield what a point needs of its task's handler, queue or delivery."""
     starts = STARTS if task.planning_delayed else START_HANDLING | delivered_at(task.is_goal)
     if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
@@ -316,17 +319,17 @@ def _of_its_handler(task: Task, moment: int) -> Groups:
 
 
 def reached_together(place: Place) -> int:
-    """Return the moments that are reached with a point, and its own, as bits.
+    """Return a point's moment and those reached with it, as bits.
 
-    If planning is delayed, both starts are reached together.
+    If planning is delayed, planning and achieving start together.
     """
     if place.task.planning_delayed and place.moment & STARTS:
         return START_PLANNING | START_ACHIEVING
     return place.moment
 
 
-def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """The needs of a point by constraints, by the order within its task, and by relatives.
+def _needs_by_order(central: State, task: Task, moment: int, each: Each) -> Groups:
+    """Yield what a point needs by constraints, by the order within its task, and by relatives.
 
     Starts that are reached together count as one point.
     """
@@ -338,7 +341,7 @@ def _of_order(central: State, task: Task, moment: int, each: Each) -> Groups:
             is_child = other.parent is task and before.moment == END_ACHIEVING
             is_its_end = moment == END_ACHIEVING or task.retry_pending
             if is_child and is_its_end and only_watches(central, other):
-                yield from _of_actions(central, other)
+                yield from _needs_of_actions(central, other)
             else:
                 yield None if is_past else [before]
 
@@ -358,8 +361,11 @@ def only_watches(central: State, child: Task) -> bool:
     return True
 
 
-def _of_actions(central: State, monitor: Task) -> Groups:
-    """The needs for what a monitor has sent, oldest first, also by monitors among that."""
+def _needs_of_actions(central: State, monitor: Task) -> Groups:
+    """Yield the needs for what a monitor has sent, oldest first.
+
+    A monitor among that is replaced by what it has sent, if it ends with everything else.
+    """
     rest = [monitor]
     while rest:
         open_monitor = rest.pop()
@@ -370,26 +376,26 @@ def _of_actions(central: State, monitor: Task) -> Groups:
             yield [Place(open_monitor, END_ACHIEVING)]
 
 
-def _of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """The needs of a killed task's end: what still runs, and what outlives the kill."""
+def _needs_of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
+    """Yield the needs of a killed task's end: what still runs, and what survives the kill."""
     if task.slot is not None:
         yield [Returning(task)]
     if moment in (END_PLANNING, END_ACHIEVING):
         for child in each((task.children or {}).values()):
             if moment == END_ACHIEVING and only_watches(central, child):
-                yield from _of_actions(central, child)
+                yield from _needs_of_actions(central, child)
             else:
                 yield None if child.reached & moment else [Place(child, moment)]
 
 
 _NEEDS_OF: dict[type, Callable[[State, Never, Each], Groups]] = {
-    Place: _of_point,
-    Waiting: _of_wait,
-    Returning: _of_handler,
-    Turn: _of_turn,
-    TurnAt: _of_turn_at,
-    Freeing: _of_freeing,
-    Granting: _of_claim,
-    Releasing: _of_release,
+    Place: _needs_of_point,
+    Waiting: _needs_of_wait,
+    Returning: _needs_of_handler,
+    Turn: _needs_of_turn,
+    TurnAt: _needs_of_turn_at,
+    Freeing: _needs_of_freeing,
+    Granting: _needs_of_claim,
+    Releasing: _needs_of_release,
 }
 """One row per kind of node."""

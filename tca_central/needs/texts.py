@@ -8,7 +8,7 @@ from tca_central.model.deliveries import (
     ModuleResource,
 )
 from tca_central.needs.graph import Freeing, Granting, TurnAt, Waiting
-from tca_central.needs.waits import of_resource, replies_to, waits_of
+from tca_central.needs.waits import replies_to, wait_for_resource, waits_of
 from tca_central.order import dispatcher
 from tca_central.order.cycles import Place
 from tca_central.state import Collector, State, TaskWait
@@ -72,12 +72,12 @@ def _why_not_replied(central: State, collector: Collector) -> str:
 
 def why_not_granted(central: State, claim: ModuleClaim) -> str:
     """Return why a claim is not granted yet."""
-    wait = of_resource(central, claim.resource, Granting(claim))
+    wait = wait_for_resource(central, claim.resource, Granting(claim))
     return f"it waits {words.in_words(wait)}"
 
 
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:
-    """Return why a queue for a message (for *targets* only) accepts no more."""
+    """Return why a queue for a message, or for *targets* only, accepts no more."""
     if not targets and not message.handlers:
         number, admitted = len(message.waiting), "no more"
         first = next(iter(message.waiting.values()), None)
@@ -87,7 +87,7 @@ def why_full(central: State, message: MessageType, *targets: ModuleResource) -> 
         number, admitted = resource.waiting, "only tasks"
         first = resource.first_message()
         node = TurnAt(first, resource) if first is not None else Freeing(resource)
-        wait = of_resource(central, resource, node, len(others))
+        wait = wait_for_resource(central, resource, node, len(others))
     text = f"{counted(number, 'message')} wait{'s' * (number == 1)} {words.in_words(wait)}"
     if first is not None:
         text += f", {numbered(first.message.name, first.message_id)} first in line"

@@ -46,8 +46,8 @@ from tca_wire.waits import ends as walker
 
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
 """Exception handlers that decide are reported first, the start of the parent last."""
-_LOOKED_AT = 10_000
-"""Groups per node that are checked."""
+_MOST_GROUPS = 10_000
+"""Groups of needs per node that are checked."""
 _GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING)
 _OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
 """A task's moments in the order in which it reaches them; ``_GOAL`` until a goal is achieved."""
@@ -64,38 +64,39 @@ def next_of(task: Task) -> Place:
 
 
 def waits_of(central: State, node: Node) -> list[WaitFor]:
-    """Return the waits of a node in the order of the tools; [] if it needs nothing."""
-    found = _compact(_of_node(central, node))
+    """Return the waits of a node in the order in which tools show them; [] if it needs nothing."""
+    found = _compact(_waits_of_node(central, node))
     return sorted(found, key=lambda wait: _ORDER.get(wait.kind, 1))
 
 
-def _of_node(central: State, node: Node) -> Iterator[WaitFor]:
+def _waits_of_node(central: State, node: Node) -> Iterator[WaitFor]:
+    """Yield the waits of a node, in any order and with repetitions."""
     match node:
         case Place():
-            yield from _of_place(central, node)
+            yield from _waits_of_place(central, node)
         case Waiting(connection, number):
-            yield from _of_request(central, connection, number)
+            yield from _waits_of_request(central, connection, number)
         case Returning(delivery):
-            yield from _of_handler(central, delivery)
+            yield from _waits_of_handler(central, delivery)
         case Turn(delivery):
-            yield _whereabouts(central, delivery)
+            yield _location_of(central, delivery)
         case TurnAt(_, resource) | Freeing(resource):
-            yield of_resource(central, resource, node)
+            yield wait_for_resource(central, resource, node)
         case Granting(claim):
-            yield _of_claim(central, claim)
+            yield _wait_of_claim(central, claim)
         case Releasing(claim):
-            yield from _for_what(claim)
+            yield from _purpose_of(claim)
 
 
-def _about(kind: WaitKind, delivery: Delivery, moment: int = 0) -> WaitFor:
-    """A wait for a message or task."""
+def _wait_for(kind: WaitKind, delivery: Delivery, moment: int = 0) -> WaitFor:
+    """Return a wait for a message or task."""
     return WaitFor(kind, delivery.message_id, delivery.message.name, moment)
 
 
-def _at(
+def _wait_at(
     kind: WaitKind, resource: Resource[Connection, Delivery], because: Iterable[WaitFor]
 ) -> WaitFor:
-    """A wait for something at a resource."""
+    """Return a wait for something at a resource."""
     module, name = resource.module, resource.name
     return WaitFor(kind, module=module, resource=name, because=tuple(because))
 
@@ -111,19 +112,19 @@ def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
 # --- tasks ----------------------------------------------------------------------------------------
 
 
-def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
+def _waits_of_place(central: State, place: Place) -> Iterator[WaitFor]:
     """Yield the waits of a point of a task, and of the task's earlier points."""
     task = place.task
     if task.slot is not None or task.queues is not None:
-        yield _whereabouts(central, task)
+        yield _location_of(central, task)
         return
     for handler in _deciding(task):
-        yield _about(WaitKind.RECOVERY, handler, END_ACHIEVING)
+        yield _wait_for(WaitKind.RECOVERY, handler, END_ACHIEVING)
     places = [place]
     for own in places:  # grows while it is walked
         children = 0
-        yield from _without_node(central, own)
-        for group in islice(needs(central, own), _LOOKED_AT):
+        yield from _waits_without_node(central, own)
+        for group in islice(needs(central, own), _MOST_GROUPS):
             if group is None:
                 continue
             if isinstance(group[0], Place) and group[0].task is task:
@@ -133,13 +134,13 @@ def _of_place(central: State, place: Place) -> Iterator[WaitFor]:
             wait = wait_for_group(central, own, group)
             children += wait.kind is WaitKind.SUBTASK
             if children == NAMED:  # the others are only counted
-                yield replace(wait, more=max(_children(own) - NAMED, 0))
+                yield replace(wait, more=max(_count_children(own) - NAMED, 0))
                 break
             yield wait
 
 
-def _children(place: Place) -> int:
-    """The number of subtasks that must end planning, or achieving, before a point."""
+def _count_children(place: Place) -> int:
+    """Return the number of subtasks that must end planning, or achieving, before a point."""
     task = place.task
     if place.moment == END_PLANNING:
         return task.unplanned
@@ -154,14 +155,14 @@ def _deciding(task: Task) -> list[Task]:
     return [one for one in known if one is not None and not one.reached & END_ACHIEVING]
 
 
-def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
-    """Yield waits that are no nodes of the graph: for time, a resume, a monitor's condition."""
+def _waits_without_node(central: State, place: Place) -> Iterator[WaitFor]:
+    """Yield the waits that the graph does not have: for time, a resume, a monitor's condition."""
     task, moment = place
     if task.killed or task.reached & moment:
         return
     is_to_be_handled = task.retry_pending or (task.slot is None and not task.returned)
     if task.suspended and (moment & STARTS or is_to_be_handled):
-        yield _resume(central, task)
+        yield _wait_for_resume(central, task)
     for pending, timer in task.scheduled.pending.items() if task.scheduled is not None else ():
         if (
             isinstance(pending, PendingDelay)
@@ -173,52 +174,45 @@ def _without_node(central: State, place: Place) -> Iterator[WaitFor]:
         yield condition_of(task)
 
 
-def _resume(central: State, task: Task) -> WaitFor:
-    """The wait until a task is resumed; an ancestor may be the one that was suspended."""
+def _wait_for_resume(central: State, task: Task) -> WaitFor:
+    """Return the wait until a task, or the ancestor that was suspended, is resumed."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
-            since, by, is_born_so = how
-            found = _about(WaitKind.RESUME, above)
-            return replace(found, module=by, seconds=since, since_birth=is_born_so)
+            since, by, since_birth = how
+            wait = _wait_for(WaitKind.RESUME, above)
+            return replace(wait, module=by, seconds=since, since_birth=since_birth)
     return WaitFor(WaitKind.RESUME)
 
 
 def condition_of(monitor: Task) -> WaitFor:
-    """The wait of a monitor for its condition."""
+    """Return the wait of a monitor for its condition, with the test under way."""
     watch = monitor.watch
     assert watch is not None
+    test = watch.condition
     query = watch.parts[0] if monitor.message.message_class.has_condition else None
-    if watch.condition is not None:
-        return WaitFor(
-            WaitKind.CONDITION,
-            watch.condition.id,
-            watch.condition.message.name,
-            holds=watch.last_result,
-        )
-    return WaitFor(
-        WaitKind.CONDITION, 0, "" if query is None else query.name, holds=watch.last_result
-    )
+    number, name = (test.id if test is not None else 0), (query.name if query is not None else "")
+    return WaitFor(WaitKind.CONDITION, number, name, holds=watch.last_result)
 
 
 def wait_for_group(central: State, node: Place, group: Group) -> WaitFor:
-    """The wait of a point for one group of the graph."""
+    """Return the wait of a point for one group of its needs."""
     match group[0]:
         case Place(other, moment):
-            wait = _about(_kind(node, other, moment), other, moment)
+            wait = _wait_for(_kind(node, other, moment), other, moment)
             if wait.kind is WaitKind.LISTENER:
                 return replace(wait, module=next(iter(listener_cause(other).tap.holders), ""))
             return wait
         case Returning(one) | Turn(one) if one is not node.task:
             return condition_of(node.task)
         case Turn(delivery):
-            return _whereabouts(central, delivery)
+            return _location_of(central, delivery)
         case Freeing(resource) as freeing:
-            return of_resource(central, resource, freeing, len(group) - 1)
+            return wait_for_resource(central, resource, freeing, len(group) - 1)
     raise AssertionError(f"{node} never waits for {group[0]}")
 
 
 def _kind(node: Place, other: Task, moment: int) -> WaitKind:
-    """The kind of wait of a point for a moment of another task."""
+    """Return the kind of wait of a point for a moment of another task."""
     task, above = node.task, other.parent
     if other is task.parent and moment & reached_together(node):
         return WaitKind.PARENT
@@ -226,7 +220,7 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
         return WaitKind.RECOVERY
     if other.role is Role.LISTENER:
         return WaitKind.LISTENER
-    is_under = above is not None and above.is_background and other.above(task.id)
+    is_under = above is not None and above.is_background and other.find_above(task.id)
     if above is task or is_under:
         return WaitKind.SUBTASK
     return WaitKind.CONSTRAINT
@@ -235,33 +229,33 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
 # --- requests and handlers ------------------------------------------------------------------------
 
 
-def _of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
+def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
     """Yield the waits for which a delivery's handler blocks, with those nested in it."""
     slot = delivery.slot
     if slot is None:
         return
-    given = slot.handling[delivery]
+    begun_in = slot.handling[delivery]
     for number, wait in chain(slot.waits.items(), slot.brief_waits.items()):
-        is_nested = wait.since > given
+        is_nested = wait.since > begun_in
         if wait.origin == delivery.handling_id if wait.is_coroutine else is_nested:
-            yield from _of_request(central, slot, number, is_first=False)
+            yield from _waits_of_request(central, slot, number, is_first=False)
 
 
-def _of_request(
+def _waits_of_request(
     central: State, connection: Connection, number: int, *, is_first: bool = True
 ) -> Iterator[WaitFor]:
-    """Yield the wait for an answer. Only for the *first* request with the reasons behind it."""
+    """Yield the wait for an answer. If it *is first*, its reasons are included."""
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
-            because = (_whereabouts(central, due),) if is_first else ()
-            yield replace(_about(WaitKind.REPLY, due), because=because)
+            because = (_location_of(central, due),) if is_first else ()
+            yield replace(_wait_for(WaitKind.REPLY, due), because=because)
         case Collector():
             yield replies_to(central, due)
         case Claim():
-            yield _of_claim(central, due)
+            yield _wait_of_claim(central, due)
         case TaskWait() if (task := central.tree.tasks.get(due.task_id)) is not None:
-            yield _about(WaitKind.TASK, task, due.moment)
+            yield _wait_for(WaitKind.TASK, task, due.moment)
         case Observation():
             observed = central.tree.tasks.get(due.task_id)
             name = observed.message.name if observed else ""
@@ -273,53 +267,54 @@ def _of_request(
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
-    """The wait of a multi-query for the copies that were not answered."""
+    """Return the wait of a multi-query for the copies that were not answered."""
     copies, name = collector.pending.values(), collector.message.name
-    because = tuple(_whereabouts(central, one, is_first=False) for one in copies)
+    because = tuple(_location_of(central, one, is_first=False) for one in copies)
     reply = WaitFor(WaitKind.REPLY, collector.id, name, because=because)
     return replace(reply, answered=collector.answered)
 
 
-def _whereabouts(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
-    """The place of a message: with a handler, in a queue, or without a handler."""
+def _location_of(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
+    """Return where a message waits: with a handler, in a queue, or for want of a handler.
+
+    If it *is first*, the waits of its handler are included.
+    """
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
-        waits = _of_handler(central, delivery) if is_first else ()
-        return _at(WaitKind.RUNNING, resource, waits)
+        waits = _waits_of_handler(central, delivery) if is_first else ()
+        return _wait_at(WaitKind.RUNNING, resource, waits)
     if not delivery.queues:
         return WaitFor(WaitKind.HANDLER, name=delivery.message.name)
     resource, *others = delivery.queues
-    return of_resource(central, resource, TurnAt(delivery, resource), len(others))
+    return wait_for_resource(central, resource, TurnAt(delivery, resource), len(others))
 
 
 # --- resources ------------------------------------------------------------------------------------
 
 
-def of_resource(
+def wait_for_resource(
     central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0
 ) -> WaitFor:
-    """The wait of a node for a resource, or for one of *more* others."""
-    because = [WaitFor(WaitKind.HANDLER)]
-    if resource.slots:
-        because = _blockers(central, node)
-    return replace(_at(WaitKind.RESOURCE, resource, because), more=more)
+    """Return the wait of a node for a resource, or for one of *more* others."""
+    because = _blockers(central, node) if resource.slots else [WaitFor(WaitKind.HANDLER)]
+    return replace(_wait_at(WaitKind.RESOURCE, resource, because), more=more)
 
 
-def _of_claim(central: State, claim: ModuleClaim) -> WaitFor:
-    """The wait of a claim for its resource."""
-    lock = _at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
+def _wait_of_claim(central: State, claim: ModuleClaim) -> WaitFor:
+    """Return the wait of a claim for its resource."""
+    lock = _wait_at(WaitKind.LOCK, claim.resource, _blockers(central, Granting(claim)))
     return replace(lock, number=claim.id, name=_claim_noun(claim))
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
-    """The waits for whatever is in a resource, holds it, or claims it first."""
+    """Return the waits for everything that is in a resource, holds it, or claims it first."""
     found = []
-    groups = islice(needs(central, node), _LOOKED_AT)
+    groups = islice(needs(central, node), _MOST_GROUPS)
     for needed in chain.from_iterable(group or () for group in groups):
         match needed:
             case Freeing():
                 found += _blockers(central, needed)
             case Returning(delivery):
-                found.append(_about(WaitKind.RUNNING, delivery))
+                found.append(_wait_for(WaitKind.RUNNING, delivery))
             case Granting(claim):
                 found.append(_claim_wait(claim, WaitKind.LOCK))
             case Releasing(claim):
@@ -328,17 +323,18 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 
 
 def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
+    """Return the wait of others for a claim."""
     module = claim.slot.module.name
-    return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_for_what(claim))
+    return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_purpose_of(claim))
 
 
-def _for_what(claim: ModuleClaim) -> tuple[WaitFor, ...]:
-    """The message for which a claim was made."""
+def _purpose_of(claim: ModuleClaim) -> tuple[WaitFor, ...]:
+    """Return the message for which a claim was made, if any, as a wait."""
     holder = claim.holder
     if holder is None:
         return ()
     kind = WaitKind.RUNNING if holder.slot is not None else WaitKind.TASK
-    return (_about(kind, holder),)
+    return (_wait_for(kind, holder),)
 
 
 def _claim_noun(claim: ModuleClaim) -> str:
@@ -374,7 +370,7 @@ class Ends:
             return None
 
     def steps(self, node: Node) -> tuple[list[Node], list[WaitFor]]:
-        """Return the first wait of a node, for the walk."""
+        """Return the next node after a node, or else its final wait; for the walk."""
         for group in needs(self._central, node):
             self._count_edge()
             if group is not None:
@@ -388,24 +384,24 @@ class Ends:
         self.edges -= 1
 
     def circle(self, nodes: list[Node]) -> WaitFor:
-        """The wait for a cycle of nodes; the oldest task among them stands for it."""
+        """Return the wait for a cycle of nodes; the oldest task among them stands for it."""
         tasks = [one.task for one in nodes if isinstance(one, Place)]
         first = min(tasks, key=attrgetter("id"), default=None)
-        return _about(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
+        return _wait_for(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)
 
     def _final_wait(self, node: Node) -> WaitFor:
-        """The final wait at a node that needs nothing."""
+        """Return the final wait at a node that needs nothing."""
         match node:
             case Returning(delivery):
-                where, message = _whereabouts(self._central, delivery), delivery.message
+                where, message = _location_of(self._central, delivery), delivery.message
                 return replace(where, number=delivery.message_id, name=message.name)
             case Releasing(claim):
                 locked = _claim_wait(claim, WaitKind.LOCKED)
                 return replace(locked, resource=claim.resource.name)
             case Place(task, _) if task.queues is not None:
-                return _whereabouts(self._central, task)
+                return _location_of(self._central, task)
             case Place(task, moment):
-                reached = _about(WaitKind.CONSTRAINT, task, moment)
-                return next(_without_node(self._central, node), reached)
+                reached = _wait_for(WaitKind.CONSTRAINT, task, moment)
+                return next(_waits_without_node(self._central, node), reached)
             case _:
                 return [*waits_of(self._central, node), WaitFor(WaitKind.RUNNING)][0]

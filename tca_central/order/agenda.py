@@ -88,7 +88,7 @@ class Agenda(Stored):
     def add(
         self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]
     ) -> list[Constraint]:
-        """Hang a new task under *parent*. Return the constraints on it, with absolute ids.
+        """Add a new task under *parent*. Return the constraints on it, with absolute ids.
 
         Raises RequestError if a constraint can never be met. The tree is then as before.
         """
@@ -146,9 +146,9 @@ class Agenda(Stored):
     ) -> list[Constraint]:
         """Put the *wanted* constraints in force: all of them or, with RequestError, none.
 
-        Queued tasks that they hold leave their queues; a *new* task is in none yet. The constraints
-        in *added* are in force already: RequestError undoes them too. Returns all that hold
-        something.
+        Queued tasks that these hold leave their queues; a *new* task is in no queue yet. The
+        constraints in *added* are in force already: with RequestError they are undone, too. Returns
+        all that hold something.
         """
         try:
             for constraint in wanted:
@@ -187,7 +187,7 @@ class Agenda(Stored):
         task.retry_pending, task.returned = True, False
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
-            task.tapping.fire_again(tap.id for tap in taps_of(task) if tap.before & to_come)
+            task.tapping.fire_again(tap.id for tap in taps_of(task) if tap.held_moment & to_come)
         self.restart(task)
         self._recheck_parent(task)
 
@@ -203,7 +203,7 @@ class Agenda(Stored):
         return bool(task.killed) or task.retry_pending
 
     def end_retry_request(self, task: Task, exception_handler: Task) -> None:
-        """An exception handler that asked for a retry has ended: the retry may start."""
+        """Let a retry start: an exception handler that asked for it has ended."""
         Recovery.of(task).retry_requesters.pop(exception_handler, None)
         self.to_advance.append(task)
 
@@ -213,8 +213,8 @@ class Agenda(Stored):
         self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
-        """Fire the wiretaps before the start of a task once more: it has not started."""
-        again = {tap.id for tap in taps_of(task) if tap.before & ~task.reached}
+        """Have the wiretaps before the start of a task fire once more: it has not started."""
+        again = {tap.id for tap in taps_of(task) if tap.held_moment & ~task.reached}
         if again:
             Tapping.of(task).fire_again(again)
             if task.queues is not None:
@@ -233,7 +233,7 @@ class Agenda(Stored):
         self.to_advance.append(task)
 
     def end_delay(self, release: PendingDelay) -> None:
-        """Release what a delay held, as it is over."""
+        """Release the moment that a delay has held: its time is over."""
         self.holds.release(release)
         if not release.task.killed:
             self._facts.append(TimedOut(release.constraint))
@@ -431,12 +431,12 @@ class Agenda(Stored):
             self.to_advance.append(parent)
 
     def _withdraw_if_held(self, task: Task) -> None:
-        """Take an undelivered task out of its queues if a new constraint holds it."""
+        """Remove an undelivered task from its queues if a new constraint holds it."""
         self._recheck_parent(task)
         if task.start_granted and not task.reached & START_HANDLING and not self._may_start(task):
             self._withdraw(task)
 
     def _withdraw(self, task: Task, *, is_suspended: bool = False) -> None:
-        """Take a task out of its queues. The core does this, by way of ``withdrawn``."""
+        """Have the core remove a task from its queues (``withdrawn``)."""
         task.start_granted = False
         self.withdrawn.append((task, is_suspended))

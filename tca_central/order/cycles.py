@@ -37,10 +37,11 @@ from tca_wire.points import (
     START_PLANNING,
 )
 
-_DRAWN = object()
+_DRAWN = object()  #: means that ``Borders.draw`` has found all
 
 ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
-"""After a start of handling that was reached before: the first of them that was not reached."""
+"""The start of a retried task's handling was reached before. The first unreached of these follows.
+"""
 
 
 ALL_ELSE = ALL_MOMENTS + 1
@@ -72,10 +73,10 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
         if search.step():
             return search.path
         if rounds == EASY_ROUNDS:
-            if goal.moment == END_ACHIEVING and _is_below(start.task, goal.task):
+            if goal.moment == END_ACHIEVING and _is_descendant(start.task, goal.task):
                 return _path_up(start, goal)
-            if start.moment == END_ACHIEVING and _is_below(goal.task, start.task):
-                return None  # all below leads there: a way back would be a cycle already
+            if start.moment == END_ACHIEVING and _is_descendant(goal.task, start.task):
+                return None  # all below leads to the end: a path back would be a cycle already
             drawing = borders.draw(tree)
         if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
             break
@@ -120,7 +121,7 @@ class PathSearch:
 class Borders:
     """The tasks whose subtrees a search must enter.
 
-    A constraint crosses the border of such a subtree, or the other end of the search is inside.
+    A constraint crosses the border of such a subtree, or the other end of the search is inside it.
     """
 
     def __init__(self, start: Place, goal: Place) -> None:
@@ -129,9 +130,9 @@ class Borders:
         self._behind: set[Task] = set()  #: tasks whose subtrees the search from the goal enters
 
     def draw(self, tree: TaskTree) -> Iterator[None]:
-        """Find them, one step per iteration."""
-        self._ahead.update(_above(self._goal.task))
-        self._behind.update(_above(self._start.task))
+        """Find these tasks, one step per iteration."""
+        self._ahead.update(_ancestors(self._goal.task))
+        self._behind.update(_ancestors(self._start.task))
         for task in tree.across:
             yield
             for _, follower, _, _ in task.followers or ():
@@ -158,20 +159,20 @@ class Borders:
                 follower_side = follower_side.parent
 
     def is_open_ahead(self, place: Place, met: Container[Place]) -> bool:
-        """Whether the search from the start must look below a task.
+        """Whether the search from the start must enter the subtree of a point's task.
 
-        *met* are the points it has visited.
+        *met* are the points that it has visited.
         """
         task, moment = place
         if task in self._ahead:
             return True
         if moment != START_ACHIEVING or not task.is_goal or task.planning_delayed:
             return False
-        to_come = next((one for one in ENDS_OF_HANDLING if not task.reached & one), 0)
-        return bool(to_come) and Place(task, to_come) not in met
+        next_end = next((one for one in ENDS_OF_HANDLING if not task.reached & one), 0)
+        return bool(next_end) and Place(task, next_end) not in met
 
     def is_open_behind(self, place: Place, met: Container[Place]) -> bool:
-        """Whether the search from the goal must look below a task."""
+        """Whether the search from the goal must enter the subtree of a point's task."""
         task, moment = place
         if task in self._behind:
             return True
@@ -180,11 +181,13 @@ class Borders:
         return not task.reached & START_ACHIEVING and Place(task, START_ACHIEVING) not in met
 
 
-def _is_below(task: Task, other: Task) -> bool:
-    return task is not other and task.above(other.id) is other
+def _is_descendant(task: Task, other: Task) -> bool:
+    """Whether a task is below *other*."""
+    return task is not other and task.find_above(other.id) is other
 
 
-def _above(task: Task) -> Iterator[Task]:
+def _ancestors(task: Task) -> Iterator[Task]:
+    """Yield the ancestors of a task, the root included."""
     parent = task.parent
     while parent is not None:
         yield parent
@@ -192,13 +195,13 @@ def _above(task: Task) -> Iterator[Task]:
 
 
 def _path_up(start: Place, goal: Place) -> list[Place]:
-    """Return the path from a point to the end of an ancestor."""
+    """Return the path from a point to the end of an ancestor: by the ends of all between."""
     task, moment = start
     path = [start]
     while moment != END_ACHIEVING:
         moment = NEXT[task.is_goal, moment][0]
         path.append(Place(task, moment))
-    for ancestor in _above(task):
+    for ancestor in _ancestors(task):
         path.append(Place(ancestor, END_ACHIEVING))
         if ancestor is goal.task:
             break
@@ -216,6 +219,7 @@ class _Side:
         self.walk = self._points(origin, neighbours)
 
     def _points(self, origin: Place, neighbours: _Neighbours) -> Iterator[Place]:
+        """Visit the points that are not reached yet, and yield each once."""
         frontier = [origin]
         for place in frontier:  # grows while it is walked
             for neighbour in neighbours(place, self.came_from):
@@ -328,7 +332,7 @@ def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
 
 
 def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
-    """Yield the same edges in the opposite direction."""
+    """Yield what ``_watched_after`` yields, in the opposite direction."""
     if moment == ALL_ELSE:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
@@ -339,7 +343,7 @@ def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
 
 
 def _all_else(task: Task | None) -> Iterator[Place]:
-    """Yield ``ALL_ELSE`` of a task if monitors end then. Under the root none do."""
+    """Yield ``ALL_ELSE`` of a task that has background monitors. The root's do not end by it."""
     if task is not None and task.background_monitors and task.id != ROOT:
         yield Place(task, ALL_ELSE)
 
@@ -350,7 +354,7 @@ def _retry_requesters(task: Task) -> Iterable[Task]:
 
 
 def _decides(child: Task, task: Task) -> bool:
-    """Whether *task* waits for *child* before it is handled again, or else before it is planned."""
+    """Whether *child* must end before *task* is handled again or counts as handled."""
     return (task.retry_pending and not child.is_foreign_monitor) or (
         task.recovery is not None and task.recovery.exception_handler is child
     )

@@ -6,6 +6,7 @@ delivery through ``DispatchOutput``.
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 
 from tca_central.model.budget import DELIVERY_BYTES
 from tca_central.model.clock import Clock
@@ -141,7 +142,7 @@ class Dispatcher(Stored):
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
             may_wait_for_ever = may_wait_for_ever and not _has_unblocked_slot(resource)
-        if may_wait_for_ever:  # the search for a deadlock is dear: the others are spared it
+        if may_wait_for_ever:  # a search for a deadlock is expensive, so it must be worth it
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
@@ -153,8 +154,7 @@ class Dispatcher(Stored):
     def _count_queued(self, message: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Count a queued message that is not a task.
 
-        While tasks wait after a restart, everything else may overtake them, so the resources are
-        offered again.
+        While tasks wait after a restart, it may overtake them, so the resources are refilled again.
         """
         self.bytes += DELIVERY_BYTES + len(message.body)
         if self.are_tasks_paused:
@@ -168,15 +168,12 @@ class Dispatcher(Stored):
         if len(deliveries) > 1:
             for delivery in deliveries:
                 self._arrive(delivery)
-            in_turn = sorted(
-                deliveries, key=lambda delivery: (-delivery.priority, delivery.arrival)
-            )
             unassigned = [
                 delivery
-                for delivery in in_turn
+                for delivery in sorted(deliveries, key=lambda one: (-one.priority, one.arrival))
                 if not self._assign_free_slot(delivery, delivery.message.candidates)
             ]
-            deliveries = sorted(unassigned, key=lambda delivery: delivery.arrival)
+            deliveries = sorted(unassigned, key=attrgetter("arrival"))
         for delivery in deliveries:
             self.route(delivery)
 
@@ -252,7 +249,7 @@ class Dispatcher(Stored):
             if resource.free or resource.locked_out_queries:
                 self.to_refill.append((resource, None))
         elif resource.locked_out_queries and not resource.is_locked:
-            # A slot that waits for an answer from its own resource would wait for itself.
+            # The slot must handle the query itself: it waits for the answer.
             for delivery, sender in list(resource.locked_out_queries.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
@@ -289,15 +286,15 @@ class Dispatcher(Stored):
     # --- prefetched messages: see prefetching.py --------------------------------------------------
 
     def begin_prefetched(self, slot: Connection, number: int) -> Delivery | None:
-        """Return the prefetched delivery with that number, if an idle slot has begun it; else None.
+        """Begin the prefetched delivery of that number, if its slot is idle. Return it, or None.
 
-        The slot does not wait for central: a request of its handler may arrive before the reply
-        that frees the slot. Central then gives it the delivery now.
+        The slot does not wait for central. A request of the delivery's handler may thus be the
+        first sign that it has begun.
         """
         resource, first = slot.resource, first_prefetched(slot)
         if first is None or first.handling_id != number or resource is None or not slot.has_room:
             return None
-        # Usual case: the message before has just returned, and its slot is refilled next.
+        # Usually the message before has just returned, and the slot is the last to be refilled.
         if self.to_refill and self.to_refill[-1] == (resource, slot):
             self.to_refill.pop()
         resource.free_slot(slot)
@@ -326,10 +323,10 @@ class Dispatcher(Stored):
     def return_prefetched(
         self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
     ) -> list[Delivery]:
-        """Return prefetched deliveries to the queue.
+        """Return the prefetched deliveries with the numbers *unbegun* to the queue.
 
-        In answer to a recall (*is_answer*), those that are not returned have begun. Deliveries that
-        belong in another queue by now are removed from this one, and are the result.
+        In answer to a recall (*is_answer*), all others have begun. Returns the deliveries that
+        belong in another queue by now, after removing them from this one.
         """
         resource = slot.resource
         if resource is None or resource.prefetching_slot is not slot:
@@ -436,9 +433,9 @@ class Dispatcher(Stored):
 
         A nested delivery is newer than the one that it is nested in.
         """
-        ahead: list[Delivery] = []
+        prefetched: list[Delivery] = []
         if slot.resource is not None:
-            ahead = self._remove_prefetched(slot, slot.resource)
+            prefetched = self._remove_prefetched(slot, slot.resource)
             if slot is slot.resource.prefetching_slot:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
@@ -456,7 +453,7 @@ class Dispatcher(Stored):
             if slot.resource is not None and not delivery.nested:
                 slot.resource.busy += self._clock.now - delivery.since
             delivery.slot, delivery.nested = None, False
-        return orphans + ahead
+        return orphans + prefetched
 
     def _serve_all(self, slot: Connection, change: int) -> None:
         """Adjust the number of serving handlers for all messages that a slot's resource handles."""
@@ -515,12 +512,9 @@ class Dispatcher(Stored):
 
         Returns them, oldest first. Prefetched deliveries stay.
         """
-        ahead = {
-            one
-            for resource in ([only] if only else _resources(message))
-            for one in resource.prefetched
-        }
-        queued = [one for one in self.queued(message, only) if one not in ahead]
+        resources = [only] if only else _resources(message)
+        prefetched = {one for resource in resources for one in resource.prefetched}
+        queued = [one for one in self.queued(message, only) if one not in prefetched]
         message.waiting.clear()
         for delivery in queued:
             self._leave_queues(delivery)
@@ -530,11 +524,10 @@ class Dispatcher(Stored):
     def queued(message: MessageType, only: ModuleResource | None = None) -> list[Delivery]:
         """Return the waiting deliveries of a message (for one resource *only*), oldest first."""
         resources = [only] if only else _resources(message)
-        found = {
-            d.id: d for resource in resources for d in resource.queued() if d.message is message
-        }
+        in_queues = (one for resource in resources for one in resource.queued())
+        found = {one.id: one for one in in_queues if one.message is message}
         found.update(message.waiting)
-        return sorted(found.values(), key=lambda delivery: delivery.arrival)
+        return sorted(found.values(), key=attrgetter("arrival"))
 
 
 def _resources(message: MessageType) -> list[ModuleResource]:
@@ -543,13 +536,14 @@ def _resources(message: MessageType) -> list[ModuleResource]:
 
 
 def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
+    """Return the fact that a delivery was queued."""
     return Queued(delivery.handling_id, delivery.message_id, module, resource, delivery.priority)
 
 
 def _has_unblocked_slot(resource: ModuleResource) -> bool:
-    """Whether a resource has a slot that becomes free without help, so no deadlock is possible.
+    """Whether a slot of a resource becomes free without help: then no deadlock is possible.
 
-    True also if it has no slot at all: one may be added at any time.
+    True also if the resource has no slot at all: one may be added at any time.
     """
     if resource.held_by is not None or resource.claims:
         return False
@@ -560,9 +554,10 @@ def _has_unblocked_slot(resource: ModuleResource) -> bool:
 
 
 def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Connection | None:
-    """Return the sender's own slot, if it blocks there for this answer.
+    """Return the sender of a query if it is a slot of one of *resources*; else None.
 
-    Its nested query ignores capacity and reservations: else the slot would wait for itself.
+    Such a slot blocks for the answer, so it must handle the query itself, nested in its wait. The
+    query ignores capacity and reservations: else the slot would wait for itself.
     """
     sender = delivery.sender
     if (

@@ -197,9 +197,9 @@ class Holds(Stored):
         return True
 
     def _refuse_cycles(self, constraint: Constraint, follower: Place, leader: Place) -> None:
-        """Refuse a constraint that can never be met.
+        """Raise RequestError if a constraint can never be met.
 
-        A killed task passes its own constraints on to its followers, so those are checked too.
+        The follower of a killed task also waits for what that waited for, so this is checked, too.
         """
         self._refuse_cycle(constraint, follower, leader)
         if leader.task.killed:
@@ -208,16 +208,16 @@ class Holds(Stored):
                 self._refuse_cycle(constraint, follower, Place(task, moment))
 
     def _refuse_cycle(self, constraint: Constraint, follower: Place, leader: Place) -> None:
-        """Refuse a constraint if its *follower* must already come before its *leader*."""
+        """Raise RequestError if a constraint's *follower* must already come before its *leader*."""
         if (path := find_path(self.tree, follower, leader)) is not None:
             points = [place for place in (*path, path[0]) if place.moment != ALL_ELSE]
-            circle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
-            if (more := len(circle) - 9) > 0:
-                circle[4:-5] = [f"... {more} more ..."]
+            cycle = [str(Point(place.task.id, Moment(place.moment))) for place in points]
+            if (more := len(cycle) - 9) > 0:
+                cycle[4:-5] = [f"... {more} more ..."]
             text = (
-                f"constraint {constraint} can never be met: {' <= '.join(circle)} would be a cycle"
+                f"constraint {constraint} can never be met: {' <= '.join(cycle)} would be a cycle"
             )
-            raise RequestError(Refusal.CYCLE, text + _of_monitor(path))
+            raise RequestError(Refusal.CYCLE, text + _monitor_advice(path))
 
     def undo(self, added: list[Constraint]) -> None:
         """Undo what ``add`` has just put in force, newest first."""
@@ -284,10 +284,10 @@ class Holds(Stored):
     def _start_delay(
         self, task: Task, moment: int, follower: Task, follower_moment: int, delay: float
     ) -> bool:
-        """Start the delay of a follower, whose leader's moment was reached.
+        """Start the delay of a follower: its leader's moment has just been reached.
 
-        Returns False if the delay is void: then the follower is released now. An ended follower
-        has nothing to release.
+        Returns False if the follower is to be released now, because the delay is void. An ended
+        follower has nothing to release.
         """
         if follower.reached == ALL_MOMENTS:
             return True
@@ -308,9 +308,9 @@ class Holds(Stored):
             release.task.leaders = None
 
     def forget(self, task: Task) -> None:
-        """Clear what a killed task waited for, as it has ended.
+        """Forget what a killed task, which has ended, waited for.
 
-        Its entries in its leaders' lists stay until half of such a list is void.
+        The lists of its leaders still have entries for it, until half of such a list is void.
         """
         for entry in task.leaders or ():
             leader = self.tree.tasks.get(entry[1])
@@ -398,7 +398,10 @@ class Holds(Stored):
     # --- points -----------------------------------------------------------------------------------
 
     def leader(self, constraint: Constraint) -> Place | None:
-        """Return the point that a constraint waits for; None if its task has ended."""
+        """Return the point that a constraint waits for; None if its task has ended.
+
+        The root counts as ended for its starts. Raises RequestError for its ends.
+        """
         if constraint.before.task != ROOT:
             return self.place(constraint.before)
         if constraint.before.moment & STARTS:
@@ -408,7 +411,7 @@ class Holds(Stored):
         )
 
     def _without_void_delay(self, constraint: Constraint) -> Constraint:
-        """Return the constraint; without its delay if that follows a point that never comes."""
+        """Return the constraint, without its delay if that begins at a point that never comes."""
         checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
         return (
             Constraint(constraint.before, constraint.after)
@@ -465,8 +468,8 @@ class _KilledTogether(NamedTuple):
 def _ending(killed: list[Task]) -> dict[Task, None]:
     """Return the tasks among those just killed that end at once.
 
-    A task stays if a handler has it, if it is a monitor, if it has termination messages to send, or
-    if a child of it stays.
+    A task lasts longer if a handler has it, if it is a monitor, if it has termination messages to
+    send, or if a child of it lasts longer.
     """
     staying: set[Task] = set()
     doomed = set(killed)
@@ -483,8 +486,8 @@ def _ending(killed: list[Task]) -> dict[Task, None]:
     return {task: None for task in killed if task not in staying}
 
 
-def _of_monitor(path: list[Place]) -> str:
-    """Return advice for a cycle that passes through a monitor that is not waited for."""
+def _monitor_advice(path: list[Place]) -> str:
+    """Return advice for a cycle that passes through a background monitor; "" for others."""
     for place, monitor in reversed(list(pairwise(path))):
         if place.moment == ALL_ELSE:
             until = f"until all else under {place.task} has ended"
@@ -495,7 +498,7 @@ def _of_monitor(path: list[Place]) -> str:
 def _constraint(
     leader: Task, leader_moment: int, follower: Task, moment: int, delay: float = 0
 ) -> Constraint:
-    """Return the constraint as the journal and the client see it."""
+    """Return a constraint between live tasks in the form that modules and the journal know."""
     return Constraint(
         Point(leader.id, _MOMENT[leader_moment]), Point(follower.id, _MOMENT[moment]), delay
     )

@@ -22,7 +22,7 @@ QUICK_RUNS = 8
 
 
 class DispatchOutput(Protocol):
-    """The ways in which decisions of this room leave central."""
+    """The ways in which the dispatcher's decisions leave central."""
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
         """Give a slot a delivery; *is_prefetched*: the slot has it already."""
@@ -69,28 +69,25 @@ class Prefetcher(Stored):
         if resource.is_overtaken_by(newest):
             self.recall(resource)
 
-    def revoke(self, delivery: Delivery, dropped: tuple[Fact, ...]) -> bool:
-        """Drop a delivery that a slot has prefetched. Return False if no slot has.
+    def revoke(self, delivery: Delivery, facts_of_drop: tuple[Fact, ...]) -> bool:
+        """Take back a delivery, if a slot has prefetched it. Return whether one has.
 
-        The slot may have begun it: the facts are recorded when the slot has returned it, or begun
+        The slot may have begun it. *facts_of_drop* are recorded when the slot has returned or begun
         it.
         """
         for resource in delivery.queues or ():
             if delivery in resource.prefetched:
-                resource.prefetched[delivery] = dropped
+                resource.prefetched[delivery] = facts_of_drop
                 self.recall(resource)
                 return True
         return False
 
     def recall(self, resource: Resource[Connection, Delivery]) -> None:
         """Admit nothing to a resource until its slot has returned what it had not begun."""
-        if (
-            resource.prefetched
-            and resource.prefetching_slot is not None
-            and not resource.is_recalling
-        ):
+        slot = resource.prefetching_slot
+        if resource.prefetched and slot is not None and not resource.is_recalling:
             resource.is_recalling = True
-            self._out.recall(resource.prefetching_slot)
+            self._out.recall(slot)
 
 
 def record_run(resource: ModuleResource, seconds: float) -> None:
@@ -106,16 +103,14 @@ def first_prefetched(slot: Connection) -> Delivery | None:
 def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
     """Whether only its place in the queue decides when a delivery is handled.
 
-    It is not a task, waits for no other resource, and no wiretap fires when it is delivered.
+    It is not a task, waits for no other resource, and no wiretap fires when it is delivered. Nor is
+    it large.
     """
     message = delivery.message
-    is_plain = (
-        not delivery.is_task
-        and not delivery.role
-        and not any(tap.at & DELIVERED for tap in message.taps)
-    )
-    is_plain = is_plain and len(delivery.body) <= LARGEST
-    return is_plain and delivery.queues == (resource,) and message.name not in resource.limits
+    if delivery.is_task or delivery.role or any(tap.at & DELIVERED for tap in message.taps):
+        return False
+    is_alone = delivery.queues == (resource,) and message.name not in resource.limits
+    return is_alone and len(delivery.body) <= LARGEST
 
 
 def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:

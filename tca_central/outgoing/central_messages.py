@@ -82,12 +82,12 @@ def reason_to_refuse(
     """Return why a message (for *targets* only) is refused now; "" if there is room."""
     if central.dispatcher.is_full(message, *targets):
         return why_full(central, message, *targets)
-    return central.why_no_room(len(body))
+    return central.refuse_if_full(len(body))
 
 
 def reason_to_drop(central: State, message: MessageType, body: bytes) -> str:
     """Return why an inform or broadcast would reach no handler; "" if it reaches one."""
-    if (message.handlers or not message.fans_out) and (why := central.why_no_room(len(body))):
+    if (message.handlers or not message.fans_out) and (why := central.refuse_if_full(len(body))):
         return why
     is_full = central.dispatcher.is_full
     if not message.fans_out:

@@ -130,7 +130,9 @@ def _complete(
 def _why_not_stored(central: State, delivery: Delivery, body: bytes) -> str:
     """Return why there is no room for a task's result or its failure's data; "" if there is."""
     return (
-        central.why_no_room(len(body)) if len(body) > _SMALL and isinstance(delivery, Task) else ""
+        central.refuse_if_full(len(body))
+        if len(body) > _SMALL and isinstance(delivery, Task)
+        else ""
     )
 
 
@@ -223,7 +225,7 @@ def _collect(
         text = answer.text.partition("\n")[0][:_LONGEST_TEXT]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
         if collector.end is None:  # it ends with the first failure, unless a reply comes
-            if len(body) > _SMALL and central.why_no_room(len(body)):
+            if len(body) > _SMALL and central.refuse_if_full(len(body)):
                 body = b""
             end = Answer(collector.number, answer.outcome, answer.failure, answer.text)
             collector.end = end, body

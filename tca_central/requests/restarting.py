@@ -20,7 +20,7 @@ def on_restarted(central: State, event: Restarted) -> None:
     registry, pause, tree = central.registry, central.restart_pause, central.tree
     if event.skipped:
         first, tree.newest = tree.newest + 1, tree.newest + event.skipped
-        central.lost.append((first, tree.newest))
+        central.lost_ids.append((first, tree.newest))
     known = list(registry.connections.values())
     registry.connections.clear()
     for number, connection in enumerate(known):

@@ -59,7 +59,7 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
     if header.seen < 0:
         for one in observed:
             central.end_observers_wait(one)
-    elif sum(one.told for one in observed) == header.seen and len(awaited) == len(numbers):
+    elif sum(one.notifications for one in observed) == header.seen and len(awaited) == len(numbers):
         _begin_waits(central, connection, header, awaited)
 
 

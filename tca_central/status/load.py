@@ -120,7 +120,7 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
 
 def _handled(one: Delivery, now: float) -> dict[str, Any]:
     """Return a message that is handled; for a task its state, unless that is the usual one."""
-    state = one.state if isinstance(one, Task) and one.state != one.message.running else ""
+    state = one.state if isinstance(one, Task) and one.state != one.message.running_state else ""
     return {"id": one.id, "message": one.message.name, "state": state, "seconds": now - one.since}
 
 

@@ -182,7 +182,7 @@ def relatives(
         "children": (living.children or {}).values() if living else (),
         "ancestors": itertools.islice(task.lineage(), 1, None),
         "descendants": itertools.islice(central.tree.subtree(living), 1, None) if living else (),
-        "kept": task.keeping.records.values() if task.keeping is not None else (),
+        "kept": task.retention.records.values() if task.retention is not None else (),
     }
     wanted = (
         one

@@ -1,10 +1,10 @@
 """Wiretaps: central sends a listener when something happens to messages (TCA 8.5: msgTap.c).
 
-Theory of operation. A tap fires *before* a moment or *at* an event. Before a moment, it holds the
+Theory of operation. A tap fires before a moment or at an event. Before a moment, it holds the
 moment back until its listener's interval of the same kind has ended. A listener that holds the
-tapped task, or checks what it did, is its child. Its failure is handled there, and it is killed
-with the task. A listener that holds nothing is a child of the root, so that an observer's failure
-is not the observed task's. Messages that central sends for a tap are not tapped themselves.
+tapped task, or checks its work, is a child of the task. The listener's failure is handled there,
+and it is killed with the task. A listener that holds nothing is a child of the root: its failure is
+not the tapped task's. Messages that central sends for a tap are not tapped themselves.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from tca_central.errors import RequestError
 from tca_central.model.budget import ATTACHED_BYTES
 from tca_central.model.contexts import Listening, listener_cause
 from tca_central.model.deliveries import Connection, Delivery, MessageType, Module, Wiretap
-from tca_central.model.intervals import delivered_at
+from tca_central.model.intervals import unified
 from tca_central.model.task_tree import first_moments, taps_of, to_be_fired
 from tca_central.model.tasks import Tapping, Task, place_of
 from tca_central.outgoing import direct_routes
@@ -57,19 +57,19 @@ MOST_TAPS = 1000
 """Wiretaps of one message or task."""
 
 
-_PLANNED_BY = {
+_HELD_PLANNING = {
     Condition.BEFORE_PLANNING: "'before handling' also holds a goal's planning until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until the listener is planned, and advice for other listeners."""
+"""Conditions that hold a goal until its listener is planned: advice, if the listener is no goal."""
 
 
 # --- adding and removing --------------------------------------------------------------------------
 
 
 def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes) -> None:
-    """A module taps a message, or one task."""
-    place = _place(central, header)
+    """Tap a message, or one task, for a module."""
+    place = _tapped_place(central, header)
     listener = central.registry.messages.get(header.listener)
     if listener is None:
         raise RequestError(Refusal.UNKNOWN, f"listener '{header.listener}' is not declared")
@@ -78,52 +78,40 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     is_due = isinstance(place, Task) and _is_due(header, place)
     if listener.message_class.is_monitor:
         _check_monitor(central, header, tapped, listener)
+    module = connection.module
     if isinstance(place, Task) and place.id not in central.tree.tasks:
-        central.accept(
-            connection,
-            header.number,
-            _call_for_ended(central, connection.module, header, listener, place),
-        )
+        tap_id = _call_for_ended(central, module, header, listener, place)
+        central.accept(connection, header.number, tap_id)
         return
-    tap = _add(central, connection.module, header, listener, tapped, place)
-    tap.holders[connection.module.name] = connection.module.holder
-    for other in list(place.taps):
-        is_replaced = (other.condition, other.listener) == (
-            tap.condition,
-            listener,
-        ) and other is not tap
-        if is_replaced and connection.module.name in other.holders:
-            remove(central, other, connection.module)  # replaced: it has other watch options
+    tap = _add(central, module, header, listener, tapped, place)
+    tap.holders[module.name] = module.holder
+    for other in [one for one in place.taps if one is not tap and module.name in one.holders]:
+        if (other.condition, other.listener) == (tap.condition, listener):
+            remove(central, other, module)  # replaced: it has other watch options
     _apply_to_waiting(central, tap)
     if is_due and isinstance(place, Task) and not tap.has_fired:
         _fire(central, tap, place, place.body)
     central.accept(connection, header.number, tap.id)
 
 
-def _place(central: State, header: headers.Tap) -> Task | MessageType:
-    """The message or task to tap; with `at_once` a stand-in for a task that has ended."""
-    place: Task | MessageType | None
-    if header.message:
-        if header.at_once:
-            raise RequestError(
-                Refusal.PROTOCOL,
-                f"message '{header.message}' can't be tapped at once: one task can",
-            )
-        place = central.registry.messages.get(header.message)
-    else:
-        place = central.tree.task(header.task) or (
-            _ended(central, header) if header.at_once else None
-        )
-    if place is None:
-        which = (
-            f"'{header.message}' is not declared"
-            if header.message
-            else f"task {header.task} has ended"
-        )
-        raise RequestError(
-            Refusal.UNKNOWN if header.message else Refusal.TOO_LATE, f"{which}: it can't be tapped"
-        )
-    return place
+def _tapped_place(central: State, header: headers.Tap) -> Task | MessageType:
+    """Return the message or task to tap; with ``at_once`` a stand-in for a task that has ended."""
+    if not header.message:
+        task = central.tree.task(header.task)
+        if task is None and header.at_once:
+            task = _stand_in(central, header)
+        if task is None:
+            text = f"task {header.task} has ended: it can't be tapped"
+            raise RequestError(Refusal.TOO_LATE, text)
+        return task
+    if header.at_once:
+        text = f"message '{header.message}' can't be tapped at once: one task can"
+        raise RequestError(Refusal.PROTOCOL, text)
+    message = central.registry.messages.get(header.message)
+    if message is None:
+        text = f"'{header.message}' is not declared: it can't be tapped"
+        raise RequestError(Refusal.UNKNOWN, text)
+    return message
 
 
 def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> None:
@@ -138,14 +126,14 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
         which = "informs, broadcasts, goals, commands and monitors can"
         raise RequestError(Refusal.PROTOCOL, f"{what} '{listener.name}' can't listen: {which}")
     if (
-        condition in _PLANNED_BY
+        condition in _HELD_PLANNING
         and listener.message_class.is_task
         and not listener.message_class.is_goal
     ):
         text = f"{listener.title} has nothing to plan: '{condition}' it would not hold any planning"
         raise RequestError(
             Refusal.PROTOCOL,
-            f"{text}; use a goal as listener, or note that {_PLANNED_BY[condition]}",
+            f"{text}; use a goal as listener, or note that {_HELD_PLANNING[condition]}",
         )
     data = tapped.format.reply if condition is Condition.AFTER_REPLIED else tapped.format.data
     difference = (
@@ -169,7 +157,7 @@ def _is_due(header: headers.Tap, task: Task) -> bool:
         _check_at_once(condition)
         if _has_happened(condition, task):
             return True
-    moments = (rule.before | rule.at) & ALL_MOMENTS & ~START_HANDLING
+    moments = (rule.held_moment | rule.at) & ALL_MOMENTS & ~START_HANDLING
     is_killed = condition is Condition.WHEN_KILLED and bool(task.killed)
     if (
         condition is Condition.WHEN_SENT
@@ -207,13 +195,13 @@ def _has_happened(condition: Condition, task: Task) -> bool:
     moments = (
         END_HANDLING
         if condition is Condition.AFTER_HANDLED
-        else (rule.before | rule.at) & ALL_MOMENTS
+        else (rule.held_moment | rule.at) & ALL_MOMENTS
     )
     return bool(task.reached & moments) and not task.reached & rule.lasts_until
 
 
-def _ended(central: State, header: headers.Tap) -> Task | None:
-    """A stand-in for a task that has ended; None if central knows too little about it."""
+def _stand_in(central: State, header: headers.Tap) -> Task | None:
+    """Return a stand-in for a task that has ended; None if central knows too little about it."""
     outcome, record = central.memory.outcome_of(header.task), central.memory.kept.get(header.task)
     message = record.message if record is not None else central.registry.messages.get(header.of)
     if outcome is None or message is None or not message.message_class.is_task:
@@ -252,7 +240,7 @@ def _call_for_ended(
 def _check_monitor(
     central: State, header: headers.Tap, tapped: MessageType, listener: MessageType
 ) -> None:
-    """Raise RequestError if a monitor that listens so would never end."""
+    """Raise RequestError if a monitor that listens with this condition would never end."""
     options = header.watch or WatchOptions()
     check_options(central, listener, options)
     rule = CONDITIONS[header.condition]
@@ -273,7 +261,7 @@ def _add(
     tapped: MessageType,
     place: Task | MessageType,
 ) -> Wiretap:
-    """Add a tap, or return an equal one: it fires once. Other watch options make another tap."""
+    """Add a tap and return it, or return an equal one. With other watch options it is not equal."""
     condition = header.condition
     others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -284,9 +272,9 @@ def _add(
     central.check_declared(ATTACHED_BYTES)
     tap = Wiretap(central.new_id(), condition, listener, place)
     rule = CONDITIONS[condition]
-    tap.before, tap.at, tap.watch = rule.before, rule.at, header.watch
-    if rule.before and not tapped.message_class.is_task:
-        tap.before, tap.at = 0, DELIVERED  # only a task can be held
+    tap.held_moment, tap.at, tap.watch = rule.held_moment, rule.at, header.watch
+    if rule.held_moment and not tapped.message_class.is_task:
+        tap.held_moment, tap.at = 0, DELIVERED  # only a task can be held
     others.append(tap)
     central.taps[tap.id] = tap
     if tap.at & DELIVERED:
@@ -302,9 +290,9 @@ def _add(
 
 
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
-    """Remove a module's share in a tap.
+    """Remove a module from the holders of a tap.
 
-    The tap is removed with the last living program that added it, or at once with `for_all`.
+    The tap is removed with the last living program that holds it, or at once with *for_all*.
     """
     tap.holders.pop(by.name, None)
     others = () if for_all else tap.holders.values()
@@ -328,7 +316,7 @@ def forget_task(central: State, task: Task) -> None:
 
 def _apply_to_waiting(central: State, tap: Wiretap) -> None:
     """Apply a new wiretap to tasks that wait for a handler."""
-    for task in _waiting(central, tap):
+    for task in _queued_tasks(central, tap):
         if tap not in to_be_fired(task, first_moments(task)):
             continue
         if tap.is_heard:
@@ -338,19 +326,19 @@ def _apply_to_waiting(central: State, tap: Wiretap) -> None:
 
 
 def on_listeners_added(central: State, names: Iterable[str]) -> None:
-    """Apply taps whose listeners get their first handler now to tasks that wait."""
+    """Apply taps to the tasks that wait, if their listeners, of these names, had no handler yet."""
     added = [central.registry.messages[name] for name in names]
     new = {message for message in added if not message.handlers}
     for tap in central.taps.values() if new else ():
         if tap.listener in new:
-            for task in _waiting(central, tap):
+            for task in _queued_tasks(central, tap):
                 if task.tapping is not None and task.tapping.fired.get(tap.id) is False:
                     _requeue(central, task)
 
 
-def _waiting(central: State, tap: Wiretap) -> list[Task]:
-    """The tapped tasks that wait for a slot or a handler, oldest first, if the tap can hold any."""
-    if not tap.before & STARTS:
+def _queued_tasks(central: State, tap: Wiretap) -> list[Task]:
+    """Return the tasks in queues that the tap can hold, oldest first."""
+    if not tap.held_moment & STARTS:
         return []
     place = place_of(tap)
     if isinstance(place, Task):
@@ -367,13 +355,13 @@ def _requeue(central: State, task: Task) -> None:
 # --- firing ---------------------------------------------------------------------------------------
 
 
-def fire_after(central: State, tapped: Delivery, what: int, body: bytes | None = None) -> None:
-    """Fire the taps for an event of a message, with `body` or the message's own data."""
+def fire_after(central: State, tapped: Delivery, events: int, body: bytes | None = None) -> None:
+    """Fire the taps for events of a message, with *body* or the message's own data."""
     if not central.taps:
         return
     for tap in taps_of(tapped):
         is_reply = tap.condition is Condition.AFTER_REPLIED
-        if tap.at & what and is_reply == (body is not None):
+        if tap.at & events and is_reply == (body is not None):
             _fire(central, tap, tapped, tapped.body if body is None else body)
 
 
@@ -386,24 +374,21 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         listener = _fire(central, tap, task, task.body)
         # False: it fires again when the listener has a handler.
         Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)
-        interval = CONDITIONS[tap.condition].holds_until
-        if not isinstance(listener, Task) or not interval or listener.reached & interval:
+        end = CONDITIONS[tap.condition].holds_until
+        if not isinstance(listener, Task) or not end or listener.reached & end:
             continue
-        # A task that is retried has reached all moments of its start, so only the start of its next
-        # handling can be held.
-        if tap.before == START_HANDLING and task.reached & START_HANDLING:
-            central.agenda.holds.hold(listener, interval, task, START_HANDLING)
-            continue
-        moment = delivered_at(task.is_goal) if tap.before == START_HANDLING else tap.before
-        if not task.reached & moment:
-            central.agenda.holds.hold(listener, interval, task, moment)
+        # A retried task has reached all moments of its start: only its next handling can be held.
+        is_retried = tap.held_moment == START_HANDLING and bool(task.reached & START_HANDLING)
+        moment = START_HANDLING if is_retried else unified(task.is_goal, tap.held_moment)
+        if is_retried or not task.reached & moment:
+            central.agenda.holds.hold(listener, end, task, moment)
     central.agenda.taps_fired(task)
 
 
 def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delivery | None:
     """Send the listener of a tap, if it has a handler. Return the listener."""
     message, body = tap.listener, data_for(tap.listener, body)
-    if not tap.is_heard or _is_refused(central, tap, tapped, body):
+    if not tap.is_heard or _refuse_listener(central, tap, tapped, body):
         central.facts.append(facts.TapFired(tap.id, tapped.message_id, 0))
         return None
     listener: Delivery
@@ -419,14 +404,17 @@ def _fire(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> Delive
     return listener
 
 
-def _is_refused(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
-    """Whether a listener has no room, or too long a chain of taps before it. Journals that."""
+def _refuse_listener(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> bool:
+    """Refuse a listener if there is no room, or if its chain of taps is too long.
+
+    Returns whether it was refused.
+    """
     message = tap.listener
-    # Rare: the request that starts such a chain is usually refused.
+    # This is rare: the request that starts such a chain is usually refused.
     if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:
         message.dropped += 1
         central.facts.append(
-            facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.end_of_taps(tap, tapped))
+            facts.RequestRefused(CENTRAL, Refusal.OVERLOAD, central.why_too_deep(tap, tapped))
         )
         return True
     return message.message_class.is_task and central.refuse_own_task_if_full(
@@ -453,6 +441,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
         options = replace(options, until=Point(task.id, Moment(rule.lasts_until or END_ACHIEVING)))
 
     def prepare(listener: Task) -> None:
+        """Set what the listener must have before it enters the tree."""
         if message.message_class.is_monitor:
             is_foreign_monitor = (
                 watches_it and parent is task and not recurs_on_retry(tap.condition)
@@ -478,11 +467,9 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
 
 
 def _end_earlier_monitors(central: State, tap: Wiretap, tapped: Task) -> None:
-    """A task is handled again: end the monitors that a wiretap has sent for it before."""
+    """End the monitors that a wiretap has sent for a task, which is now handled again."""
     tapping = Tapping.of(tapped)
-    tapping.listeners = living = [
-        other for other in tapping.listeners if other.reached != ALL_MOMENTS
-    ]
-    for other in living:
+    tapping.listeners = [one for one in tapping.listeners if one.reached != ALL_MOMENTS]
+    for other in tapping.listeners:
         if listener_cause(other).tap is tap and other.watch is not None:
             end_monitor(central, other.watch, f"{tapped} is handled again")

@@ -13,13 +13,13 @@ from tca_wire.rules import RETURNED, recurs_on_retry
 from tca_wire.vocabulary import Refusal, Role
 
 SHORTEST_PERIOD = 0.001
-"""Seconds between two tests of a condition."""
+"""The least number of seconds between two tests of a condition."""
 
 _CANCEL = 2  # the index of a demon monitor's cancel message
 
 
 def on_end_point(central: State, watch: Watch, _: Task) -> None:
-    """The point at which a monitor ends is reached."""
+    """End a monitor whose end point is reached."""
     watch.waits_for = None
     end_monitor(central, watch, "its end point is reached")
 
@@ -66,14 +66,14 @@ def enlist_monitor(central: State, task: Task) -> None:
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor under `parent` was sent from elsewhere than the handling of `parent`.
+    """Whether a monitor under *parent* was sent by something else than the handling of *parent*.
 
-    A retry of `parent` spares such a monitor, since the handling would not send it again. `origin`
+    A retry of *parent* does not end such a monitor: the handling would not send it again. *origin*
     is the delivery whose handler sends the monitor (0: none).
 
-    The search follows the causes of that handler back to `parent`. Elsewhere are exception
-    handlers, what foreign monitors send, and listeners that a retry does not send again. Each step
-    leads to an older delivery, so the search ends at one that is older than `parent`.
+    The search follows the causes of that delivery back to *parent*. Exception handlers, messages of
+    foreign monitors, and listeners that a retry does not send again do not belong to the handling.
+    Each step leads to an older delivery, so the search ends at one that is older than *parent*.
     """
     cause = central.dispatcher.running.get(origin)
     is_own = origin == parent.handling_id
@@ -120,18 +120,10 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
         return
     central.facts.append(facts.MonitorEnded(watch.task.id, why))
     central.agenda.tap_events.append((watch.task, RETURNED))
-    if (
-        not watch.task.message.message_class.has_condition
-        and (cancel := watch.parts[_CANCEL]) is not None
-    ):
-        make(
-            central,
-            cancel,
-            data_for(cancel, watch.task.body),
-            watch.task,
-            Role.CANCEL,
-            context=watch,
-        )
+    has_condition = watch.task.message.message_class.has_condition
+    if not has_condition and (cancel := watch.parts[_CANCEL]) is not None:
+        body = data_for(cancel, watch.task.body)
+        make(central, cancel, body, watch.task, Role.CANCEL, context=watch)
 
 
 def end_monitor(central: State, watch: Watch, why: str) -> None:

@@ -22,7 +22,7 @@ def tap_added(world: JournalWorld, fact: facts.TapAdded) -> None:
     elif fact.task != ROOT:
         world.task(fact.task, "got a wiretap")
     world.taps[fact.id] = fact
-    if CONDITIONS[fact.condition].before:
+    if CONDITIONS[fact.condition].held_moment:
         world.taps_before.setdefault(fact.message, {})[fact.id] = fact
 
 
@@ -62,7 +62,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
         world.report(TAPPED, listener, what)
     rule = CONDITIONS[tap.condition]
     if tapped is not None and tapped.is_task and listener.is_task and rule.holds_until:
-        _hold(tapped, listener, rule.before, rule.holds_until)
+        _hold(tapped, listener, rule.held_moment, rule.holds_until)
 
 
 def refused(world: JournalWorld, fact: facts.RequestRefused) -> None:
@@ -99,7 +99,7 @@ def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     if not of_message or not item.is_tapped or not item.is_task:
         return
     for tap in of_message.values():
-        if not CONDITIONS[tap.condition].before & moments or tap.task not in (ROOT, item.id):
+        if not CONDITIONS[tap.condition].held_moment & moments or tap.task not in (ROOT, item.id):
             continue
         which = f"wiretap {{{tap.id}}} ({tap.listener} {tap.condition})"
         if tap.id not in item.taps_passed:

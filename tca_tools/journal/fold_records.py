@@ -310,7 +310,7 @@ class RecordFold(Run):
         rule = CONDITIONS[tap.condition] if tap is not None else None
         if tapped is None or listener is None or rule is None or not rule.holds_until:
             return
-        before, after = Moment(rule.holds_until), Moment(rule.before)
+        before, after = Moment(rule.holds_until), Moment(rule.held_moment)
         # A handling may start again, so its listener holds the task each time
         is_pending = tapped.time_of(after) == inf or after is Moment.START_HANDLING
         if is_pending and listener.time_of(before) == inf:

@@ -130,7 +130,7 @@ def test_observing_too_many_tasks_is_refused(
 ) -> None:
     for _ in range(4):
         task = player.task("user", "walk")
-    for limit in ("MOST_LATE", "MOST_LOOKED_AT"):
+    for limit in ("MOST_LATE", "MOST_SEARCHED"):
         with monkeypatch.context() as patched:
             patched.setattr(observing, limit, 4)
             assert not any(isinstance(one, headers.Refused) for one in player.observe("user"))

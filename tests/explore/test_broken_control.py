@@ -148,8 +148,10 @@ def constant_attempts(patch: Patch) -> None:
 def reissue_searches_from_start(patch: Patch) -> None:
     real = failures._call_handler
 
-    def call(central: Any, task: Any, failure: Any, _below: Any = None, *, is_beside: bool) -> Any:
-        return real(central, task, failure, is_beside=is_beside)
+    def call(
+        central: Any, task: Any, failure: Any, _previous: Any = None, *, from_outside: bool
+    ) -> Any:
+        return real(central, task, failure, from_outside=from_outside)
 
     patch.setattr(failures, "_call_handler", call)
 
@@ -163,14 +165,14 @@ def unresolved_failure_recovered(patch: Patch) -> None:
 
 
 def uncounted_calls(patch: Patch) -> None:
-    real = failures._find
+    real = failures._find_handler
 
     def find(task: Any, *others: Any) -> Any:
         for at in task.lineage():
             Recovery.of(at).invocations.clear()
         return real(task, *others)
 
-    patch.setattr(failures, "_find", find)
+    patch.setattr(failures, "_find_handler", find)
 
 
 def endless_recovery(patch: Patch) -> None:

@@ -233,7 +233,7 @@ def test_refused_observation_raises_and_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     user.command(WAVE, delay=60)
-    monkeypatch.setattr("tca_central.life_cycles.observing.MOST_LOOKED_AT", 0)
+    monkeypatch.setattr("tca_central.life_cycles.observing.MOST_SEARCHED", 0)
     with pytest.raises(Refused, match="the states of tasks was refused: there are 1 tasks"):
         next(user.observe())
     with pytest.raises(Refused, match="there are 1 tasks"):

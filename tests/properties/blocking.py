@@ -143,7 +143,9 @@ class Blocking(Player):
             asked.append(number)
         outstanding = self.central.registry.connections[sender.encode()].outstanding  # type: ignore[index]
         seen = sum(
-            one.told for number in asked if isinstance(one := outstanding[number], Observation)
+            one.notifications
+            for number in asked
+            if isinstance(one := outstanding[number], Observation)
         )
         self.receive(sender, headers.Await(asked[0], self.blocks(by), origin, asked[1:], seen=seen))
 

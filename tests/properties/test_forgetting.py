@@ -51,7 +51,7 @@ def retained_objects(central: Central) -> Counter[str]:
             root.recovery,
             root.tapping,
             root.scheduled,
-            root.keeping,
+            root.retention,
         ):
             found[type(one).__name__] += not (isinstance(one, Timer) and one.is_cancelled)
     return +found

@@ -85,7 +85,7 @@ class ComparingPlayer(FoldedPlayer):
         idle = [
             one
             for one in living.values()
-            if is_idle(living, one) and one is not task and one.above(task.id)
+            if is_idle(living, one) and one is not task and one.find_above(task.id)
         ]
         self.idle_cases += bool(idle)
         asked = [
@@ -137,7 +137,7 @@ class ComparingPlayer(FoldedPlayer):
     def is_via_idle_monitor(self, node: Place, other: Place) -> bool:
         """Whether a node needs only the end of an idle monitor, without a constraint."""
         is_led = any(number == other.task.id for _, number, _ in node.task.leaders or ())
-        is_under = other.task is not node.task and other.task.above(node.task.id) is not None
+        is_under = other.task is not node.task and other.task.find_above(node.task.id) is not None
         return is_under and not is_led and is_idle(self.central.tree.tasks, other.task)
 
 

@@ -31,7 +31,7 @@ T = TypeVar("T")
 IGNORED = {
     "Central": {
         "epoch",  # the same for all
-        "events",  # numbers the journal's entries
+        "event_count",  # numbers the journal's entries
         "facts", "failed", "messages", "origin",  # empty between events
         "unconfirmed",  # scripts receive everything at once
         "_outputs", "_output_queues",  # visited where they are filled
@@ -91,7 +91,7 @@ IGNORED = {
     "Agenda": {"_facts", "wait_count"},
     "Resource": {"_sent_by", "numbers"},  # the queue again; for users to read
     "Claim": {"id", "number", "ticket", "arrival", "timer", "since"},  # follow from the queue
-    "Clock": {"now", "_asked", "_cancelled"},  # timers are relative to now, in their order
+    "Clock": {"now", "_cancelled", "_set_count"},  # timers are relative to now, in their order
     "PendingDelay": {"constraint"},  # only recorded
     "Dispatcher": {
         "_clock", "_facts", "_out", "bytes", "handler_count",
@@ -279,7 +279,7 @@ class _Walk:
 
     def add_due(self, clock: Any, _: object) -> None:
         """Add the timers, in the order in which they are due."""
-        for _time, _asked, timer in sorted(clock._queue, key=itemgetter(0, 1)):  # noqa: SLF001
+        for _time, _number, timer in sorted(clock._queue, key=itemgetter(0, 1)):  # noqa: SLF001
             if not timer.is_cancelled:
                 self.add(timer)
         self._out.append(_END)
