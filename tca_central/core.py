@@ -238,7 +238,7 @@ class Central(State):
             HANDLERS[type(header)](self, connection, cast("Never", header), body)
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
-        """Return a request's origin, 0 if another module handles that delivery."""
+        """Return *origin*, whose handler sent a request; 0 if another module has that delivery."""
         asking = self.dispatcher.running.get(origin) or self.dispatcher.begin_prefetched(
             connection, origin
         )
@@ -360,8 +360,8 @@ class Central(State):
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
 
-        Stranded exception handlers come first: the search that continues after them may end other
-        tasks. Monitors come next.
+        Exception handlers that no module handles come first: central skips them and looks for one
+        above, and that may end other tasks. Monitors come next.
         """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.start_granted and not task.killed]
@@ -536,7 +536,7 @@ REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
 
 
 TIMERS: dict[Due, Callable[[Central, Never], None]] = {
-    Due.RELEASE: lambda central, release: central.agenda.end_delay(release),
+    Due.RELEASE: lambda central, delay: central.agenda.end_delay(delay),
     Due.DEADLINE: steering.on_time_out,
     Due.KILL: lambda central, ending: ending.carry_out(central),
     Due.TEST: monitors.on_test,

@@ -76,7 +76,8 @@ class Collector(Stored):
         self.module_of: dict[int, str] = {}  #: by delivery id: the module that got the copy
         self.answered = 0
         self.failures: list[str] = []  #: failures so far, each with its module
-        #: Its final answer, once a reply or a failure has arrived.
+        #: The final answer as things stand: "done" after a reply, until then the first failure.
+        #: None before both.
         self.end: tuple[Answer, bytes] | None = None
 
     @property
@@ -345,8 +346,8 @@ class State(Waits):
         connection, number = observation.connection, observation.number
         wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        # A blocked thread waits for several things at once: none of them blocks it any longer. A
-        # slot may have several coroutines, so others may still await what this one awaited.
+        # A blocked thread that waited for several changes at once waits for none of them now. In a
+        # slot with coroutines only this one continues; others may still wait for the same changes.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
         for awaited in (observation, *map(connection.outstanding.get, others)):
             if isinstance(awaited, Observation) and awaited.is_awaited:
@@ -558,13 +559,13 @@ class State(Waits):
         del self.unconfirmed[connection]
         self.notify(connection, headers.TasksMade(confirmed))
 
-    def living_or_ignored(
+    def living_task_or_ignore(
         self, connection: Connection, number: int, task_id: TaskId, consequence: str
     ) -> Task | None:
         """Return the task of that id.
 
-        If it has ended or was killed, ignore the request and return None. *consequence* says in
-        the text what is therefore not done.
+        If it has ended or was killed, ignore the request and return None. *consequence* ends the
+        text of the warning: it says what is not done.
         """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:

@@ -170,7 +170,7 @@ def on_deadline(central: State, connection: Connection, header: headers.Deadline
     """Set a deadline for a point of a task, as a module requests."""
     checked_seconds(header.seconds, f"a deadline of task {header.point.task}")
     moment = checked_moment(header.point)
-    task = central.living_or_ignored(
+    task = central.living_task_or_ignore(
         connection, header.number, header.point.task, "no deadline can be set"
     )
     if task is None:

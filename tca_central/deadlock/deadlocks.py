@@ -9,8 +9,9 @@ is revoked at once: these have priority.
 
 Central searches at once from a new wait of a connection and from a queued message. Other changes (a
 subtask, a constraint, a lost slot) may close a cycle too. A search of everything that blocks finds
-these shortly after. It works in slices, so that central is never held up. Each cycle contains the
-wait of a handler, or something locked: nothing waits for what a mere client waits for.
+these shortly after. It works in slices, so that central is never held up. Each cycle contains a
+waiting handler, a lock or a reservation. A connection that handles and claims nothing is in no
+cycle: nothing waits for it.
 """
 
 from contextlib import suppress
@@ -93,9 +94,9 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     if isinstance(suspect, Delivery):
         return Turn(suspect)
     connection, number = suspect
-    due = connection.outstanding.get(number)
-    slot = due.slot if isinstance(due, Delivery) else None
-    if due is None or (slot is not None and not slot.waits):
+    awaited = connection.outstanding.get(number)
+    slot = awaited.slot if isinstance(awaited, Delivery) else None
+    if awaited is None or (slot is not None and not slot.waits):
         return None  # it was answered, or a handler that does not block has it
     claims = central.claims.values()
     if connection.handling or any(claim.slot is connection for claim in claims):
@@ -113,9 +114,10 @@ def check_event(central: State) -> None:
 
 
 def _may_matter(central: State, fact: facts.Fact) -> bool:
-    """Whether a fact may close a cycle, although its kind usually does not.
+    """Whether a fact may close a cycle. Most kinds may; two of them only in some cases.
 
-    The end of a handler does so only if observers wait for the state of its task.
+    The end of a handler may if observers wait for the state of its task. A new message may if it is
+    a task.
     """
     if isinstance(fact, facts.Returned):
         return central.observers.count > 0
@@ -315,7 +317,8 @@ def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
         case ((Granting() | TurnAt()), _):
             return waits_of(central, node)
         case Releasing(claim), Place(task, _) if task is not claim.holder:
-            return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]  # before its retry
+            # The claim ends when its holder is retried, and the retry waits for this subtask.
+            return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]
         case Place(task, _), _ if _delivery_of(central, following) is not task:
             return [wait_for_group(central, node, [following])]
     return None

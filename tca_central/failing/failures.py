@@ -68,7 +68,7 @@ def failure_of(header: headers.Fail | headers.Raise, body: bytes) -> RaisedFailu
 
 def on_raise(central: State, connection: Connection, header: headers.Raise, body: bytes) -> None:
     """Raise a module's failure on a task that another module handles."""
-    task = central.living_or_ignored(
+    task = central.living_task_or_ignore(
         connection, header.number, header.task, "no failure can be raised on it"
     )
     if task is not None:
@@ -496,7 +496,9 @@ def _kill_descendants(central: State, task: Task, verdict: Verdict) -> None:
 
 def on_retry(central: State, connection: Connection, header: headers.Retry, body: bytes) -> None:
     """Retry a task once the tasks under it, and the exception handler that asks, have ended."""
-    task = central.living_or_ignored(connection, header.number, header.task, "it can't be retried")
+    task = central.living_task_or_ignore(
+        connection, header.number, header.task, "it can't be retried"
+    )
     if task is None:
         return
     asking = _asking_handler(central, task)

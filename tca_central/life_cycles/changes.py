@@ -66,7 +66,7 @@ def on_change_state(
     central: State, connection: Connection, header: ChangeState, body: bytes
 ) -> None:
     """Change a task's state at the request of a client, or of its handler."""
-    task = central.living_or_ignored(
+    task = central.living_task_or_ignore(
         connection, header.number, header.task, f"it can't take '{header.transition}'"
     )
     if task is None:

@@ -30,7 +30,7 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
-"""Tasks per connection that it may name by the requests that sent them."""
+"""The number of newest tasks that a connection may name by the requests that sent them."""
 
 CONFIRMED_TOGETHER = 32
 """Unconfirmed tasks after which a connection is sent their ids, if no other answer came first."""
@@ -59,7 +59,7 @@ class LostClaim(NamedTuple):
     text: str  #: why, and by which module
 
 
-class Line(Stored):
+class ConnectionIdentity(Stored):
     """The identity of a connection, and the deliveries that it had when it broke."""
 
     __slots__ = (
@@ -88,11 +88,11 @@ class Line(Stored):
         #: The last delivery before it broke: answers of deliveries up to this one may come twice.
         self.repeats_until = 0
         self.orphans: list[int] = []  #: deliveries to cancel: it had them when it was lost
-        #: By delivery: the newest orphans that may still be answered, and the text to reply.
+        #: By orphan whose handler may still answer: the text with which that is refused.
         self.late: dict[int, str] = {}
 
 
-class Asker(Line):
+class Asker(ConnectionIdentity):
     """The requests of a connection, their answers, and its waits."""
 
     __slots__ = (
@@ -110,7 +110,7 @@ class Asker(Line):
     def __init__(
         self, connection_id: ConnectionId, session: str, module: "Module", number: int
     ) -> None:
-        Line.__init__(self, connection_id, session, module, number)
+        ConnectionIdentity.__init__(self, connection_id, session, module, number)
         self.last_number = 0  #: the highest number of a request so far
         #: By request: the delivery or wait that answers it.
         self.outstanding: dict[int, Stored] = {}
@@ -159,9 +159,9 @@ class Slot(Asker):
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
         self.maybe_unstarted: Delivery | None = None
-        #: When the slot began the prefetched message that it gets next (0: when it gets it)
+        #: The start of the next prefetched message, if the slot has reported it (0: not reported).
         self.next_began_at = 0.0
-        #: The newest time at which central knows what it did; times reported later are not before.
+        #: Central knows what the slot did until then: times that it reports now are not earlier.
         self.known_until = 0.0
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)
         self.hung_after = 0.0
@@ -468,7 +468,10 @@ class AttachedHandler(Stored):
 
 
 class Wiretap(Stored):
-    """A wiretap: its listener is sent before a moment, which it holds, or at an event."""
+    """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
+
+    It holds such a moment back until the listener is done.
+    """
 
     __slots__ = (
         "at",
@@ -489,8 +492,8 @@ class Wiretap(Stored):
         self.condition = condition
         self.listener = listener
         self.place = place  #: the task or message that it taps
-        self.held_moment = 0  #: the moment of the tapped task that waits for the listener
-        self.at = 0  #: the moment or event at which the listener is sent
+        self.held_moment = 0  #: the moment of the tapped task that it holds back (0: none)
+        self.at = 0  #: the event, or moment that it does not hold, at which the listener is sent
         self.has_fired = False  #: of a task's own wiretap: whether it has sent its listener
         self.watch: WatchOptions | None = None  #: options of a listener that is a monitor
         #: By name: the modules that added it and have not removed it.
@@ -518,8 +521,7 @@ class Queued(Stored):
     def __init__(self) -> None:
         self.priority = 0
         self.arrival = 0  #: rank among equal priorities; a message that is queued again keeps it
-        #: When its present wait for a slot or handler began, or its handling; of a task, also its
-        #: waiting for its start.
+        #: Since when it waits (for its start, for a slot or for a handler), or is handled.
         self.since = 0.0
         self.ticket = 0  #: queue entries with another ticket are void
         #: Where it waits: resources, () for any handler, None: in no queue.

@@ -61,10 +61,10 @@ class Node(Delivery):
         #: By id: the children that are background monitors.
         self.background_monitors: dict[int, Task] | None = None
         self.unplanned = 0  #: number of children whose planning has not ended
-        #: The child that the constraint flags of the next child put it behind.
+        #: The child behind which the next child is put by its constraint flags.
         self.last_child: Task | None = None
-        #: By id: the children that may become ``last_child``. None until it is killed, and the
-        #: child before it must be found.
+        #: By id: the children from which ``last_child`` is chosen. Built when it was killed, and
+        #: the child before it takes its place; None until then.
         self.sequence: dict[int, Task] | None = None
 
 
@@ -299,7 +299,7 @@ class Recovery(Stored):
 
 
 class Tapping(Stored):
-    """The wiretaps of a task, and what those of its message have done for it."""
+    """The wiretaps of one task, and which wiretaps, its own or its message's, have fired for it."""
 
     __slots__ = ("fired", "is_firing", "listeners", "taps")
 
@@ -455,7 +455,9 @@ class Watch(Stored):
     ) -> None:
         self.task = task
         self.options = options
-        self.parts = parts  #: condition and action; of a demon monitor: set-up, action and cancel
+        #: Condition and action. Of a monitor that modules fire (*demon monitor*): set-up, action
+        #: and cancel.
+        self.parts = parts
         #: Whether something else than the handling of its parent has sent it (watches.py).
         self.is_foreign_monitor = is_foreign_monitor
         self.watching_since: float | None = None  #: when it began to watch

@@ -232,12 +232,12 @@ class Agenda(Stored):
         task.start_granted = False
         self.to_advance.append(task)
 
-    def end_delay(self, release: PendingDelay) -> None:
+    def end_delay(self, delay: PendingDelay) -> None:
         """Release the moment that a delay has held: its time is over."""
-        self.holds.release(release)
-        if not release.task.killed:
-            self._facts.append(TimedOut(release.constraint))
-        self.to_advance.append(release.task)
+        self.holds.end_delay(delay)
+        if not delay.task.killed:
+            self._facts.append(TimedOut(delay.constraint))
+        self.to_advance.append(delay.task)
 
     def kill(self, task: Task, verdict: Verdict) -> list[Task]:
         """Mark a task, and every descendant that is killed with it, as killed.
@@ -364,8 +364,8 @@ class Agenda(Stored):
         """Whether all conditions for the delivery of a task are met."""
         if task.suspended or (task.retry_pending and not task.may_be_handled_again):
             return False
-        # Only a task that is retried has a start of handling that is held apart from the moment
-        # below: it was handled before the constraint came.
+        # Before a first start, holds on the start of handling are counted on the moment below. A
+        # retried task has reached that moment: a wiretap's listener holds its start of handling.
         if task.held and is_held(task, START_HANDLING):
             return False
         if task.planning_delayed and not self._may_reach(task, START_ACHIEVING):

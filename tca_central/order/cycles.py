@@ -7,8 +7,8 @@ starts before each of its children, and ends after it.
 
 A monitor that is not waited for may watch until everything else under its parent has ended
 (decision 42). ``ALL_ELSE`` of the parent stands for this moment. Without it, a thousand siblings
-and a hundred monitors would make a hundred thousand edges. Only this search uses it: it is not a
-need, because a bound or a request may end the monitor sooner.
+and a hundred monitors would make a hundred thousand edges. Only this search uses it. The graph of
+needs (needs/) does not: a limit of the monitor, or a request, may end it sooner.
 
 Large subtrees are skipped. A path leaves a subtree only at the ends of its top task, or along a
 constraint that leads out of it. Few constraints do: most connect siblings. ``TaskTree.across``
@@ -39,8 +39,11 @@ from tca_wire.points import (
 
 _DRAWN = object()  #: means that ``Borders.draw`` has found all
 
-ENDS_OF_HANDLING = (END_HANDLING, END_PLANNING)
-"""The start of a retried task's handling was reached before. The first unreached of these follows.
+NEXT_HANDLING = (END_HANDLING, END_PLANNING)
+"""The moments that stand for the next handling of a retried task.
+
+Its start of handling is reached already. A constraint on that start is treated as one on the first
+of these moments that is not reached yet.
 """
 
 
@@ -76,7 +79,9 @@ def find_path(tree: TaskTree, start: Place, goal: Place) -> list[Place] | None:
             if goal.moment == END_ACHIEVING and _is_descendant(start.task, goal.task):
                 return _path_up(start, goal)
             if start.moment == END_ACHIEVING and _is_descendant(goal.task, start.task):
-                return None  # all below leads to the end: a path back would be a cycle already
+                return (
+                    None  # the goal comes before the start: a path to it would be a cycle already
+                )
             drawing = borders.draw(tree)
         if drawing is not None and next(drawing, _DRAWN) is _DRAWN:
             break
@@ -139,8 +144,8 @@ class Borders:
                 yield
                 if follower.parent is not task.parent and follower.reached != ALL_MOMENTS:
                     yield from self._cross(task, follower)
-            for asked in retried_by(task):
-                yield from self._cross(task, asked)
+            for retried in retried_by(task):
+                yield from self._cross(task, retried)
 
     def _cross(self, task: Task, follower: Task) -> Iterator[None]:
         """Record a constraint that leaves subtrees of *task* and enters subtrees of *follower*."""
@@ -168,7 +173,7 @@ class Borders:
             return True
         if moment != START_ACHIEVING or not task.is_goal or task.planning_delayed:
             return False
-        next_end = next((one for one in ENDS_OF_HANDLING if not task.reached & one), 0)
+        next_end = next((one for one in NEXT_HANDLING if not task.reached & one), 0)
         return bool(next_end) and Place(task, next_end) not in met
 
     def is_open_behind(self, place: Place, met: Container[Place]) -> bool:
@@ -251,7 +256,7 @@ def successors(place: Place, *, below: bool = True) -> Iterator[Place]:
         yield Place(task, START_PLANNING)
     for at, follower, its_moment, _ in task.followers or ():
         if at == moment and its_moment == START_HANDLING:
-            yield from (Place(follower, one) for one in ENDS_OF_HANDLING)
+            yield from (Place(follower, one) for one in NEXT_HANDLING)
         elif at == moment:
             yield Place(follower, its_moment)
     yield from _relatives_after(task, moment, below=below)
@@ -275,7 +280,7 @@ def predecessors(
         yield Place(task, preceding)
     if task.planning_delayed and moment == START_PLANNING:
         yield Place(task, START_ACHIEVING)
-    came_before = START_HANDLING if moment in ENDS_OF_HANDLING else moment
+    came_before = START_HANDLING if moment in NEXT_HANDLING else moment
     for at, leader_id, its_moment in each(task.leaders or ()):
         if at in (moment, came_before) and (leader := tree.tasks.get(leader_id)) is not None:
             yield Place(leader, its_moment)
@@ -289,10 +294,12 @@ def _relatives_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]
         yield from (Place(child, moment) for child in children if not child.ignores_parent)
     elif moment in (END_PLANNING, END_ACHIEVING) and (parent := task.parent) is not None:
         yield Place(parent, moment)
-        if moment == END_ACHIEVING and _decides(task, parent):
-            yield from (Place(parent, one) for one in ENDS_OF_HANDLING)
+        if moment == END_ACHIEVING and _must_end_first(task, parent):
+            yield from (Place(parent, one) for one in NEXT_HANDLING)
         if moment == END_ACHIEVING:
-            yield from (Place(asked, one) for asked in retried_by(task) for one in ENDS_OF_HANDLING)
+            yield from (
+                Place(retried, one) for retried in retried_by(task) for one in NEXT_HANDLING
+            )
 
 
 def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> Iterator[Place]:
@@ -303,9 +310,9 @@ def _relatives_before(task: Task, moment: int, each: Each, *, below: bool) -> It
             yield Place(task.parent, moment)
     elif moment in (END_PLANNING, END_ACHIEVING):
         yield from (Place(child, moment) for child in each(children))
-    if moment in ENDS_OF_HANDLING and (task.retry_pending or task.recovery is not None):
+    if moment in NEXT_HANDLING and (task.retry_pending or task.recovery is not None):
         yield from (
-            Place(child, END_ACHIEVING) for child in each(children) if _decides(child, task)
+            Place(child, END_ACHIEVING) for child in each(children) if _must_end_first(child, task)
         )
         yield from (Place(handler, END_ACHIEVING) for handler in each(_retry_requesters(task)))
 
@@ -316,14 +323,14 @@ def all_before(tree: TaskTree, place: Place, *, below: bool = True) -> Iterator[
 
 
 def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
-    """Yield what leads, by ``ALL_ELSE``, to the ends of monitors that are not waited for."""
+    """Yield the next points on the way through ``ALL_ELSE`` to the ends of background monitors."""
     if moment == START_ACHIEVING:
         yield from _all_else(task)
     elif moment == END_ACHIEVING:
         if not task.is_background:
             yield from _all_else(task.parent)
-        for asked in retried_by(task):
-            yield from _all_else(asked)
+        for retried in retried_by(task):
+            yield from _all_else(retried)
     elif moment == ALL_ELSE and below:
         for monitor in (task.background_monitors or {}).values():
             if not monitor.killed:
@@ -332,7 +339,7 @@ def _watched_after(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
 
 
 def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
-    """Yield what ``_watched_after`` yields, in the opposite direction."""
+    """Yield the points before a moment on the same way."""
     if moment == ALL_ELSE:
         yield Place(task, START_ACHIEVING)
         children = (task.children or {}).values() if below else ()
@@ -343,7 +350,10 @@ def _watched_before(task: Task, moment: int, *, below: bool) -> Iterator[Place]:
 
 
 def _all_else(task: Task | None) -> Iterator[Place]:
-    """Yield ``ALL_ELSE`` of a task that has background monitors. The root's do not end by it."""
+    """Yield ``ALL_ELSE`` of a task, if it has background monitors.
+
+    The root yields none: its monitors do not end when all else has ended.
+    """
     if task is not None and task.background_monitors and task.id != ROOT:
         yield Place(task, ALL_ELSE)
 
@@ -353,7 +363,7 @@ def _retry_requesters(task: Task) -> Iterable[Task]:
     return task.recovery.retry_requesters if task.recovery is not None else ()
 
 
-def _decides(child: Task, task: Task) -> bool:
+def _must_end_first(child: Task, task: Task) -> bool:
     """Whether *child* must end before *task* is handled again or counts as handled."""
     return (task.retry_pending and not child.is_foreign_monitor) or (
         task.recovery is not None and task.recovery.exception_handler is child

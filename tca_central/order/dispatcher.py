@@ -277,7 +277,8 @@ class Dispatcher(Stored):
     ) -> Connection:
         """Move a queued delivery to a free slot, which is returned."""
         slot, is_prefetched = resource.acquire_slot(), delivery in resource.prefetched
-        facts_of_drop = resource.prefetched.get(delivery) or ()  # it was dropped, but had begun
+        # Not empty if central dropped the delivery after its slot had begun it.
+        facts_of_drop = resource.prefetched.get(delivery) or ()
         self._leave_queues(delivery)
         self._assign(delivery, slot, is_prefetched=is_prefetched)
         self._facts.extend(facts_of_drop)
@@ -320,13 +321,13 @@ class Dispatcher(Stored):
             resource.is_recalling = False
             self._facts.append(Recalling(resource.module, resource.name, is_over=True))
 
-    def return_prefetched(
+    def requeue_returned(
         self, slot: Connection, unbegun: Iterable[int], *, is_answer: bool
     ) -> list[Delivery]:
-        """Return the prefetched deliveries with the numbers *unbegun* to the queue.
+        """Put the prefetched deliveries with the numbers *unbegun* back into the queue.
 
-        In answer to a recall (*is_answer*), all others have begun. Returns the deliveries that
-        belong in another queue by now, after removing them from this one.
+        In answer to a recall (*is_answer*), all others have begun. The result is the deliveries
+        that belong in another queue by now: they are in no queue.
         """
         resource = slot.resource
         if resource is None or resource.prefetching_slot is not slot:
@@ -423,7 +424,7 @@ class Dispatcher(Stored):
         """Add a connection that handles messages for a resource."""
         slot.resource = resource
         if not resource.capacity:
-            self._serve_all(slot, +1)
+            self._change_serving_of_slot(slot, +1)
         resource.add_slot(slot)
         self.prefetcher.recall(resource)  # the new slot may take some of them
         self.to_refill.append((resource, slot))
@@ -441,7 +442,7 @@ class Dispatcher(Stored):
             slot.resource.remove_slot(slot)
             self.to_refill.append((slot.resource, None))  # a claim may have waited for it
             if not slot.resource.capacity:
-                self._serve_all(slot, -1)
+                self._change_serving_of_slot(slot, -1)
         for timer in slot.hang_timers.values():
             self._clock.cancel(timer)
         slot.hang_timers.clear()
@@ -455,13 +456,13 @@ class Dispatcher(Stored):
             delivery.slot, delivery.nested = None, False
         return orphans + prefetched
 
-    def _serve_all(self, slot: Connection, change: int) -> None:
+    def _change_serving_of_slot(self, slot: Connection, change: int) -> None:
         """Adjust the number of serving handlers for all messages that a slot's resource handles."""
         for handler in slot.module.handlers.values():
             if handler.resource is slot.resource:
-                self._serve(handler.message, change)
+                self._change_serving(handler.message, change)
 
-    def _serve(self, message: MessageType, change: int) -> None:
+    def _change_serving(self, message: MessageType, change: int) -> None:
         """Adjust the number of serving handlers of a message."""
         self.changed.setdefault(message, message.serving)
         message.serving += change
@@ -473,7 +474,7 @@ class Dispatcher(Stored):
         message.add_handler(handler)
         self.handler_count += 1
         if handler.resource.capacity:
-            self._serve(message, +1)
+            self._change_serving(message, +1)
         if handler.pending:
             handler.resource.limits[message.name] = PendingLimit(handler.pending)
         handler.module.handlers[message.name] = handler
@@ -491,7 +492,7 @@ class Dispatcher(Stored):
         message.remove_handler(handler)
         self.handler_count -= 1
         if handler.resource.capacity:
-            self._serve(message, -1)
+            self._change_serving(message, -1)
         handler.resource.limits.pop(message.name, None)
         del handler.module.handlers[message.name]
         self._facts.append(HandlerRemoved(message.name, handler.module.name))

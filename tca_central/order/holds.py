@@ -66,10 +66,10 @@ VOID_ENTRIES = 32
 """Void entries that a list of waits may hold beyond the number of valid ones."""
 
 _TIME_ZERO = Point(ROOT, Moment.START_ACHIEVING)
-"""The start of the run, at time 0.
+"""The start of the run, at time 0 of central's clock.
 
-The journal records a delay that counts from now as a delay after this point: its end on central's
-clock.
+The journal records a delay from now on as a delay after this point. The length of that delay is the
+time at which it ends.
 """
 
 
@@ -152,8 +152,8 @@ class Holds(Stored):
 
     def _release_later(self, task: Task, moment: int, constraint: Constraint, delay: float) -> None:
         """Set the timer that releases a moment after *delay* seconds."""
-        release = PendingDelay(task, moment, constraint)
-        Scheduled.of(task).pending[release] = self._clock.after(delay, Due.RELEASE, release)
+        pending = PendingDelay(task, moment, constraint)
+        Scheduled.of(task).pending[pending] = self._clock.after(delay, Due.RELEASE, pending)
 
     def hold(
         self, leader: Task, leader_moment: int, task: Task, moment: int, delay: float = 0
@@ -300,12 +300,12 @@ class Holds(Stored):
         return False
 
     @staticmethod
-    def release(release: PendingDelay) -> None:
+    def end_delay(delay: PendingDelay) -> None:
         """Release the moment of a delay that is over."""
-        del Scheduled.of(release.task).pending[release]
-        release.task.held -= 1 << _SHIFT[release.moment]
-        if not release.task.held:
-            release.task.leaders = None
+        del Scheduled.of(delay.task).pending[delay]
+        delay.task.held -= 1 << _SHIFT[delay.moment]
+        if not delay.task.held:
+            delay.task.leaders = None
 
     def forget(self, task: Task) -> None:
         """Forget what a killed task, which has ended, waited for.
@@ -400,7 +400,8 @@ class Holds(Stored):
     def leader(self, constraint: Constraint) -> Place | None:
         """Return the point that a constraint waits for; None if its task has ended.
 
-        The root counts as ended for its starts. Raises RequestError for its ends.
+        Also None for a start of the root, which is always past. Raises RequestError for an end of
+        the root, which never comes.
         """
         if constraint.before.task != ROOT:
             return self.place(constraint.before)
@@ -448,8 +449,8 @@ class Holds(Stored):
 def _delays_planning(constraint: Constraint, leader: Place | None, follower: Place) -> bool:
     """Whether a constraint is DELAY_PLANNING: a goal's own planning waits for its achieving.
 
-    Such a constraint is a flag of the task. As an entry among its own followers it would hold the
-    task for ever, because achieving itself waits for the start of handling, and so of planning.
+    Such a constraint becomes a flag of the task. Stored as an ordinary constraint it would hold the
+    goal for ever: achieving cannot start before handling, and handling starts with planning.
     """
     return (
         not constraint.delay

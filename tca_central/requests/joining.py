@@ -442,7 +442,7 @@ def on_unregister(
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
     """Take back prefetched messages of a slot. Those that it may no longer handle go elsewhere."""
-    moved = central.dispatcher.return_prefetched(
+    moved = central.dispatcher.requeue_returned(
         connection, header.deliveries, is_answer=header.is_answer
     )
     _send_elsewhere(central, moved, connection.module.name)

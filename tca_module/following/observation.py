@@ -70,8 +70,8 @@ class UnreadChanges:
             oldest = self._unread.popleft()
             self._dropped[oldest.task] = self._dropped.get(oldest.task, 0) + oldest.missed + 1
 
-    def add_first(self, observed: ObservedChange) -> None:
-        """Add the first change, which arrived before this was created."""
+    def start_with(self, observed: ObservedChange) -> None:
+        """Add the change with which a new reader starts: it arrived before the reader was made."""
         self._unread.append(observed)
 
     def clear(self) -> None:
@@ -197,7 +197,7 @@ class Observation:
             self.connection.wait_for_end(self.request)
 
     def _call_functions(self) -> None:
-        """Call the functions with all changes that the returning caller knows."""
+        """Call the functions with all changes that have arrived, before the wait returns."""
         if self._calls_functions:
             self.connection.process_pending()
 
@@ -264,7 +264,7 @@ class Observation:
             try:
                 self.check()
             except (CentralLost, Refused) as error:  # logged: no caller could catch it
-                text = f"{error}; functions are not called with it any more"
+                text = f"{error}; no function is called with these changes any more"
                 self.connection.log.error("%s", text)  # noqa: TRY400
 
     def _on_change(self, change: StateChange) -> None:

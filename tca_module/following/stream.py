@@ -47,7 +47,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         self._is_closed = False
         self._unread = observation.add_reader(wants)
         if first is not None:
-            self._unread.add_first(first)
+            self._unread.start_with(first)
 
     def __next__(self) -> T:
         if not self._wait_for_next(self._timeout):

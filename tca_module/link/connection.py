@@ -380,11 +380,11 @@ class Connection(Waits):
         while self.session.pending_calls:
             self.session.pending_calls.popleft()()
 
-    def return_prefetched(self) -> None:
+    def requeue_returned(self) -> None:
         """Return the prefetched messages that have not begun to central."""
         with self._lock:
             if self.session.prefetched:
-                self.session.return_prefetched()
+                self.session.requeue_returned()
                 self.line.flush()
 
     # --- closing ----------------------------------------------------------------------------------

@@ -50,8 +50,9 @@ class _Fitting:
 
     Each result is the first misfit, None if all fits: the place in the data, then the reason.
 
-    A pair of named types that contains itself fits, unless another part of the pair does not. The
-    pairs that seemed to fit inside an unfit pair are forgotten, and checked again when met again.
+    Types may be recursive: a pair of named types that is met again inside itself counts as fitting
+    there. If it does not fit in the end, the pairs that seemed to fit inside it are forgotten, and
+    checked again when they are met again.
     """
 
     def __init__(self, sent: Any, wanted: Any) -> None:
@@ -192,7 +193,7 @@ def _accepts_value(sent: Any, wanted: Any) -> bool:
 
 
 def _accepts_form(sent: Any, wanted: Any) -> bool:
-    """Return whether values written as text, or as a list, can be read as wanted."""
+    """Return whether values are written in a form (encoding, format of times) that can be read."""
     if sent.get("contentEncoding") != wanted.get("contentEncoding"):
         return False
     wanted_format, sent_format = wanted.get("format"), sent.get("format")

@@ -74,7 +74,7 @@ def give_messages(world: World) -> None:
 
 
 def _give_next(world: World, choices: Choices) -> Job | Claim | None:
-    """Deliver or grant the next item that central did, if it is a valid choice. Returns this item."""
+    """Deliver or grant the item that central chose next, if the choice is valid. Returns the item."""
     fact, slot = world.seen.given[0] if world.seen.given else (None, "")
     for one, slots in choices.items():
         if isinstance(one, Claim):
@@ -122,9 +122,10 @@ def _choices(world: World) -> Choices:
 def _nested_queries(
     world: World, choices: Choices, waiting: list[tuple[Job, list[Resource]]]
 ) -> Choices:
-    """Nested queries: a slot that waits for an answer may itself handle the query. No other slot is
-    free, and its resource is not locked. If its slots become free as a lock ends, either may
-    happen.
+    """Nested queries: a slot that waits for an answer may itself handle the query.
+
+    It may if no other slot is free and its resource is not locked. If a lock ends and other slots
+    become free in the same event, one of them may handle it instead.
     """
     asked = [
         job for job, ours in waiting if job.kind.has_reply and world.slots.get(job.sender) in ours
@@ -278,9 +279,9 @@ def leave(world: World, connection: str, *, lost: bool) -> list[Job]:
     if (is_own := connection not in world.slots) or is_last:
         for message in list(world.handlers):
             remove_handler(world, message, module)
-    if (
-        is_own
-    ):  # handling in its slots ends first; queued handlers are spared until the module leaves
+    # The module's own connection is closed first, its slots next. Until the module has left, queued
+    # exception handlers that it alone handled are not skipped.
+    if is_own:
         world.spared = oracle_failures.stranded(world)
     world.slots.pop(connection, None)
     if is_last:

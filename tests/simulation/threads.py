@@ -380,7 +380,7 @@ class Thread:
             return False
         session = self.session
         if session.prefetched:
-            session.return_prefetched()
+            session.requeue_returned()
         if self._lingers_until == FOR_EVER:
             self._lingers_until = self.now + PATIENCE
             if session.is_welcome and not session.is_confirmed:

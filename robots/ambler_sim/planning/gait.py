@@ -39,7 +39,7 @@ LOOKAHEAD = 3.0
 SHARPEST = 0.08
 """The greatest curvature (1/m) of an arc: standing legs must stay in reach while the body turns."""
 
-# Before a left leg is lifted: the order of forward positions, relative to the body, of legs 0 to 5.
+# How far (m) before the middle of the body legs 0 to 5 stand when a left leg is about to step.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
 # 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a
@@ -123,9 +123,10 @@ def remaining(arc: Arc, pose: Pose) -> float:
 
 
 def rejoin(course: Arc, pose: Pose) -> Arc:
-    """An arc from *pose* back to the course (pure pursuit), as long as the rest of the course.
+    """An arc from *pose* back to the course (pure pursuit).
 
-    It aims at a point LOOKAHEAD beyond the end of the course.
+    It aims at a point LOOKAHEAD beyond the end of the course, and has the length of the rest of the
+    course.
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -160,8 +161,8 @@ def standard_feet(pose: Pose, height: float) -> tuple[Foot, ...]:
 def standard_places(stance: Stance, first: int) -> tuple[Foot, ...]:
     """The places of the feet in the standard configuration around the body.
 
-    The configuration is mirrored if *first*, the leg that steps first, is on the right side. Within
-    a stack the legs keep their order: a leg half way through its recovery goes back to the rear.
+    The configuration is mirrored if *first*, the leg that steps first, is on the right side. The
+    three legs of a side keep their order: a leg that is half way to the front goes to the rear.
     """
     height = mean_height(stance.feet)
     places: dict[int, Foot] = {}
