@@ -16,7 +16,7 @@ from tca_wire.journal.facts import LONGEST_TIME
 from tca_wire.text.printable import printable
 
 
-class _Moment(click.ParamType):  # type: ignore[type-arg]
+class _Time(click.ParamType):  # type: ignore[type-arg]
     """A finite time in seconds."""
 
     name = "seconds"
@@ -52,7 +52,7 @@ class _Measure(click.ParamType):  # type: ignore[type-arg]
         return float(number[1]) * self._units[number[2]]
 
 
-MOMENT = _Moment()
+TIME = _Time()
 AGE = _Measure("age", {"min": 60, "h": 3600, "d": 86400, "w": 7 * 86400})
 SIZE = _Measure("size", {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40})
 force_option = click.option(
@@ -90,14 +90,14 @@ _SHARED = (
         "--from",
         "start",
         metavar="SECONDS",
-        type=MOMENT,
+        type=TIME,
         help="Only the part from this time on.",
     ),
     click.option(
-        "--to", "end", metavar="SECONDS", type=MOMENT, help="Only the part up to this time."
+        "--to", "end", metavar="SECONDS", type=TIME, help="Only the part up to this time."
     ),
     click.option(
-        "--at", metavar="SECONDS", type=MOMENT, help="The state at this time, as known then."
+        "--at", metavar="SECONDS", type=TIME, help="The state at this time, as known then."
     ),
     click.option(
         "--module",

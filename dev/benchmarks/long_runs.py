@@ -139,12 +139,12 @@ def _click(path: Path) -> None:
     reading.feed.columns.frame({}, {})
     run = reading.feed.history
     numbers = list(run.tasks)
-    for moment in (run.time, run.time / 2):
-        answers.causes_answer(reading, moment)
+    for instant in (run.time, run.time / 2):
+        answers.causes_answer(reading, instant)
         for first in [1, 2, *(len(numbers) * part // _CLICKS for part in range(_CLICKS))]:
             chosen = numbers[first:][:30]
-            answers.message_answer(reading, (chosen or numbers)[0], moment)
-            answers.notes_answer(reading, chosen, moment)
+            answers.message_answer(reading, (chosen or numbers)[0], instant)
+            answers.notes_answer(reading, chosen, instant)
 
 
 TOOLS: dict[str, Callable[[Path], object]] = {

@@ -1,4 +1,4 @@
-"""The causes of any moment of a run: a walk backwards through the last wait of each step. Pure.
+"""The causes at any instant of a run: a walk backwards through the last wait of each step. Pure.
 
 Theory. An entry of the journal contains all facts that one event caused, and entries have unique
 times. The cause of a fact is therefore the event of its entry. The entry names the event's origin:
@@ -309,7 +309,7 @@ def _position_before(step: PathStep, since: float) -> _Position:
     return _Position(since, step.message_id, step.handling if step.resumed else None)
 
 
-# --- the cause of a wait at a moment --------------------------------------------------------------
+# --- the cause of a wait at an instant ------------------------------------------------------------
 
 # A walk follows all waits of a task, and those of the awaited nodes, each node once. Descendants
 # count first. If none of them is active, the walk leads to other tasks, through the constraints and
@@ -317,7 +317,7 @@ def _position_before(step: PathStep, since: float) -> _Position:
 
 
 class WaitCause(NamedTuple):
-    """The node for which a task waits in the end at a moment."""
+    """The node for which a task waits in the end at an instant."""
 
     node: Node
     is_elsewhere: bool
@@ -337,7 +337,7 @@ class WaitCause(NamedTuple):
 
 
 def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
-    """Return the cause of a wait that lasted *until* just after a moment; None if it is unknown.
+    """Return the cause of a wait that lasted *until* just after an instant; None if it is unknown.
 
     A running handler is preferred to a standstill, and the longest standstill to others; a
     watching monitor comes last.
@@ -365,7 +365,7 @@ def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
 
 def _cycle(at: RunAt, message: Message, until: float) -> WaitCause | None:
     """Return the cycle of waits that blocks a message, since its last wait; None if none does."""
-    run, ends, later = at.run, Ends.at(at), nextafter(at.moment, inf)
+    run, ends, later = at.run, Ends.at(at), nextafter(at.instant, inf)
     found = next(iter(ends.of(message.id)), None)
     if found is None or found.kind is not WaitKind.CIRCLE:
         return None
@@ -480,7 +480,7 @@ class _WaitWalk:
 
     def _suspended(self, node: Node, wait: Wait, suspension: Suspension) -> None:
         """Add the standstill of a suspension, or visit the handlers that still run under it."""
-        since, cause, now = suspension.standstill, suspension.cause, self._at.moment
+        since, cause, now = suspension.standstill, suspension.cause, self._at.instant
         if since is not None and since <= now:
             self._add(node, cause, step=PathStep(since, self._until, Doing.SUSPENDED, cause))
             return

@@ -42,7 +42,7 @@ def _calls(at: RunAt, task: Task, start: float, end: float) -> Iterator[Call]:
         if (handler := at.tasks.get(number)) is not None:
             record = run.tasks[number]
             text = f"{handler} was called"
-            begun = [handling for handling in record.handlings if handling.start <= at.moment]
+            begun = [handling for handling in record.handlings if handling.start <= at.instant]
             if begun:
                 text += f" in {begun[-1].module}"
             if handler.state not in (TaskState.HANDLING, TaskState.ACHIEVED):

@@ -1,4 +1,4 @@
-"""The graph of waits at a moment.
+"""The graph of waits at an instant.
 
 - ``blocking_waits(at, node)``: the waits before a moment of a task, or before a message's answer.
   Different waits may block planning and achieving: each says which moments it ``blocks``.
@@ -95,7 +95,7 @@ _NOTHING = _Blocking([], [])
 @remembered
 def _waits_of(at: RunAt, number: int) -> list[Wait]:
     """Return all waits of a message, except for children."""
-    message, time = at.run.messages[number], at.moment
+    message, time = at.run.messages[number], at.instant
     waits = list(of_message(at.run, message, time))
     if isinstance(message, Task):
         own = own_waits(at.run, message, time, time)
@@ -109,8 +109,8 @@ def next_node(at: RunAt, number: int) -> Node:
     task = at.run.tasks.get(number)
     return (
         Node(number)
-        if task is None or task.received > at.moment
-        else _next_of_task(task, at.moment)
+        if task is None or task.received > at.instant
+        else _next_of_task(task, at.instant)
     )
 
 
@@ -138,10 +138,10 @@ def _wait_for_subtask(run: Run, node: Node, others: Sequence[float] = ()) -> Wai
 def _blocking(at: RunAt, node: Node) -> _Blocking:
     """Return what blocks a node; nothing for a claim, and for an unknown message."""
     message = at.run.messages.get(node.number)
-    if message is None or message.received > at.moment:
+    if message is None or message.received > at.instant:
         return _NOTHING
     return _Blocking(
-        *_select_blocking(at.run, message, node, _waits_of(at, node.number), at.moment)
+        *_select_blocking(at.run, message, node, _waits_of(at, node.number), at.instant)
     )
 
 
@@ -189,12 +189,12 @@ def prerequisites(at: RunAt, wait: Wait) -> list[Node]:
         return _nodes_of_holders(at, holders_of(at, wait))
     if wait.kind is WaitKind.TASK:
         task = at.run.tasks.get(number)
-        is_pending = task is not None and task.time_of(wait.on.moment) > at.moment
+        is_pending = task is not None and task.time_of(wait.on.moment) > at.instant
     elif wait.kind is WaitKind.CHANGE:
         is_pending = number in at.tasks and at.tasks[number].state not in OVER
     elif wait.kind is WaitKind.REPLY:
         query = at.run.messages.get(number)
-        is_pending = query is not None and query.received <= at.moment
+        is_pending = query is not None and query.received <= at.instant
     else:
         return [wait.on]
     on = wait.on if wait.kind is WaitKind.TASK else next_node(at, number)
@@ -220,7 +220,7 @@ def _nodes_of_holders(at: RunAt, by: Holders) -> list[Node]:
     """
     if by.claim is not None:
         return [Node(by.claim.id)]
-    free = [one for one in by.handlings if not newest_active(one.waits, at.moment)]
+    free = [one for one in by.handlings if not newest_active(one.waits, at.instant)]
     return [node_of(at.run, one) for one in free or by.handlings]
 
 
@@ -250,11 +250,11 @@ def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
     if claim.by is None:
         sender = at.run.modules.get(claim.sender)
         nodes = []
-        for wait in newest_active(sender.waits, at.moment) if sender else ():
+        for wait in newest_active(sender.waits, at.instant) if sender else ():
             nodes += prerequisites(at, of_handler_wait(at.run, wait))
         return nodes, [] if nodes else [WaitKind.LOCKED]
     task = at.tasks.get(claim.by.message_id)
-    if claim.by.until > at.moment:
+    if claim.by.until > at.instant:
         return [node_of(at.run, claim.by)], []
     if task is not None and task.state not in OVER:
         return [Node(task.id, END_HANDLING if task.is_retry_due else END_ACHIEVING)], []
@@ -289,7 +289,7 @@ def waits_now(at: RunAt, number: int) -> list[Wait]:
     task = at.run.tasks.get(number)
     if task is None:
         return [_since_cause(at, wait) for wait in waits]
-    place = task.place_at(at.moment)
+    place = task.place_at(at.instant)
     since, state = task.stage(place)
     if state is TaskState.SUSPENDED:
         waits = [*_still_running(at, task), *waits]
@@ -318,7 +318,7 @@ def _since_cause(at: RunAt, wait: Wait) -> Wait:
 def _last_outcome(at: RunAt, monitor: int) -> float:
     """Return the time since which all tests of a monitor's condition had the same outcome."""
     tests = at.run.tests.get(monitor, [])
-    place = bisect_right(tests, at.moment, key=_SINCE)
+    place = bisect_right(tests, at.instant, key=_SINCE)
     while place > 1 and tests[place - 2][1] == tests[place - 1][1]:
         place -= 1
     return tests[place - 1][0] if place > 1 else -inf  # one test does not show a change
@@ -366,7 +366,7 @@ class Cause(NamedTuple):
 
 
 class Ends:
-    """The ends of all waits at a moment."""
+    """The ends of all waits at an instant."""
 
     def __init__(self, at: RunAt) -> None:
         self._at = at
@@ -378,7 +378,7 @@ class Ends:
 
     @classmethod
     def at(cls, at: RunAt) -> "Ends":
-        """Return the ends at a moment; ends already found are cached."""
+        """Return the ends at an instant; ends already found are cached."""
         found: Ends = at.memo.setdefault(cls, cls(at))
         return found
 
@@ -438,7 +438,7 @@ def causes(at: RunAt) -> tuple[int, int, list[Cause]]:
     ends = Ends.at(at)
     waiting: dict[int, tuple[tuple[End, ...], list[int]]] = {}
     for task in islice(at.run.tasks.values(), len(at.tasks)):
-        if task.state_at(at.moment) not in OVER:
+        if task.state_at(at.instant) not in OVER:
             found = ends.of(task.id)
             if found[0].number != task.id or not found[0].is_active:
                 # Cached tuples have stable identities

@@ -1,6 +1,6 @@
 """The holders of a resource: its running handlers, its lock, and the first pending lock.
 
-At a moment, the cost is proportional to the number of running handlers and pending locks.
+At an instant, the cost is proportional to the number of running handlers and pending locks.
 ``parts_in_queue`` and ``parts_of_claim`` divide a whole wait by its holders. Their cost is
 proportional to the events in the resource, so use them only for waits that are shown.
 """
@@ -22,7 +22,7 @@ _NO_TIME = 1e-6
 
 
 class Holders(NamedTuple):
-    """The holders of a resource at a moment."""
+    """The holders of a resource at an instant."""
 
     handlings: tuple[Handling, ...] = ()
     """The running handlers."""
@@ -84,7 +84,7 @@ def held_since(at: RunAt, by: Holders, begun: float) -> float:
     since = [begun, *(one.start for one in by.handlings)]
     if by.claim is not None:
         granted = by.claim.granted
-        is_late = granted is None or granted > at.moment
+        is_late = granted is None or granted > at.instant
         since.append(by.claim.start if granted is None or is_late else granted)
     return max(since)
 

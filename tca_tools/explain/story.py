@@ -72,22 +72,22 @@ class Sentence(NamedTuple):
         """The whole sentence."""
         return self.begun + self.ending
 
-    def as_known_at(self, moment: float) -> "Sentence":
-        """Return the sentence as known at a moment, without a later end."""
-        ends_later = self.seconds is not None and self.time + self.seconds > moment
+    def as_known_at(self, instant: float) -> "Sentence":
+        """Return the sentence as known at an instant, without a later end."""
+        ends_later = self.seconds is not None and self.time + self.seconds > instant
         if self.is_open or ends_later:
             return self._replace(seconds=None, is_open=True, ending="")
         return self
 
-    def text_at(self, moment: float, time: float) -> str:
-        """Return the text as known at a moment, with the duration until its end or so far.
+    def text_at(self, instant: float, time: float) -> str:
+        """Return the text as known at an instant, with the duration until its end or so far.
 
         Args:
-            moment: The moment, as a time of an entry.
+            instant: The time of an entry.
             time: The same on the entries' clock.
         """
         so_far = time - self.time
-        if self.as_known_at(moment).is_open:
+        if self.as_known_at(instant).is_open:
             return self.begun + (f", {so_far:.3f} s so far" if so_far >= _SHORTEST else "")
         return self.text + ("" if self.seconds is None else f", {self.seconds:.3f} s")
 
@@ -100,32 +100,32 @@ def _span_sentence(start: float, end: float, text: str, ending: str = "") -> Sen
     return Sentence(start, text, seconds, seconds is None, ending)
 
 
-def story(run: Run, message_id: int, moment: float = inf) -> list[Sentence]:
+def story(run: Run, message_id: int, instant: float = inf) -> list[Sentence]:
     """Return the story of a message or task in order; [] if it is unknown.
 
-    Sentences that started by *moment* describe the state as known then, and have the later end in
+    Sentences that started by *instant* describe the state as known then, and have the later end in
     ``ending``.
     """
     message = run.messages.get(message_id)
     if message is None:
         return []
-    found = [_birth(run, message), *_failures(run, message, moment)]
+    found = [_birth(run, message), *_failures(run, message, instant)]
     for time, why in message.new_values("dropped"):
         if why:
             found.append(Sentence(time, f"{_dropped(message, time)}: {why}"))
     if isinstance(message, Task):
-        found += _exception_handlers(run, message, moment)
-        found += _suspensions(run, message, moment)
-        found += _changes(message, moment)
+        found += _exception_handlers(run, message, instant)
+        found += _suspensions(run, message, instant)
+        found += _changes(message, instant)
         found += _kills(message)
-        found += _tests(run, message, moment)
+        found += _tests(run, message, instant)
         found += _plans(run, message)
         found += _preview(run, message)
-    found += _waits_in_queues(run, message, moment)
+    found += _waits_in_queues(run, message, instant)
     for handling in message.handlings:
-        found += _handling(RunAt(run, moment), handling)
+        found += _handling(RunAt(run, instant), handling)
     if isinstance(message, Task):
-        found += _states(run, message, moment)
+        found += _states(run, message, instant)
     # The sort is stable: at one time, causes come before their effects
     return sorted(found, key=attrgetter("time"))
 
@@ -146,12 +146,12 @@ def _birth(run: Run, message: Message) -> Sentence:
     return Sentence(message.received, text)
 
 
-def _failures(run: Run, message: Message, moment: float) -> Sentences:
+def _failures(run: Run, message: Message, instant: float) -> Sentences:
     raised = run.raised.get(message.id, ())
     by = {(one.time, one.failure): raised_by(one.by) for one in raised}
     for time, failure in message.failures:
         yield Sentence(time, f"failed: {failure}{by.get((time, failure), '')}", is_bad=True)
-        if who := describe_asker(run, message, time, max(moment, time)):
+        if who := describe_asker(run, message, time, max(instant, time)):
             yield Sentence(time, f"its failure is {who}")
     for time, data in message.new_values("failure_data"):
         if text := data_text(data):
@@ -180,10 +180,10 @@ def _dropped(query: Message, given_up: float) -> str:
     return "ended with the answers received" if has_some else "dropped"
 
 
-def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
+def _exception_handlers(run: Run, task: Task, instant: float) -> Sentences:
     """Yield the calls of exception handlers and their outcomes; its own decisions, if it is one."""
-    later = nextafter(moment, inf)
-    for call in (*calls(RunAt(run, moment), task, end=later), *calls(RunAt(run), task, later)):
+    later = nextafter(instant, inf)
+    for call in (*calls(RunAt(run, instant), task, end=later), *calls(RunAt(run), task, later)):
         yield Sentence(call.time, f"exception handler {call.text}")
     failure = f"the failure of {run.describe(task.parent)}"
     yield from (Sentence(*one) for one in passed_on(run, task.id, failure))
@@ -192,12 +192,12 @@ def _exception_handlers(run: Run, task: Task, moment: float) -> Sentences:
     yield from (Sentence(*one) for one in decisions(run, task))
 
 
-def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
+def _suspensions(run: Run, task: Task, instant: float) -> Sentences:
     """Yield when it was suspended and resumed, and the handlers that were still running."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
         text = suspension_in_words(one)
-        if one.end is None or one.is_resumed or one.is_active(moment):
+        if one.end is None or one.is_resumed or one.is_active(instant):
             text += f", until {cause} is resumed"
         elif one.cause != task.id:
             text += f" with {cause}"
@@ -211,11 +211,11 @@ def _suspensions(run: Run, task: Task, moment: float) -> Sentences:
             yield Sentence(one.until, f"resumed{by_whom(one.resumed_by)}")
 
 
-def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
+def _tests(run: Run, monitor: Task, instant: float) -> Sentences:
     """Yield the results of a monitor's tests; a row of equal results is one sentence."""
 
     def outcome(test: tuple[float, bool]) -> tuple[bool, bool]:
-        return test[0] <= moment, test[1]
+        return test[0] <= instant, test[1]
 
     for (_, holds), tests in groupby(run.tests.get(monitor.id, ()), key=outcome):
         first, *more = [time for time, _ in tests]
@@ -226,11 +226,11 @@ def _tests(run: Run, monitor: Task, moment: float) -> Sentences:
             yield Sentence(first, text)
 
 
-def _changes(task: Task, moment: float) -> Sentences:
+def _changes(task: Task, instant: float) -> Sentences:
     """Yield the requests of clients, the replies, and the intermediate results, a row as one."""
 
     def kind(one: LifeChange) -> tuple[bool, object]:
-        return one.time <= moment, one.effect is Effect.RESULT and one.transition
+        return one.time <= instant, one.effect is Effect.RESULT and one.transition
 
     for (_, are_results), changes in groupby(task.life, key=kind):
         first, *more = row = list(changes)
@@ -270,13 +270,13 @@ def _plans(run: Run, task: Task) -> Sentences:
 # --- queues and handlers --------------------------------------------------------------------------
 
 
-def _waits_in_queues(run: Run, message: Message, moment: float) -> Sentences:
+def _waits_in_queues(run: Run, message: Message, instant: float) -> Sentences:
     for queueing in message.queueings:
         if queueing.end == queueing.start:
             continue  # a handler was free
         text = "no module handles it"
         if queueing.module:
-            until = moment if queueing.start <= moment else inf
+            until = instant if queueing.start <= instant else inf
             text = f"queued {in_queue(run, queueing, message, until)}"
         yield _span_sentence(queueing.start, queueing.until, text)
 
@@ -298,7 +298,7 @@ def _handling(at: RunAt, handling: Handling) -> Sentences:
 def _wait_for_claim(at: RunAt, wait: HandlerWait, claim: Claim) -> Sentences:
     """Yield a handler's wait for a lock, and how long it has the lock."""
     if claim.granted != wait.start:
-        until = at.moment if wait.start <= at.moment else inf
+        until = at.instant if wait.start <= at.instant else inf
         text = for_claim(at.run, wait, claim, until)
         yield _span_sentence(wait.start, wait.until, f"its handler waits {text}")
     if claim.granted is not None:
@@ -319,7 +319,7 @@ def _without_place(run: Run, wait: HandlerWait) -> WaitFor:
 def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     run = at.run
     cause = _without_place(run, wait)
-    if wait.is_active(at.moment):
+    if wait.is_active(at.instant):
         cause = wait_for(at, of_handler_wait(run, wait))
     sentence = _span_sentence(wait.start, wait.until, f"its handler waits {in_words(cause)}")
     if cycle := run.deadlock(wait):
@@ -337,11 +337,11 @@ def _wait(at: RunAt, wait: HandlerWait) -> Sentence:
     return sentence._replace(ending=ending)
 
 
-def _failure_of(query: Message, moment: float) -> str:
+def _failure_of(query: Message, instant: float) -> str:
     """Return the failure of a query in one line; "" for none, and for a multi-query."""
     if not query.message_class.asks_one:
         return ""
-    return first_line(query.value_at("failure", moment))
+    return first_line(query.value_at("failure", instant))
 
 
 def _queries(at: RunAt, handling: Handling) -> Sentences:
@@ -349,7 +349,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
         text, fetched = f"its handler asked {query}, and continues", first.get(query.id)
-        if fetched is not None and fetched.start <= max(at.moment, query.received):
+        if fetched is not None and fetched.start <= max(at.instant, query.received):
             if fetched.start > query.received:
                 yield _span_sentence(query.received, fetched.start, text)
             continue
@@ -357,7 +357,7 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
         if end is None:
             end = query.written_at("dropped") if query.dropped else inf
         now = of_query(at, query)
-        if query.received <= at.moment < end and now.because:
+        if query.received <= at.instant < end and now.because:
             text += f"; {whereabouts(now)}"
         failure = _failure_of(query, end) if end < inf else ""
         yield _span_sentence(query.received, end, text, f"; it fails: {failure}" if failure else "")
@@ -366,9 +366,9 @@ def _queries(at: RunAt, handling: Handling) -> Sentences:
 # --- states ---------------------------------------------------------------------------------------
 
 
-def _states(run: Run, task: Task, moment: float) -> Sentences:
+def _states(run: Run, task: Task, instant: float) -> Sentences:
     """Yield the states that other sentences do not describe, with their causes."""
-    waits, at = waits_for_display(run, task, together=True), RunAt(run, moment)
+    waits, at = waits_for_display(run, task, together=True), RunAt(run, instant)
     starts = [one.start for one in waits]
     state = TaskState.HELD
     for start, end, following in task.spans():

@@ -67,7 +67,7 @@ def named_waits(at: RunAt, waits: Iterable[Wait], *, any_outcome: bool = False) 
     """Return waits with names; of many of one kind, the first ones and the number of others.
 
     Args:
-        at: The run at a moment.
+        at: The run at an instant.
         waits: The waits.
         any_outcome: Whether the awaited subtasks may end with any outcome.
     """
@@ -126,9 +126,9 @@ def _of_constraint(at: RunAt, kind: WaitKind, hold: Hold) -> WaitFor:
 def _of_condition(at: RunAt, monitor: int) -> WaitFor:
     run, last = at.run, None
     for time, holds in run.tests.get(monitor, ()):
-        last = holds if time <= at.moment else last
+        last = holds if time <= at.instant else last
     query, task = run.conditions.get(monitor), run.tasks[monitor]
-    condition = query if query and query.received <= at.moment else task
+    condition = query if query and query.received <= at.instant else task
     name = condition.name if task.message_class.has_condition else ""
     return WaitFor(WaitKind.CONDITION, name=name, holds=last)
 
@@ -139,12 +139,12 @@ def of_query(at: RunAt, query: Message) -> WaitFor:
     For a multi-query, it has the number of answers and the places of the other copies.
     """
     reply = WaitFor(WaitKind.REPLY, query.id, query.name)
-    if query.answered is not None and query.answered <= at.moment:
+    if query.answered is not None and query.answered <= at.instant:
         return reply
     answered = 0
     if query.message_class.asks_many:
         handlings, queueings = at.copies_of(query)
-        answered = sum(one.until <= at.moment for one in query.handlings)
+        answered = sum(one.until <= at.instant for one in query.handlings)
     else:
         handling, queueing = at.handling_of(query), at.queueing_of(query)
         queueings = [queueing] if queueing else []
@@ -217,7 +217,7 @@ def _of_holder(at: RunAt, claim: Claim) -> WaitFor:
     kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
     because: tuple[WaitFor, ...] = ()
     if claim.by is not None:
-        how = WaitKind.RUNNING if claim.by.until > at.moment else WaitKind.TASK
+        how = WaitKind.RUNNING if claim.by.until > at.instant else WaitKind.TASK
         because = (_of_message(at, how, claim.by),)
     return WaitFor(kind, claim.id, _called(claim), 0, claim.sender, claim.resource, because=because)
 
@@ -297,7 +297,7 @@ def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | Non
     """Return the end of a task's waits; None if ``reasons`` already describe it.
 
     Args:
-        at: The run at a moment.
+        at: The run at an instant.
         task: The task.
         within: The most steps to take to find the end; None if it is not found.
     """

@@ -4,7 +4,7 @@
   Waits may overlap, so the lists are linear in the journal.
 - ``waits_for_display(run, task)``: the same for display, divided by the states of the task.
 
-graph.py has the waits at a moment; wait_words.py puts waits into words.
+graph.py has the waits at an instant; wait_words.py puts waits into words.
 """
 
 from bisect import bisect_left, bisect_right

@@ -74,7 +74,7 @@ MEANINGS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A moment in a bar: a failure raised beside the handler, or a client's request or answer."""
+    """An instant in a bar: a failure raised beside the handler, or a client's request or answer."""
 
     time: float
     ending: Ending
@@ -220,7 +220,7 @@ class Chart:
     """Lines of text below the rows."""
 
     def shows(self, start: float, end: float | None = None) -> bool:
-        """Whether a moment, or a part of a span, lies in the chart."""
+        """Whether an instant, or a part of a span, lies in the chart."""
         return start <= self.end and (start if end is None else end) >= self.start
 
     def bars(self) -> Iterator[Bar]:

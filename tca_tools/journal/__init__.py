@@ -1,1 +1,1 @@
-"""A run: its journal files, its records, and what was known at any moment."""
+"""A run: its journal files, its records, and what was known at any instant."""

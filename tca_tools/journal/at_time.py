@@ -1,7 +1,7 @@
-"""A run as known at a moment, read from the records of the whole run. Pure.
+"""A run as known at an instant, read from the records of the whole run. Pure.
 
-``moment`` is the time of an entry here; entries have unique times. ``Moment`` is the start or end
-of an interval of a task. Reading one task is O(log n) in the number of its changes.
+An instant is the time of an entry; entries have unique times. A ``Moment`` is the start or end of
+an interval of a task. Reading one task is O(log n) in the number of its changes.
 """
 
 from bisect import bisect_right
@@ -53,18 +53,18 @@ class _Constant(Generic[_T]):
         return found
 
 
-class _AtMoment(_Constant[_T]):
-    """A field of a ``TaskAt`` with the value that it had in the record at the moment."""
+class _AtInstant(_Constant[_T]):
+    """A field of a ``TaskAt`` with the value that it had in the record at the instant."""
 
     def __get__(self, task: "TaskAt", _owner: type) -> _T:
-        found: _T = task.record.value_at(self._name, task.moment)
+        found: _T = task.record.value_at(self._name, task.instant)
         return found
 
 
 class TaskAt:
-    """A task as known at a moment; its fields are those of ``Task``."""
+    """A task as known at an instant; its fields are those of ``Task``."""
 
-    __slots__ = ("_run", "moment", "record")
+    __slots__ = ("_run", "instant", "record")
 
     id = _Constant[TaskId]()
     name = _Constant[str]()
@@ -72,13 +72,13 @@ class TaskAt:
     parent = _Constant[TaskId]()
     sender = _Constant[str]()
     role = _Constant[Role]()
-    failure = _AtMoment[Failure]()
-    body = _AtMoment[bytes]()
-    result = _AtMoment[bytes]()
-    failure_data = _AtMoment[bytes]()
+    failure = _AtInstant[Failure]()
+    body = _AtInstant[bytes]()
+    result = _AtInstant[bytes]()
+    failure_data = _AtInstant[bytes]()
 
-    def __init__(self, run: Run, record: Task, moment: float) -> None:
-        self._run, self.record, self.moment = run, record, moment
+    def __init__(self, run: Run, record: Task, instant: float) -> None:
+        self._run, self.record, self.instant = run, record, instant
 
     def __str__(self) -> str:
         return str(self.record)
@@ -86,61 +86,61 @@ class TaskAt:
     @property
     def state(self) -> TaskState:
         """Its state."""
-        return self.record.state_at(self.moment)
+        return self.record.state_at(self.instant)
 
     @property
     def life(self) -> Life:
         """Its place in its life cycle."""
-        return life_at(self._run, self.record, self.moment)
+        return life_at(self._run, self.record, self.instant)
 
     @property
     def standing(self) -> str:
         """Its state in words, including whether a failure was handled or a monitor was watching."""
-        return standing(self._run, self.record, self.state, self.moment)
+        return standing(self._run, self.record, self.state, self.instant)
 
     @property
     def since(self) -> float:
         """The start of its state; for a queued task, when it entered its current queue."""
-        since, state = self.record.stage(self.record.place_at(self.moment))
+        since, state = self.record.stage(self.record.place_at(self.instant))
         queueing = self.queueing if state is TaskState.QUEUED else None
         return max(since, queueing.start) if queueing else since
 
     @property
     def why_killed(self) -> str | None:
         """Why and by which module it was killed; None if it was not."""
-        why: str | None = self.record.value_at("killed", self.moment)
+        why: str | None = self.record.value_at("killed", self.instant)
         return (
             None
             if why is None
-            else kill_reason(why, self.record.value_at("killed_by", self.moment))
+            else kill_reason(why, self.record.value_at("killed_by", self.instant))
         )
 
     @property
     def suspension(self) -> Suspension | None:
         """Its active suspension, of itself or of an ancestor."""
-        return active_at(self.record.suspensions, self.moment)
+        return active_at(self.record.suspensions, self.instant)
 
     @property
     def children(self) -> Sequence[TaskId]:
         """The tasks right under it, oldest first."""
-        return self._run.children_until(self.record.children, self.moment)
+        return self._run.children_until(self.record.children, self.instant)
 
     @property
     def caught_by(self) -> Sequence[TaskId]:
         """The exception handlers that were called for its failures."""
-        return self._run.children_until(self.record.caught_by, self.moment)
+        return self._run.children_until(self.record.caught_by, self.instant)
 
     @property
     def reached(self) -> dict[Moment, float]:
         """The moments it had reached, with their times."""
         known = self.record.reached.items()
-        return {reached: time for reached, time in known if time <= self.moment}
+        return {reached: time for reached, time in known if time <= self.instant}
 
     @property
     def preview(self) -> str:
         """The words for a coordinator's early work, such as ``ahead, kept``; "" for other tasks."""
         sent = sent_by_coordinator(self._run, self.record)
-        return STANDINGS.get(sent.role(self.moment), "") if sent is not None else ""
+        return STANDINGS.get(sent.role(self.instant), "") if sent is not None else ""
 
     @property
     def machine_state(self) -> str:
@@ -152,7 +152,7 @@ class TaskAt:
     @property
     def holds(self) -> list[Hold]:
         """The constraints on its moments."""
-        return [hold for hold in self.record.holds if hold.added <= self.moment]
+        return [hold for hold in self.record.holds if hold.added <= self.instant]
 
     @property
     def constraints(self) -> list[Constraint]:
@@ -162,40 +162,40 @@ class TaskAt:
     @property
     def queueing(self) -> Queueing | None:
         """Its wait in a queue."""
-        return active_at(self.record.queueings, self.moment)
+        return active_at(self.record.queueings, self.instant)
 
     @property
     def handling(self) -> Handling | None:
         """The active run of its handler."""
-        return active_at(self.record.handlings, self.moment)
+        return active_at(self.record.handlings, self.instant)
 
     @property
     def waits(self) -> list[HandlerWait]:
         """The waits of its handler; of many waits of an async handler, the newest."""
-        return newest_active(self.handling.waits, self.moment) if self.handling else []
+        return newest_active(self.handling.waits, self.instant) if self.handling else []
 
     @property
     def unanswered(self) -> list[Message]:
         """The unanswered queries of its handler, oldest first."""
         asked = (self.handling.asked if self.handling else None) or ()
-        return [one for one in asked if one.received <= self.moment and not self._is_over(one)]
+        return [one for one in asked if one.received <= self.instant and not self._is_over(one)]
 
     def _is_over(self, query: Message) -> bool:
         """Whether a query was answered or dropped, or had failed."""
-        is_answered = query.answered is not None and query.answered <= self.moment
+        is_answered = query.answered is not None and query.answered <= self.instant
         return is_answered or any(
-            query.value_at(one, self.moment) for one in ("dropped", "failure")
+            query.value_at(one, self.instant) for one in ("dropped", "failure")
         )
 
     @property
     def is_watching(self) -> bool:
         """Whether it was a monitor that was watching."""
-        return is_watching(self.record, self.state, self.moment)
+        return is_watching(self.record, self.state, self.instant)
 
     @property
     def is_retry_due(self) -> bool:
         """Whether a retry was due that had not started."""
-        return self.record.was_retry_due(self.moment)
+        return self.record.was_retry_due(self.instant)
 
     @property
     def plans(self) -> list[PlannedEvent]:
@@ -203,13 +203,13 @@ class TaskAt:
         if self.state in (*OVER, TaskState.ENDING):
             return []
         known = self._run.plans.get(self.record.id, ())
-        return [one for one in known if one.set_at <= self.moment]
+        return [one for one in known if one.set_at <= self.instant]
 
 
 def remembered(
     compute: Callable[Concatenate["RunAt", _P], _T],
 ) -> Callable[Concatenate["RunAt", _P], _T]:
-    """Cache a function's results in ``RunAt.memo``: the state at a moment never changes."""
+    """Cache a function's results in ``RunAt.memo``: the state at an instant never changes."""
 
     @wraps(compute)
     def cached(at: "RunAt", /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -223,14 +223,14 @@ def remembered(
 
 
 class RunAt:
-    """A run as known at a moment: ``tasks`` are those sent by then."""
+    """A run as known at an instant: ``tasks`` are those sent by then."""
 
-    def __init__(self, run: Run, moment: float = inf, time: float | None = None) -> None:
+    def __init__(self, run: Run, instant: float = inf, time: float | None = None) -> None:
         self.run = run
-        self.moment = min(moment, run.time)
-        self.time = self.moment if time is None else time
+        self.instant = min(instant, run.time)
+        self.time = self.instant if time is None else time
         """The time on the clock of the entries."""
-        self.tasks = _Tasks(run, self.moment)
+        self.tasks = _Tasks(run, self.instant)
         self.memo: dict[object, Any] = {}
         """The cached results of ``remembered`` functions."""
 
@@ -245,13 +245,13 @@ class RunAt:
         """
         place = len(run.times) if clock is None else run.entries_until(clock)
         end = run.time if now is None else max(now, run.time)
-        moment = run.times[place - 1] if place else -inf
-        return cls(run, moment, end if clock is None else min(clock, end))
+        instant = run.times[place - 1] if place else -inf
+        return cls(run, instant, end if clock is None else min(clock, end))
 
     @cached_property
     def top(self) -> Sequence[TaskId]:
         """The tasks under the root."""
-        return self.run.children_until(self.run.top, self.moment)
+        return self.run.children_until(self.run.top, self.instant)
 
     def children(self, task: int) -> Sequence[TaskId]:
         """Return the children of *task*, oldest first."""
@@ -261,7 +261,7 @@ class RunAt:
         """Return when a point was reached; None if it was not, or that is unknown."""
         task = self.run.tasks.get(point.task)
         time = inf if task is None else task.time_of(point.moment)
-        return time if time <= self.moment else None
+        return time if time <= self.instant else None
 
     def has_reached(self, point: Point) -> bool:
         """Whether a point had been reached; an unknown task had ended before the journal began."""
@@ -278,8 +278,8 @@ class RunAt:
 
     def _is_working(self, handling: Handling) -> bool:
         """Whether a handler runs, and does not wait for a task."""
-        wait = active_at(handling.waits, self.moment)
-        return handling.is_active(self.moment) and (wait is None or wait.moment is None)
+        wait = active_at(handling.waits, self.instant)
+        return handling.is_active(self.instant) and (wait is None or wait.moment is None)
 
     def _is_under(self, task: int, ancestor: int) -> bool:
         while task > ancestor:  # ancestors have smaller ids
@@ -290,10 +290,10 @@ class RunAt:
     def running(self, module: str, resource: str) -> list[Handling]:
         """Return the active runs of handlers in a resource."""
         handlings = self.run.by_resource.get((module, resource), [])
-        begun = bisect_right(handlings, self.moment, key=_START)
+        begun = bisect_right(handlings, self.instant, key=_START)
         # The last one to start knows the others that were active then
         last = (*handlings[begun - 1].concurrent, handlings[begun - 1]) if begun else ()
-        return [one for one in last if one.until > self.moment]
+        return [one for one in last if one.until > self.instant]
 
     def running_in_copies(self, module: str, resource: str) -> list[Handling]:
         """Return the active runs of handlers in a resource, in all copies of the module."""
@@ -302,47 +302,47 @@ class RunAt:
 
     def queueing_of(self, message: Message) -> Queueing | None:
         """Return a message's wait in a queue."""
-        return active_at(message.queueings, self.moment)
+        return active_at(message.queueings, self.instant)
 
     def handling_of(self, message: Message) -> Handling | None:
         """Return the active run of a message's handler."""
-        return active_at(message.handlings, self.moment)
+        return active_at(message.handlings, self.instant)
 
     def copies_of(self, query: Message) -> tuple[list[Handling], list[Queueing]]:
         """Return the active runs of a multi-query's handlers, and its copies' waits in queues."""
         queueings = self.run.copies.get(query.id, ())
         return (
-            [one for one in query.handlings if one.is_active(self.moment)],
-            [one for one in queueings if one.is_active(self.moment)],
+            [one for one in query.handlings if one.is_active(self.instant)],
+            [one for one in queueings if one.is_active(self.instant)],
         )
 
     @remembered
     def pending_claims(self, module: str, resource: str) -> list[Claim]:
         """Return the pending locks and reservations of all copies of a module, oldest first."""
         claims = self.run.requested_claims(module, resource)
-        begun = islice(claims, bisect_right(claims, self.moment, key=_START))
+        begun = islice(claims, bisect_right(claims, self.instant, key=_START))
         return [
-            claim for claim in begun if claim.until > self.moment and not self.is_granted(claim)
+            claim for claim in begun if claim.until > self.instant and not self.is_granted(claim)
         ]
 
     def is_granted(self, claim: Claim) -> bool:
         """Whether a claim had been granted."""
-        return claim.granted is not None and claim.granted <= self.moment
+        return claim.granted is not None and claim.granted <= self.instant
 
     def capacity(self, module: str, resource: str) -> int:
         """Return the capacity of a resource."""
         known = self.run.modules.get(module)
         sizes = known.sizes.get(resource, ()) if known else ()
-        begun = bisect_right(sizes, self.moment, key=_SINCE)
+        begun = bisect_right(sizes, self.instant, key=_SINCE)
         return sizes[begun - 1][1] if begun else 1
 
     @remembered
     def claim_in_force(self, module: str, resource: str) -> Claim | None:
         """Return the lock or reservation in force, in all copies of a module."""
         grants = self.run.granted(module, resource)
-        granted = bisect_right(grants, self.moment, key=_GRANTED)
+        granted = bisect_right(grants, self.instant, key=_GRANTED)
         last = grants[granted - 1] if granted else None
-        return last if last and last.until > self.moment else None
+        return last if last and last.until > self.instant else None
 
     def describe(self, message_id: int) -> str:
         """Return a message's name with its id: ``take steps {7}``."""
@@ -352,16 +352,16 @@ class RunAt:
 class _Tasks(Mapping[int, TaskAt]):
     """The tasks that had been sent, oldest first."""
 
-    def __init__(self, run: Run, moment: float) -> None:
+    def __init__(self, run: Run, instant: float) -> None:
         self._run = run
-        self._moment = moment
-        self._count = bisect_right(run.births, moment)
+        self._instant = instant
+        self._count = bisect_right(run.births, instant)
 
     def __getitem__(self, task: int) -> TaskAt:
         record = self._run.tasks[task]
-        if record.received > self._moment:
+        if record.received > self._instant:
             raise KeyError(task)
-        return TaskAt(self._run, record, self._moment)
+        return TaskAt(self._run, record, self._instant)
 
     def __len__(self) -> int:
         return self._count

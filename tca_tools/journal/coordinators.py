@@ -42,9 +42,9 @@ class SentByCoordinator:
     agent: str
     roles: list[tuple[float, TaskRole]] = field(default_factory=list)
 
-    def role(self, moment: float = inf) -> TaskRole | None:
-        """Return its role at a moment; None before the first report of it."""
-        begun = bisect_right(self.roles, moment, key=_TIME)
+    def role(self, instant: float = inf) -> TaskRole | None:
+        """Return its role at an instant; None before the first report of it."""
+        begun = bisect_right(self.roles, instant, key=_TIME)
         return self.roles[begun - 1][1] if begun else None
 
     @property

@@ -90,7 +90,7 @@ def fate(run: Run, failed: Failing, time: float, as_of: float = inf) -> Fate:
         run: The run.
         failed: What failed.
         time: When it failed.
-        as_of: The moment as of which the fate is returned; the end of the records by default.
+        as_of: The instant as of which the fate is returned; the end of the records by default.
     """
     if isinstance(failed, Task):
         return _fate_of_task(run, failed, time, as_of)
@@ -116,40 +116,40 @@ def is_reported(run: Run, failed: Failing, time: float) -> bool:
 
 
 def has_run_survived(
-    run: Run, message: Message, moment: float = inf, as_of: float | None = None
+    run: Run, message: Message, instant: float = inf, as_of: float | None = None
 ) -> bool:
-    """Whether a message had failed at *moment* and the run continued, as known then or later.
+    """Whether a message had failed at *instant* and the run continued, as known then or later.
 
     Args:
         run: The run.
         message: The message.
-        moment: The moment by which it had failed.
-        as_of: The moment as of which the run is judged; *moment* by default.
+        instant: The instant by which it had failed.
+        as_of: The instant as of which the run is judged; *instant* by default.
     """
-    failed_at = message.written_at("failure", moment)
-    return bool(message.value_at("failure", moment)) and run_continued(
-        run, message, failed_at, moment if as_of is None else as_of
+    failed_at = message.written_at("failure", instant)
+    return bool(message.value_at("failure", instant)) and run_continued(
+        run, message, failed_at, instant if as_of is None else as_of
     )
 
 
-def standing(run: Run, task: Task, state: TaskState, moment: float = inf) -> str:
-    """Return the standing of a task in a state at a moment: one of ``STANDINGS``."""
-    if is_watching(task, state, moment):
+def standing(run: Run, task: Task, state: TaskState, instant: float = inf) -> str:
+    """Return the standing of a task in a state at an instant: one of ``STANDINGS``."""
+    if is_watching(task, state, instant):
         return WATCHING
-    is_handled = state is TaskState.FAILED and has_run_survived(run, task, moment)
+    is_handled = state is TaskState.FAILED and has_run_survived(run, task, instant)
     return HANDLED if is_handled else str(state)
 
 
-def is_watching(task: Task, state: TaskState, moment: float = inf) -> bool:
+def is_watching(task: Task, state: TaskState, instant: float = inf) -> bool:
     """Whether a task is a monitor that is watching."""
     if state not in (TaskState.ACHIEVING, TaskState.PLANNING) or not task.message_class.is_monitor:
         return False
-    if task.time_of(Moment.START_HANDLING) > moment:
+    if task.time_of(Moment.START_HANDLING) > instant:
         return False
-    place = bisect_right(task.retries, moment, key=_TIME)
+    place = bisect_right(task.retries, instant, key=_TIME)
     retried = task.retries[place - 1].time if place else 0.0
     # A retry after it had stopped lets it watch again
-    return not task.value_at("watched", moment) or retried >= task.written_at("watched", moment)
+    return not task.value_at("watched", instant) or retried >= task.written_at("watched", instant)
 
 
 def watching_spans(task: Task) -> Iterator[tuple[float, float]]:
@@ -196,7 +196,7 @@ def retried_ancestor(run: Run, task: Task, time: float, as_of: float = inf) -> T
         run: The run.
         task: The failed task.
         time: When it failed.
-        as_of: The moment as of which this is returned.
+        as_of: The instant as of which this is returned.
     """
     killed_at = task.written_at("killed", as_of)
     if task.value_at("killed", as_of) is None or killed_at < time:

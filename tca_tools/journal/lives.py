@@ -57,22 +57,22 @@ class Life(NamedTuple):
     """Whether the state is neither initial, running, nor final, so it is worth showing."""
 
 
-def life_at(run: Run, task: Task, moment: float = inf) -> Life:
-    """Return the place of a task in its life cycle at a moment."""
-    cycle, changes = cycle_of(run, task), task.life[: bisect_right(task.life, moment, key=_TIME)]
+def life_at(run: Run, task: Task, instant: float = inf) -> Life:
+    """Return the place of a task in its life cycle at an instant."""
+    cycle, changes = cycle_of(run, task), task.life[: bisect_right(task.life, instant, key=_TIME)]
     # The last recorded step; implied steps before it are in its serial number already
     state, serial, since = cycle.initial, 0, (-inf, _RECORDED)
     if changes:
         last = changes[-1]
         state, serial, since = last.state, last.serial, (last.time, _RECORDED)
-    until = min(moment, run.time)
+    until = min(instant, run.time)
     steps = (one for one in _implied_steps(run, task) if one > since and one[0] <= until)
     for time, step in sorted(steps):
         following = _after(cycle, task, state, step, time)
         state, serial = following, serial + (following != state)
     newest = next((one for one in reversed(changes) if one.effect is Effect.RESULT), None)
     later = task.handlings[1:]
-    is_old = newest is None or any(newest.time < one.start <= moment for one in later)
+    is_old = newest is None or any(newest.time < one.start <= instant for one in later)
     is_open = cycle.grant(state) is not None
     asked = (one.body for one in reversed(changes) if is_open and one.effect is Effect.NEW_GOAL)
     usual = cycle.initial, cycle.accepted.target, cycle.done, cycle.cancelled

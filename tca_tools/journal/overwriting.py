@@ -1,4 +1,4 @@
-"""Records with overwritten fields, whose value at any moment is found in O(log n). Pure."""
+"""Records with overwritten fields, whose value at any instant is found in O(log n). Pure."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -42,16 +42,16 @@ class Overwritten:
             return self.changes.get(name, [])
         return [(time, old) for time, field_name, old in self.changes if field_name == name]
 
-    def value_at(self, name: str, moment: float) -> Any:
-        """Return the value of a field at a moment."""
+    def value_at(self, name: str, instant: float) -> Any:
+        """Return the value of a field at an instant."""
         old = self.old_values(name) if self.changes else ()
-        place = bisect_right(old, moment, key=_TIME)
+        place = bisect_right(old, instant, key=_TIME)
         return old[place][1] if place < len(old) else getattr(self, name)
 
-    def written_at(self, name: str, moment: float = inf) -> float:
-        """Return when a field got its value at a moment: when it was overwritten, else received."""
+    def written_at(self, name: str, instant: float = inf) -> float:
+        """Return when a field got its value at an instant: overwritten then, else received."""
         old = self.old_values(name) if self.changes else ()
-        place = bisect_right(old, moment, key=_TIME)
+        place = bisect_right(old, instant, key=_TIME)
         return old[place - 1][0] if place else self.received
 
     def new_values(self, name: str) -> list[tuple[float, Any]]:

@@ -25,7 +25,7 @@ from tca_wire.waits import WaitKind
 
 
 class TaskState(StrEnum):
-    """The state of a task at the moment folded so far."""
+    """The state of a task at the time folded so far."""
 
     HELD = "held"  # not started: its constraints or its parent do not allow it yet
     QUEUED = "queued"  # waits for a resource or for a handler

@@ -20,7 +20,7 @@ _NAMED = 5
 
 
 class Forest(Protocol):
-    """Tasks at a moment, oldest first, each under its parent."""
+    """Tasks at an instant, oldest first, each under its parent."""
 
     @property
     def tasks(self) -> Mapping[int, TaskAt]:
@@ -35,7 +35,7 @@ class Forest(Protocol):
 
 
 class Excerpt:
-    """Some tasks of a run at a moment. Tasks whose parents are left out are at the top."""
+    """Some tasks of a run at an instant. Tasks whose parents are left out are at the top."""
 
     def __init__(self, at: RunAt, chosen: Collection[int]) -> None:
         self.tasks = {number: at.tasks[number] for number in at.tasks if number in chosen}
@@ -122,7 +122,7 @@ def part_of(
     """Return the tasks that meet all conditions, and their ancestors up to the roots.
 
     Args:
-        at: The run at a moment.
+        at: The run at an instant.
         roots: The tasks must be at or under these; None for all.
         modules: One of the modules must have handled or queued the task; all by default.
         start: The tasks must not have ended before this time on the entries' clock.

@@ -1,4 +1,4 @@
-"""All records of a run. fold.py fills them; at_time.py reads what was known at a moment."""
+"""All records of a run. fold.py fills them; at_time.py reads what was known at an instant."""
 
 from array import array
 from bisect import bisect_left, bisect_right

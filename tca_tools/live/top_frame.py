@@ -1,4 +1,4 @@
-"""The contents of ``tca top`` at one moment, with rates from two answers of central.
+"""The contents of ``tca top`` at one time, with rates from two answers of central.
 
 Pure: it does not depend on a screen.
 """

@@ -159,25 +159,25 @@ class EndedTasks:
         It is *keep* seconds before the last entry, or later if that leaves more than *keep_bytes*.
         Raises ToolError.
         """
-        moment: float = self._now - keep if keep is not None else 0.0
+        time: float = self._now - keep if keep is not None else 0.0
         if keep_bytes is None:
-            return moment
-        moments = sorted(self._segments.values())
-        sizes = [0.0] * (len(moments) + 1)
+            return time
+        ends = sorted(self._segments.values())
+        sizes = [0.0] * (len(ends) + 1)
         with _as_tool_errors():
             for path in self._segments:
                 for entry, size in _entries(path):
                     for fact in entry.facts:
-                        sizes[bisect_left(moments, self._end_of(fact, entry.time))] += size / len(
+                        sizes[bisect_left(ends, self._end_of(fact, entry.time))] += size / len(
                             entry.facts
                         )
         left = float(self._size)
-        for end, ended in zip(moments, sizes, strict=False):
+        for end, ended in zip(ends, sizes, strict=False):
             if left <= keep_bytes:
                 break
             left -= ended
-            moment = max(moment, end)
-        return moment
+            time = max(time, end)
+        return time
 
     def remove(self, until: float, *, dry_run: bool = False) -> int:
         """Rewrite the segments without what ended by *until*.

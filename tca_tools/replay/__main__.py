@@ -7,7 +7,7 @@ import click
 
 from tca_tools.errors import extra
 from tca_tools.journal.journals import open_log
-from tca_tools.options import MOMENT, log_argument
+from tca_tools.options import TIME, log_argument
 from tca_tools.replay.growth import growth_lines
 from tca_tools.replay.recording import Recording
 from tca_tools.terminal import line_width
@@ -26,7 +26,7 @@ from tca_tools.terminal import line_width
 @click.option(
     "--at",
     metavar="SECONDS",
-    type=MOMENT,
+    type=TIME,
     help="Start at this time (default: the end; as text, the start).",
 )
 @click.option("--text", is_flag=True, help="Print lines of text, even on a terminal.")

@@ -162,7 +162,7 @@ class StoryPane(Vertical):
         yield RichLog(id="sentences", min_width=1)
 
     def show(self, number: int, at: RunAt) -> None:
-        """Show another task, or another moment."""
+        """Show another task, or another time."""
         head, log = self.query_one("#standing", Static), self.query_one(RichLog)
         log.clear()
         task = at.tasks.get(number)
@@ -179,8 +179,8 @@ class StoryPane(Vertical):
             lines.append(Text(reason, "yellow"))
         head.update(Text("\n").join(lines))
         run, table = at.run, Table.grid(padding=(0, 2, 0, 0))
-        whole = story(run, number, at.moment)
-        sentences = [sentence for sentence in whole if sentence.time <= at.moment]
+        whole = story(run, number, at.instant)
+        sentences = [sentence for sentence in whole if sentence.time <= at.instant]
         if hidden := max(len(sentences) - _LONGEST_STORY, 0):
             number_hidden = counted(hidden, "earlier sentence")
             more = f"... {number_hidden}: 'tca tree --story {number}' prints all"
@@ -188,9 +188,9 @@ class StoryPane(Vertical):
         for sentence in sentences[hidden:]:
             clock = self._recording.time(self._recording.place_of_record(sentence.time))
             style = "red" if sentence.is_bad else ""
-            if style and has_run_survived(run, run.tasks[number], sentence.time, at.moment):
+            if style and has_run_survived(run, run.tasks[number], sentence.time, at.instant):
                 style = _HANDLED
-            words_of = Text(printable_lines(sentence.text_at(at.moment, at.time)), style)
+            words_of = Text(printable_lines(sentence.text_at(at.instant, at.time)), style)
             table.add_row(Text(f"{clock:9.3f}", "dim", no_wrap=True), words_of)
         log.write(table, expand=True)
 

@@ -86,7 +86,7 @@ class Recording:
 
     def count_open_tasks(self, at: RunAt) -> int:
         """Return the number of tasks that were sent and had not ended."""
-        return len(at.tasks) - bisect_right(self._ends, at.moment)
+        return len(at.tasks) - bisect_right(self._ends, at.instant)
 
     def place_of(self, time: float) -> int:
         """Return the last place at or before *time* on the clock."""

@@ -1,6 +1,6 @@
-"""The tasks that the tree pane shows at a moment: open tasks with their ancestors, and others.
+"""The tasks that the tree pane shows at an instant: open tasks with their ancestors, and others.
 
-The time for a moment depends on the tasks that are shown and their siblings, not on all tasks.
+The cost depends on the tasks that are shown and their siblings, not on all tasks.
 """
 
 from collections.abc import Sequence
@@ -17,10 +17,10 @@ _ENDS, _OPEN = 2, 12
 
 
 def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
-    """Return the rows of the tree at a moment.
+    """Return the rows of the tree at an instant.
 
     Args:
-        at: The run at the moment.
+        at: The run at the instant.
         selected: The selected task, whose ancestors are unfolded.
         opened: By task, whether the user has unfolded (True) or folded it.
     """
@@ -46,7 +46,7 @@ def rows_at(at: RunAt, selected: int, opened: dict[int, bool]) -> list[Row]:
 
 
 def _is_open(at: RunAt, task: TaskId) -> bool:
-    return at.run.tasks[task].time_of(Moment.END_ACHIEVING) > at.moment
+    return at.run.tasks[task].time_of(Moment.END_ACHIEVING) > at.instant
 
 
 def _shown(at: RunAt, children: Sequence[TaskId], above: set[TaskId]) -> list[int]:

@@ -8,7 +8,7 @@ import click
 
 from tca_tools.journal.fold import folded
 from tca_tools.journal.journals import open_log
-from tca_tools.options import MOMENT, check_span, log_argument
+from tca_tools.options import TIME, check_span, log_argument
 from tca_tools.stats.measure import MessageStats, ResourceStats, Stats, Times, measure
 from tca_tools.stats.text import stats_lines
 from tca_tools.terminal import line_width
@@ -36,11 +36,11 @@ _USE_KEYS = ("busy", "busy_share", "waiting")
     "--from",
     "start",
     metavar="SECONDS",
-    type=MOMENT,
+    type=TIME,
     help="Count only what was sent or started since then.",
 )
 @click.option(
-    "--to", "end", metavar="SECONDS", type=MOMENT, help="Count only what was known by then."
+    "--to", "end", metavar="SECONDS", type=TIME, help="Count only what was known by then."
 )
 @click.option(
     "--sort",

@@ -1,1 +1,1 @@
-"""``tca tree``: the task tree of a run at any moment, as text or as a picture."""
+"""``tca tree``: the task tree of a run at any time, as text or as a picture."""

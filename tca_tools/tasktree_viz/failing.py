@@ -47,21 +47,21 @@ class Link:
     """The text without the reason, if it has one."""
 
 
-def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
-    """Return the events that led to a task's failure or kill, oldest first, as known at *moment*.
+def failure_chain(run: Run, number: TaskId, instant: float = inf) -> list[Link]:
+    """Return the events that led to a task's failure or kill, oldest first, as known at *instant*.
 
     The chain is empty if the task had neither failed nor been killed.
     """
     task = run.tasks[number]
     found: list[tuple[float, _Path, Link]] = []
-    waiting = [_FailureCause(task, (), moment, moment)]
+    waiting = [_FailureCause(task, (), instant, instant)]
     seen = {task.id}
     killed = killed_at(task)
-    if not task.failures and killed <= moment:
+    if not task.failures and killed <= instant:
         link = _with_why(killed, 0, f"{task} was killed", task.why_killed or "")
         found.append((killed, (_END, 0), link))
         path = (_CAUSES, 0)
-        waiting = [_FailureCause(one, path, killed, moment) for one in _culprits(run, task)]
+        waiting = [_FailureCause(one, path, killed, instant) for one in _culprits(run, task)]
     while waiting and len(found) < _MOST_LINKS:
         cause = waiting.pop()
         if cause.message.id in seen and cause.path:
@@ -73,7 +73,7 @@ def failure_chain(run: Run, number: TaskId, moment: float = inf) -> list[Link]:
         waiting += reversed(list(_causes(run, cause)))
     if not task.failures and seen == {task.id}:
         return []
-    return [link for time, _, link in sorted(found, key=_order) if time <= moment]
+    return [link for time, _, link in sorted(found, key=_order) if time <= instant]
 
 
 _Path = tuple[int, ...]
@@ -90,7 +90,7 @@ class _FailureCause(NamedTuple):
     until: float
     """Later events were not a cause."""
     known: float
-    """The moment for which its fate is described."""
+    """The instant as of which its fate is described."""
 
 
 def _order(found: tuple[float, _Path, Link]) -> tuple[float, int, _Path]:
@@ -123,8 +123,8 @@ def _steps_of(run: Run, cause: _FailureCause) -> Iterator[tuple[_Path, Link]]:
             yield from (((_END, 0), link) for link in above)
 
 
-def _newest_state_time(task: Task, moment: float) -> float:
-    return task.stage(task.place_at(moment))[0]
+def _newest_state_time(task: Task, instant: float) -> float:
+    return task.stage(task.place_at(instant))[0]
 
 
 def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
@@ -135,17 +135,17 @@ def _retries(run: Run, task: Task, depth: int) -> Iterator[Link]:
             yield Link(one[0], depth, f"{task} is {retry_in_words(run, task, one)}")
 
 
-def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
-    """Return the link of the task's fate at *moment*; None if it had not failed."""
-    at = RunAt(run, moment).tasks.get(task.id)
-    if at is None or not (raised := [one for one in task.failures if one[0] <= moment]):
+def _end(run: Run, task: Task, depth: int, instant: float) -> Link | None:
+    """Return the link of the task's fate at *instant*; None if it had not failed."""
+    at = RunAt(run, instant).tasks.get(task.id)
+    if at is None or not (raised := [one for one in task.failures if one[0] <= instant]):
         return None
-    became = fate(run, task, raised[-1][0], moment)
-    time = _newest_state_time(task, moment)
+    became = fate(run, task, raised[-1][0], instant)
+    time = _newest_state_time(task, instant)
     if at.why_killed is not None:
-        time = task.written_at("killed", moment)
+        time = task.written_at("killed", instant)
     without = ""
-    if became is Fate.REPLACED and RunAt(run, moment).tasks[task.top].state in DONE:
+    if became is Fate.REPLACED and RunAt(run, instant).tasks[task.top].state in DONE:
         without = f"; {run.describe(task.top)} was achieved without it"
     if became is Fate.OPEN:
         return Link(time, depth, f"{task} is being recovered")
@@ -156,7 +156,7 @@ def _end(run: Run, task: Task, depth: int, moment: float) -> Link | None:
         return _with_why(time, depth, f"{task} was killed", why, without)
     if became in ENDED_TASKS:
         return Link(time, depth, f"{task}: its failure was not dealt with{without}")
-    is_known = at.state in OVER or _has_tried_again(task, moment)
+    is_known = at.state in OVER or _has_tried_again(task, instant)
     return Link(time, depth, f"{task}: {at.state} after all") if is_known else None
 
 
@@ -164,29 +164,29 @@ def _with_why(time: float, depth: int, what: str, why: str, more: str = "") -> L
     return Link(time, depth, f"{what}: {why}{more}", what + more)
 
 
-def _end_above(run: Run, task: Task, depth: int, moment: float) -> Iterator[Link]:
-    """Yield the fate at *moment* of an ancestor that was retried for its failure."""
-    failed = max((time for time, _ in task.failures if time <= moment), default=inf)
-    above = retried_ancestor(run, task, failed, moment)
-    if above is not None and (state := RunAt(run, moment).tasks[above.id].state) in OVER:
+def _end_above(run: Run, task: Task, depth: int, instant: float) -> Iterator[Link]:
+    """Yield the fate at *instant* of an ancestor that was retried for its failure."""
+    failed = max((time for time, _ in task.failures if time <= instant), default=inf)
+    above = retried_ancestor(run, task, failed, instant)
+    if above is not None and (state := RunAt(run, instant).tasks[above.id].state) in OVER:
         text = f"{above}, handled again: {state}"
-        yield Link(_newest_state_time(above, moment), depth, text)
+        yield Link(_newest_state_time(above, instant), depth, text)
 
 
-def _has_tried_again(task: Task, moment: float) -> bool:
+def _has_tried_again(task: Task, instant: float) -> bool:
     """Whether its handler has returned once more after the last retry."""
-    again = max((one.time for one in task.retries if one.time <= moment), default=0.0)
+    again = max((one.time for one in task.retries if one.time <= instant), default=0.0)
     since = [one for one in task.handlings if one.start >= again]
-    return any(one.end is not None and one.end <= moment for one in since)
+    return any(one.end is not None and one.end <= instant for one in since)
 
 
 def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
     """Yield the message that the failing handler waited for, then failed exception handlers."""
-    message, path, moment, known = failed
+    message, path, latest, known = failed
     handlings = [one for one in message.handlings if one.outcome is Outcome.FAILED]
-    handlings = [one for one in handlings if (one.end or 0.0) <= moment]
+    handlings = [one for one in handlings if (one.end or 0.0) <= latest]
     for wait, end in [(wait, one.end) for one in handlings for wait in one.waits][-1:]:
-        until = min(moment if one is None else one for one in (wait.end, end))
+        until = min(latest if one is None else one for one in (wait.end, end))
         awaited = run.messages.get(wait.awaited)
         if awaited is not None and _is_named(run, awaited, until, message):
             yield _FailureCause(awaited, (*path, _CAUSES, 0), until, until)
@@ -194,7 +194,7 @@ def _causes(run: Run, failed: _FailureCause) -> Iterator[_FailureCause]:
         return
     for order, number in enumerate(message.caught_by):
         if (handler := run.tasks.get(number)) is not None:
-            until = min(moment, _decided(message, handler.received))
+            until = min(latest, _decided(message, handler.received))
             if any(time <= until for time, _ in handler.failures):
                 yield _FailureCause(handler, (*path, _CALLS, 2 * order + 1), until, known)
 

@@ -28,7 +28,7 @@ def write_picture(
 
     Args:
         output: the file; its suffix is one of `KINDS`, except .txt.
-        at: the run at a moment.
+        at: the run at an instant.
         rows: the rows of the tree.
         title: the title of the picture.
         layout: one of `LAYOUTS`.

@@ -242,7 +242,7 @@ class _Picture:
 
 
 def _span(at: RunAt, task: TaskAt) -> tuple[float, float]:
-    """Return the first and the last moment of a task; now, if it has not ended."""
+    """Return the start and the end of a task; now, if it has not ended."""
     reached = task.reached.values()
     end = max(reached, default=0.0) if task.state in OVER else at.time
     return min(reached, default=at.time), end

@@ -69,7 +69,7 @@ def tree_lines(
     """Yield the tree line by line below a line of headings.
 
     Args:
-        at: the run at a moment.
+        at: the run at an instant.
         rows: the rows of the tree.
         guides: the characters that connect a task with its children.
         width: the columns of a line; None: no limit.

@@ -132,7 +132,7 @@ class TaskNote(NamedTuple):
 def note(at: RunAt, task: TaskAt, *, within: int | None = None) -> str:
     """Return why a task waits, for how long, and the last cause; or its outcome if not "done".
 
-    The search for the last cause visits each wait of that moment at most once. If it needs more
+    The search for the last cause visits each wait of that instant at most once. If it needs more
     than *within* waits, the last cause is left out.
     """
     return note_of(at, task, within).within(None, at.time)

@@ -1,1 +1,1 @@
-"""``tca view``: a run in the browser, with its task tree and Gantt chart at any moment."""
+"""``tca view``: a run in the browser, with its task tree and Gantt chart at any time."""

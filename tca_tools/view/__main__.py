@@ -31,7 +31,7 @@ def view(
     read_only: bool,
     browser: bool,
 ) -> None:
-    """Show a run in the browser: its task tree and Gantt chart at any moment.
+    """Show a run in the browser: its task tree and Gantt chart at any time.
 
     Without LOG, each run that central starts later is shown, too. The page follows a live run. With
     the printed address it can kill, suspend, resume and retry tasks. With --host the page is

@@ -1,4 +1,4 @@
-"""The answers to a page's requests: one task, notes on visible tasks, messages around a moment.
+"""The answers to a page's requests: one task, notes on visible tasks, messages around a time.
 
 All sentences are composed here. The page turns each ``name {7}`` in them into a link.
 """
@@ -48,40 +48,40 @@ _BAD = ("failed", "killed", "dropped", "refused", "module left", "unhandled")
 """The kinds of facts that are marked as bad."""
 
 
-def message_answer(reading: Reading, message_id: int, moment: float) -> Data | None:
-    """Return the details of a message or task at *moment*; None if there is no such number."""
+def message_answer(reading: Reading, message_id: int, instant: float) -> Data | None:
+    """Return the details of a message or task at *instant*; None if there is no such number."""
     with reading:
         run = reading.feed.history
         message = run.messages.get(message_id)
         if message is None:
             return None
-        at = reading.at(moment)
-        sentences = story(run, message_id, at.moment)
+        at = reading.at(instant)
+        sentences = story(run, message_id, at.instant)
         answer = {
             "id": message.id,
             "name": message.name,
             "class": message.message_class,
-            "isSent": message.received <= at.moment,
+            "isSent": message.received <= at.instant,
             "relations": _relations(at, message),
-            "data": data_text(message.value_at("body", at.moment)),
-            "result": data_text(message.value_at("result", at.moment)),
-            "failureData": data_text(message.value_at("failure_data", at.moment)),
-            **_failure_answer(run, message, at.moment),
-            "story": [_sentence(one, at.moment) for one in sentences[-_LONGEST_STORY:]],
+            "data": data_text(message.value_at("body", at.instant)),
+            "result": data_text(message.value_at("result", at.instant)),
+            "failureData": data_text(message.value_at("failure_data", at.instant)),
+            **_failure_answer(run, message, at.instant),
+            "story": [_sentence(one, at.instant) for one in sentences[-_LONGEST_STORY:]],
             "untold": max(len(sentences) - _LONGEST_STORY, 0),
         }
         if isinstance(message, Task):
-            answer |= _chain_answer(run, message, at.moment)
-            if message.received <= at.moment:
+            answer |= _chain_answer(run, message, at.instant)
+            if message.received <= at.instant:
                 answer |= _task_answer(at, at.tasks[message.id]) | machine_answer(
                     at, at.tasks[message.id]
                 )
         return answer
 
 
-def _chain_answer(run: Run, task: Task, moment: float) -> Data:
+def _chain_answer(run: Run, task: Task, instant: float) -> Data:
     """Return the steps of a task's failure."""
-    links = failure_chain(run, TaskId(task.id), moment)
+    links = failure_chain(run, TaskId(task.id), instant)
     shown = links[-_LONGEST_STORY:]
     chain = [
         {"time": one.time, "depth": one.depth, "text": failure_line(one.text)} for one in shown
@@ -107,10 +107,10 @@ def _relations(at: RunAt, message: Message) -> list[tuple[str, str]]:
     return found
 
 
-def _sentence(one: Sentence, moment: float) -> Data:
-    """Return a sentence as known at the moment. The page marks later sentences as future."""
-    if one.time <= moment:
-        one = one.as_known_at(moment)
+def _sentence(one: Sentence, instant: float) -> Data:
+    """Return a sentence as known at the instant. The page marks later sentences as future."""
+    if one.time <= instant:
+        one = one.as_known_at(instant)
     return {
         "time": one.time,
         "text": printable_lines(one.text),
@@ -119,15 +119,15 @@ def _sentence(one: Sentence, moment: float) -> Data:
     }
 
 
-def _failure_answer(run: Run, message: Message, moment: float) -> Data:
+def _failure_answer(run: Run, message: Message, instant: float) -> Data:
     """Return a message's failure, whether the run continued after it, and the notified asker."""
-    failure, time = message.value_at("failure", moment), message.written_at("failure", moment)
-    became = fate(run, message, time, moment) if failure else None
+    failure, time = message.value_at("failure", instant), message.written_at("failure", instant)
+    became = fate(run, message, time, instant) if failure else None
     return {
         "failure": printable_lines(failure),
-        "handled": has_run_survived(run, message, moment),
+        "handled": has_run_survived(run, message, instant),
         "replaced": became in (Fate.REPLACED, Fate.RETRIED),
-        "told": describe_asker(run, message, time, moment) if failure else "",
+        "told": describe_asker(run, message, time, instant) if failure else "",
     }
 
 
@@ -180,14 +180,14 @@ def _constraint(at: RunAt, hold: Hold, way: str = "") -> Data:
             text = f"{duration(delay)} after {text}"
     return {
         "text": f"{describe_moments(after.moment)[0]} not before {text}{way}",
-        "isMet": hold.over <= at.moment if delay else at.has_reached(before),
+        "isMet": hold.over <= at.instant if delay else at.has_reached(before),
     }
 
 
-def notes_answer(reading: Reading, ids: list[int], moment: float) -> dict[str, Data]:
+def notes_answer(reading: Reading, ids: list[int], instant: float) -> dict[str, Data]:
     """Return a note on each task: its wait with its start and last cause, or its bad outcome."""
     with reading:
-        at = reading.at(moment)
+        at = reading.at(instant)
         tasks = [at.tasks[number] for number in ids[:_MOST_NOTES] if number in at.tasks]
         return {str(task.id): _note(at, task) for task in tasks}
 
@@ -218,10 +218,10 @@ def _numbers(waits: Iterable[WaitFor]) -> Iterator[int]:
         yield from _numbers(one.because)
 
 
-def causes_answer(reading: Reading, moment: float) -> Data:
+def causes_answer(reading: Reading, instant: float) -> Data:
     """Count the waiting tasks and their last causes, and return the most frequent causes."""
     with reading:
-        at = reading.at(moment)
+        at = reading.at(instant)
         waiting, things, found = causes(at)
         return {"waiting": waiting, "things": things, "causes": [_cause(at, one) for one in found]}
 

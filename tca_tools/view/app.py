@@ -189,12 +189,12 @@ def _answer_about_run(
     return JSONResponse(found)
 
 
-def _moment(request: Request) -> float:
+def _time(request: Request) -> float:
     try:
-        moment = float(request.query_params.get("at", "inf"))
+        time = float(request.query_params.get("at", "inf"))
     except ValueError:
         return math.inf
-    return math.inf if math.isnan(moment) else moment
+    return math.inf if math.isnan(time) else time
 
 
 def _id(request: Request) -> int:
@@ -212,13 +212,11 @@ def _number(request: Request, name: str) -> int:
 
 
 _ANSWERS: dict[str, Callable[[Reading, Request], Any]] = {
-    "message/{id:int}": lambda read, asked: answers.message_answer(
-        read, _id(asked), _moment(asked)
-    ),
+    "message/{id:int}": lambda read, asked: answers.message_answer(read, _id(asked), _time(asked)),
     "machine/{id:int}": lambda read, asked: machine_picture(read, _id(asked)),
     "picture/{id:int}": lambda read, asked: answers.picture_answer(read, _id(asked)),
-    "notes": lambda read, asked: answers.notes_answer(read, _numbers(asked, "ids"), _moment(asked)),
-    "causes": lambda read, asked: answers.causes_answer(read, _moment(asked)),
+    "notes": lambda read, asked: answers.notes_answer(read, _numbers(asked, "ids"), _time(asked)),
+    "causes": lambda read, asked: answers.causes_answer(read, _time(asked)),
     "messages": lambda read, asked: answers.messages_answer(
         read, *(_number(asked, name) for name in ("place", "before", "after"))
     ),

@@ -1,4 +1,4 @@
-"""The rows from which a page draws any moment of a run: tasks, their states, spans by resource.
+"""The rows from which a page draws a run at any time: tasks, their states, spans by resource.
 
 Rows are only added while the history grows, so a page that follows a run receives only new rows.
 The details of one task (its data, its story, its waits) are in answers.py.

@@ -1,4 +1,4 @@
-"""State machines of tasks: a picture, and the active and foreseen states at a moment."""
+"""State machines of tasks: a picture, and the active and foreseen states at an instant."""
 
 from functools import lru_cache
 from typing import Any

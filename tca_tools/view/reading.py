@@ -49,7 +49,7 @@ class Reading:
         self.cut = ""
         """The remark on an incomplete last entry."""
         self._memo: tuple[tuple[int, float], dict[object, Any]] | None = None
-        """The last requested moment, with the number of its entries, and cached results for it."""
+        """The last requested instant, with the number of its entries, and cached results for it."""
         self._grown = threading.Condition()
         self._is_written = False
         """Whether a central had the journal open before the last read."""
@@ -138,11 +138,11 @@ class Reading:
         with self:
             self._grown.wait_for(lambda: self.caught_up or self.is_over)
 
-    def at(self, moment: float) -> RunAt:
-        """Return the run at a moment, with cached results. Call only inside ``with``."""
+    def at(self, instant: float) -> RunAt:
+        """Return the run at an instant, with cached results. Call only inside ``with``."""
         history = self.feed.history
-        at = RunAt(history, moment)
-        key = bisect_right(history.times, at.moment), at.moment
+        at = RunAt(history, instant)
+        key = bisect_right(history.times, at.instant), at.instant
         if self._memo is None or self._memo[0] != key:
             self._memo = key, {}
         _, at.memo = self._memo

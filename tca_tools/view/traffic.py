@@ -1,4 +1,4 @@
-"""Senders, messages and handlers of a run: columns that a page counts for any moment. Pure."""
+"""Senders, messages and handlers of a run: columns that a page counts for any time. Pure."""
 
 from tca_tools.journal.records import Handling, Message
 from tca_tools.journal.whole_run import Run

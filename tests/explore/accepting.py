@@ -27,7 +27,7 @@ BETWEEN = {
     "suspension": "suspend walk, kill step",
     "loss of client": "lose planner",
 }
-"""The disturbances of each scenario, possible at any moment. The order makes the pairs outside of
+"""The disturbances of each scenario, possible at any time. The order makes the pairs outside of
 soak runs cheap ones.
 """
 

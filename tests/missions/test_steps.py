@@ -140,7 +140,7 @@ def test_step_names_must_be_unique_within_a_run(trip: Trip) -> None:
                 mission.step(no_name, list)
 
 
-def moment() -> datetime:
+def instant() -> datetime:
     return datetime(2026, 1, 2, 3, 4, 5)  # noqa: DTZ001 - without a zone its type would be lost
 
 
@@ -151,7 +151,7 @@ def pair() -> tuple[int, bytes]:
 @pytest.mark.parametrize(
     "function",
     [
-        moment,
+        instant,
         pair,
         lambda: nan,
         lambda: {1: [inf, None], "a": b"\0"},

@@ -147,8 +147,8 @@ def _is_before(one: Job | Claim, other: Job | Claim) -> bool:
     if isinstance(one, Claim) or isinstance(other, Claim):
         return (-one.priority, one.arrival) < (-other.priority, other.arrival)
     is_same_event = one.since[0] == other.since[0]
-    is_same_moment = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
-    if is_same_event and not is_same_moment:
+    is_same_instant = one.since == other.since and isinstance(one, Node) and isinstance(other, Node)
+    if is_same_event and not is_same_instant:
         return False
     if one.priority != other.priority:
         return one.priority > other.priority

@@ -69,11 +69,11 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
                 run, one.text, run.time if one.is_open else one.time + (one.seconds or 0.0)
             )
         if isinstance(message, Task):
-            for moment in (inf, *run.times[:: max(len(run.times) // 5, 1)]):
-                chain = failure_chain(run, TaskId(message.id), moment)
+            for instant in (inf, *run.times[:: max(len(run.times) // 5, 1)]):
+                chain = failure_chain(run, TaskId(message.id), instant)
                 assert [one.time for one in chain] == sorted(one.time for one in chain), chain
                 for link in chain:
-                    _assert_known(run, link.text, min(moment, run.time))
+                    _assert_known(run, link.text, min(instant, run.time))
         elif message.message_class is MessageClass.QUERY:
             for time, failure in message.new_values("failure"):
                 if failure:
@@ -89,12 +89,12 @@ def assert_causes_come_first(run: Run, entries: list[facts.Entry]) -> None:
         assert case.recovery >= 0
 
 
-def _assert_known(run: Run, text: str, moment: float) -> None:
+def _assert_known(run: Run, text: str, instant: float) -> None:
     """A text names no message that was sent later."""
     named = [
         run.messages[number] for number in map(int, _NUMBER.findall(text)) if number in run.messages
     ]
-    assert all(one.received <= moment for one in named), f"at {moment}: {text}"
+    assert all(one.received <= instant for one in named), f"at {instant}: {text}"
 
 
 def _assert_told(run: Run, failed: Failing, time: float) -> None:

@@ -139,7 +139,7 @@ def reached(at: RunAt, start: Iterable[Node]) -> set[Node]:
 
 
 def assert_lists(history: History) -> None:
-    """At each moment of the run, the wait lists contain the holds of that moment."""
+    """At each instant of the run, the wait lists contain the holds of that instant."""
     for time in history.times[:: max(len(history.times) // 20, 1)]:
         at = RunAt(history, time)
         for number, task in at.tasks.items():

@@ -34,7 +34,7 @@ _NO_TIME = 1e-6
 
 
 def view_at(at: RunAt) -> Any:
-    """The view of a moment. The continuation after a failure is excluded, as later facts decide it."""
+    """The view at an instant. The continuation after a failure is excluded, as later facts decide it."""
     tree = [
         click.unstyle(line).replace(HANDLED, "failed")
         for line in tree_lines(at, whole_outline(at), with_data=True)
@@ -61,14 +61,14 @@ def view_at(at: RunAt) -> Any:
 
 
 def stories_at(at: RunAt) -> dict[int, list[str]]:
-    """The stories of all messages at that moment."""
-    known = {number for number, one in at.run.messages.items() if one.received <= at.moment}
+    """The stories of all messages at that instant."""
+    known = {number for number, one in at.run.messages.items() if one.received <= at.instant}
     stories = {
-        number: [one for one in story(at.run, number, at.moment) if one.time <= at.moment]
+        number: [one for one in story(at.run, number, at.instant) if one.time <= at.instant]
         for number in known
     }
     return {
-        number: [f"{one.time:.6f} {one.text_at(at.moment, at.moment)}" for one in stories_at]
+        number: [f"{one.time:.6f} {one.text_at(at.instant, at.instant)}" for one in stories_at]
         for number, stories_at in stories.items()
     }
 
@@ -95,10 +95,10 @@ class WatchedPlayer(FoldedPlayer):
 
 def check(player: WatchedPlayer) -> None:
     times = player.history.times
-    for moment, (recorded, stories) in player.view_at.items():
-        at, place = RunAt(player.history, moment), times.index(moment) + 1
+    for instant, (recorded, stories) in player.view_at.items():
+        at, place = RunAt(player.history, instant), times.index(instant) + 1
         assert view_at(at) == recorded
-        if stories is not None and place < len(times) and times[place] - moment > _NO_TIME:
+        if stories is not None and place < len(times) and times[place] - instant > _NO_TIME:
             now = stories_at(at)
             assert {number: now[number] for number in stories} == stories
 

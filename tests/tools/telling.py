@@ -88,7 +88,7 @@ SECOND = 1_000_000_000
 def answers(entries: list[facts.Entry], question: str) -> list[str]:
     """The answers to a question, such as "fate 3 at 2.5 known 4 until 5".
 
-    Its parts: a word, a message, a moment, the moment of knowledge, the journal's end.
+    Its parts: a word, a message, an instant, the instant of knowledge, the journal's end.
     """
     found = re.fullmatch(
         r"(\w+)(?: (\d+))?(?: at ([\d.]+))?(?: known ([\d.]+))?(?: until ([\d.]+))?", question
@@ -106,12 +106,12 @@ def answers(entries: list[facts.Entry], question: str) -> list[str]:
     ]
 
 
-def at_moment(run: Run, at: float | None) -> RunAt:
+def at_instant(run: Run, at: float | None) -> RunAt:
     return RunAt(run) if at is None else RunAt.by_clock(run, at)
 
 
 def story_of(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The story of a message, as it was shown at a moment."""
+    """The story of a message, as it was shown at an instant."""
     if at is not None:
         return [
             f"{one.time:g} {one.text_at(at, at)}"
@@ -129,7 +129,7 @@ def _duration(sentence: Sentence) -> str:
 
 def row(run: Run, number: int, at: float | None = None) -> list[str]:
     """The row of a task in the tree: its standing, data and note."""
-    then = at_moment(run, at)
+    then = at_instant(run, at)
     task = then.tasks[TaskId(number)]
     return [", ".join(filter(None, (task.standing, data(task), note(then, task))))]
 
@@ -141,13 +141,13 @@ def states(run: Run, number: int) -> list[str]:
 
 def final_wait(run: Run, number: int, at: float | None = None) -> list[str]:
     """The last of the things that a task waits for."""
-    then = at_moment(run, at)
+    then = at_instant(run, at)
     return [str(in_the_end(then, then.tasks[TaskId(number)]) or "-")]
 
 
 def all_causes(run: Run, at: float | None = None) -> list[str]:
     """The common causes of all waits."""
-    then = at_moment(run, at)
+    then = at_instant(run, at)
     waiting, things, found = causes(then)
     lines = [f"{last_of(then, one.ends[0])}: {one.tasks}, first {one.first}" for one in found]
     return [f"{waiting} wait for {things}", *lines]
@@ -177,7 +177,7 @@ def all_failures(run: Run) -> list[str]:
 
 
 def fate_of(run: Run, number: int, at: float, known: float = float("inf")) -> list[str]:
-    """The fate of a failure at a moment."""
+    """The fate of a failure at an instant."""
     failed = run.messages[number]
     parts = [
         fate(run, failed, at, known).name,
@@ -232,7 +232,7 @@ def waits(run: Run) -> list[str]:
 
 
 def all_reasons(run: Run, number: int, at: float | None = None) -> list[str]:
-    then = at_moment(run, at)
+    then = at_instant(run, at)
     return reasons(then, then.tasks[TaskId(number)])
 
 
@@ -247,7 +247,7 @@ def advice(run: Run) -> list[str]:
 
 
 def bars(run: Run, number: int | None = None, at: float | None = None) -> list[str]:
-    """The chart from a moment on, with the constraints that hold one message."""
+    """The chart from an instant on, with the constraints that hold one message."""
     return list(bar_lines(chart(run, at, pick=ALL if number is None else Pick(held={number}))))
 
 
@@ -298,7 +298,7 @@ def _until(one: Slice) -> str:
 
 
 def tree(run: Run, at: float | None = None) -> list[str]:
-    then = at_moment(run, at)
+    then = at_instant(run, at)
     return [unstyle(line) for line in tree_lines(then, whole_outline(then), width=None)]
 
 
@@ -354,7 +354,7 @@ def all_uses(run: Run) -> list[str]:
 
 
 def life(run: Run, number: int, at: float | None = None) -> list[str]:
-    """The states of a task with their times, or its state and data at a moment."""
+    """The states of a task with their times, or its state and data at an instant."""
     task = run.tasks[TaskId(number)]
     if at is None:
         lives = [(time, life_at(run, task, time)) for time in run.times]
@@ -387,7 +387,7 @@ def waited(run: Run, number: int) -> list[str]:
 
 
 def figures(run: Run, at: float | None = None) -> list[str]:
-    """Counts and times of the part that begins at a moment."""
+    """Counts and times of the part that begins at an instant."""
     found = measure(run, start=at)
     lines = [f"{found.deadlocks} deadlocks"]
     every: list[MessageStats | ResourceStats] = [*found.messages, *found.resources]

@@ -1,4 +1,4 @@
-"""Common to all tools: invalid moments, output that cannot be written, damaged journals."""
+"""Common to all tools: invalid times, output that cannot be written, damaged journals."""
 
 import os
 import resource
@@ -29,7 +29,7 @@ Tca = Callable[..., Result]
 
 PRINTING_TOOLS = ["log show", "gantt", "replay --text"]
 """Tools with different ways to print."""
-MOMENTS = [
+TIMES = [
     *(("gantt", option) for option in ("--from", "--to", "--at")),
     *(("tree", option) for option in ("--from", "--to", "--at")),
     *(("stats", option) for option in ("--from", "--to")),
@@ -93,14 +93,12 @@ def file_size_limit() -> Iterator[None]:
         sys.dont_write_bytecode = False
 
 
-@pytest.mark.parametrize(("command", "option"), MOMENTS)
-@pytest.mark.parametrize("moment", ["nan", "-1e308", "soon"])
-def test_invalid_moment_is_refused(
-    tca: Tca, run: Path, command: str, option: str, moment: str
-) -> None:
-    result = tca(command, run, option, moment)
+@pytest.mark.parametrize(("command", "option"), TIMES)
+@pytest.mark.parametrize("time", ["nan", "-1e308", "soon"])
+def test_invalid_time_is_refused(tca: Tca, run: Path, command: str, option: str, time: str) -> None:
+    result = tca(command, run, option, time)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert f"'{option}': '{moment}' is not a time: give seconds, such as 12.5\n" in result.stderr
+    assert f"'{option}': '{time}' is not a time: give seconds, such as 12.5\n" in result.stderr
 
 
 @pytest.mark.slow

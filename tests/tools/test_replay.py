@@ -200,8 +200,8 @@ def test_story_shows_the_wait_so_far_without_its_end() -> None:
 def test_story_omits_reasons_not_yet_known() -> None:
     async def act(player: Player) -> None:
         await player.ask("slash", "{3}")
-        for moment, why in (("1", "until move {1} is achieved"), ("2", "until look {2}")):
-            await player.ask("g", moment)
+        for time, why in (("1", "until move {1} is achieved"), ("2", "until look {2}")):
+            await player.ask("g", time)
             assert f"held, {why}" in player.story.partition("sent by user")[2]
         await player.press("end")
         assert "held, until look {2} is achieved, 2.000 s" in player.story
@@ -223,10 +223,10 @@ def test_n_key_moves_between_search_results() -> None:
         await player.ask("slash", "unheard")
         assert "no task or failure 'unheard'" in player.heading
         place = player.app.place
-        await player.ask("slash", "2")  # it exists at this moment: the moment stays
+        await player.ask("slash", "2")  # it exists at this time: the time stays
         assert (player.app.selected, player.app.place) == (2, place)
         await player.press("home")
-        await player.ask("slash", "{9}")  # it comes later: the moment moves on
+        await player.ask("slash", "{9}")  # it comes later: the time moves on
         assert (player.app.selected, player.app.place > 0) == (9, True)
 
     play(stumbling().entries, act)

@@ -153,7 +153,7 @@ def test_run_of_short_lives_is_shortened_and_recovers(
     assert tca("check", "--rerun", tmp_path).exit_code == 0
 
 
-def test_shortened_fact_keeps_the_latest_moment(tca: Tca, tmp_path: Path) -> None:
+def test_shortened_fact_keeps_the_latest_time(tca: Tca, tmp_path: Path) -> None:
     folder = tmp_path / "journal"
     files = journal_of(folder, 5)
     last = History.until(Log(folder)).time

@@ -86,7 +86,7 @@ def test_story_option_accepts_the_number_of_a_query(tca: Tca, run: Path) -> None
     assert several == "Error: 2 messages are called 'elevation map': name one by its number: 5, 8\n"
 
 
-def test_story_can_be_a_file_and_of_a_past_moment(tca: Tca, run: Path, tmp_path: Path) -> None:
+def test_story_can_be_a_file_and_of_a_past_time(tca: Tca, run: Path, tmp_path: Path) -> None:
     assert tca("tree", run, "--story", 7, "-o", tmp_path / "story.txt").exit_code == 0
     assert (
         (tmp_path / "story.txt")
@@ -234,19 +234,19 @@ def with_coarse_clock() -> list[Entry]:
 
 
 @pytest.mark.parametrize("entries", [walk(), with_coarse_clock()])
-def test_past_moment_looks_the_same_with_and_without_the_future(entries: list[Entry]) -> None:
+def test_past_instant_looks_the_same_with_and_without_the_future(entries: list[Entry]) -> None:
     whole = History.until(entries)
-    for moment in sorted({entry.time for entry in entries}):
-        known, remembered = History.until(entries, moment), RunAt.by_clock(whole, moment)
-        read = RunAt.by_clock(known, moment)
-        assert (read.moment, read.time) == (remembered.moment, remembered.time)
+    for instant in sorted({entry.time for entry in entries}):
+        known, remembered = History.until(entries, instant), RunAt.by_clock(whole, instant)
+        read = RunAt.by_clock(known, instant)
+        assert (read.instant, read.time) == (remembered.instant, remembered.time)
         shown, expected = (
             list(tree_lines(at, whole_outline(at), with_data=True)) for at in (read, remembered)
         )
         assert shown == expected
 
 
-def test_damage_after_the_requested_moment_is_not_reported(tca: Tca, tmp_path: Path) -> None:
+def test_damage_after_the_requested_time_is_not_reported(tca: Tca, tmp_path: Path) -> None:
     entries = walk()
     late = tmp_path / "late.tcaj"
     late.write_bytes(encoded(entries) + b"\xce and then garbage")
@@ -255,7 +255,7 @@ def test_damage_after_the_requested_moment_is_not_reported(tca: Tca, tmp_path: P
     assert (early.exit_code, early.stderr) == (0, "")
 
 
-def test_later_task_or_module_is_unknown_at_an_earlier_moment(tca: Tca, run: Path) -> None:
+def test_later_task_or_module_is_unknown_at_an_earlier_time(tca: Tca, run: Path) -> None:
     for command in ("tree", "gantt"):
         refused = tca(command, run, "--at", 1.0, "--task", "move leg").stderr
         assert refused == "Error: no task 'move leg' in this journal until 1 s\n"

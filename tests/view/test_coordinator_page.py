@@ -26,7 +26,7 @@ def marked(page: Page, kind: str, expected: str) -> None:
     until(page, script, [kind, expected])
 
 
-def test_machine_shows_its_preview_at_any_moment(open_page: OpenPage, delivery: Path) -> None:
+def test_machine_shows_its_preview_at_any_time(open_page: OpenPage, delivery: Path) -> None:
     page = open_page(delivery, "#t=1&task=2")
     page.wait_for_selector(".machine svg")
     picture = page.locator(".machine svg").element_handle()
@@ -43,15 +43,15 @@ def test_machine_shows_its_preview_at_any_moment(open_page: OpenPage, delivery: 
 
 
 @pytest.mark.soak
-def test_tree_marks_early_work_as_known_at_the_moment(open_page: OpenPage, delivery: Path) -> None:
+def test_tree_marks_early_work_as_known_at_the_time(open_page: OpenPage, delivery: Path) -> None:
     page = open_page(delivery, "#t=1&task=2")
     marks = "(expected) => [...document.querySelectorAll('.row .role')].map((one) => one.textContent).join('; ') === expected"
-    for moment, expected in (
+    for time, expected in (
         (1, "ahead"),
         (3, "ahead, wasted; ahead"),
         (20, "ahead, wasted; ahead, kept"),
     ):
-        page.evaluate("(time) => { location.hash = `#t=${time}&task=2`; }", moment)
+        page.evaluate("(time) => { location.hash = `#t=${time}&task=2`; }", time)
         until(page, marks, expected)
 
 
@@ -60,8 +60,8 @@ def test_server_reports_which_states_are_likely(
 ) -> None:
     address = serve(delivery)
 
-    def asked(moment: float) -> Any:
-        return answer(f"{address}api/message/2?at={moment}")["machine"]
+    def asked(instant: float) -> Any:
+        return answer(f"{address}api/message/2?at={instant}")["machine"]
 
     assert asked(3)["active"] == [1]
     assert asked(3)["late"][0].startswith("'going to C' did not start early")

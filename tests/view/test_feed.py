@@ -166,7 +166,7 @@ def assert_verdicts(page: Page, history: History, entries: list[Entry]) -> None:
     """Each failure has a row, and its last verdict agrees with the history."""
     last = {row: is_good for row, is_good, _ in page.table("verdict")}
     failures = page.table("failure")
-    for row, is_good, turn in page.table("verdict"):  # each verdict as known at its moment
+    for row, is_good, turn in page.table("verdict"):  # each verdict as known at its time
         message, time, *_ = failures[row]
         if message in history.messages:
             assert is_good == run_continued(history, history.messages[message], time, turn)

@@ -123,7 +123,7 @@ def test_idle_tree_follows_the_last_change_until_scrolled(open_page: OpenPage, w
     expect(chosen(page)).to_have_attribute("data-task", str(task))
     expect(chosen(page)).to_be_in_viewport()
     expect(page.locator("#task h2")).to_have_text(f"move {{{task}}}")
-    page.evaluate(f"location.assign('{address}#task=1')")  # without a moment: the end
+    page.evaluate(f"location.assign('{address}#task=1')")  # without a time: the end
     expect(page.locator("#follow")).to_have_class("on")
     expect(chosen(page)).to_have_attribute("data-task", "1")
     expect(chosen(page)).to_be_in_viewport()

@@ -1,4 +1,4 @@
-"""A state machine of tasks on the page: its picture with the active states of the moment."""
+"""A state machine of tasks on the page: its picture with the active states at the time shown."""
 
 import json
 import urllib.request
@@ -63,17 +63,17 @@ def active(page: Page) -> Any:
     )
 
 
-def test_active_states_follow_the_shown_moment(open_page: OpenPage, patrol: Path) -> None:
+def test_active_states_follow_the_shown_time(open_page: OpenPage, patrol: Path) -> None:
     page = open_page(patrol, "#t=2&task=1")
     assert active(page) == "Wait patrol"
     picture = page.locator(".machine svg").element_handle()
-    for moment, expected in (
+    for time, expected in (
         (1.5, ""),
         (4.5, "GoTo Look concurrence patrol"),
         (2.5, "Wait patrol"),
         (7, ""),
     ):
-        page.evaluate("(time) => { location.hash = `#t=${time}&task=1`; }", moment)
+        page.evaluate("(time) => { location.hash = `#t=${time}&task=1`; }", time)
         until(
             page,
             "(expected) => [...document.querySelectorAll('.machine .active text:first-of-type')].map((one) => one.textContent).sort().join(' ') === expected",

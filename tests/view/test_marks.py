@@ -117,7 +117,7 @@ def test_replaced_task_is_amber(open_page: OpenPage, tmp_path: Path) -> None:
     )
 
     page.locator("#tab-task").click()
-    page.keyboard.press("[")  # red before the replacement, as in the tree of that moment
+    page.keyboard.press("[")  # red before the replacement, as in the tree of that time
     expect(row.locator(".why")).to_have_text("failed: blind: fog")
     expect(page.locator("#task .lead.bad").first).to_have_text("blind: fog")
     later = page.locator("#task .lead.faint")
@@ -278,7 +278,7 @@ def test_running_bar_is_not_marked_failed(open_page: OpenPage, tmp_path: Path) -
     ):
         page.evaluate(f"location.hash = '#t={time}'")
         until(page, f"tca.chart.time === {time}")
-        (x, y, early), (_, _, late) = (page.evaluate(framed, [moment]) for moment in (3, 7))
+        (x, y, early), (_, _, late) = (page.evaluate(framed, [time]) for time in (3, 7))
         assert [early, late] == is_framed
         page.mouse.move(x, y)
         expect(page.locator("#hint")).to_have_text(hint)

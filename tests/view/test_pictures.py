@@ -1,4 +1,4 @@
-"""Pictures that modules publish as variables, shown as of the current moment."""
+"""Pictures that modules publish as variables, as of the time shown."""
 
 import base64
 import urllib.request
@@ -50,15 +50,15 @@ def widths(page: Page) -> Any:
     )
 
 
-def test_pictures_belong_to_the_shown_moment(open_page: OpenPage, arm: Path) -> None:
+def test_pictures_belong_to_the_shown_time(open_page: OpenPage, arm: Path) -> None:
     page = open_page(arm, "#t=0.5")
     expect(page.locator("#pictures")).to_be_hidden()
-    for moment, expected in (
+    for time, expected in (
         (1.5, {"picture of arm": 11}),
         (3.5, {"picture of arm": 33, "picture of map": 3}),
         (2.5, {"picture of arm": 11, "picture of map": 3}),
     ):
-        page.evaluate("(time) => { location.hash = `#t=${time}`; }", moment)
+        page.evaluate("(time) => { location.hash = `#t=${time}`; }", time)
         until(
             page,
             """(expected) => [...document.querySelectorAll('#pictures details:not([hidden]) img')].map((one) => one.naturalWidth).join() === expected""",

@@ -20,7 +20,7 @@ def quiet(tmp_path: Path) -> Path:
     return story.acted(story.command("move", "user"), "legs", 1.0).write(tmp_path / "quiet")
 
 
-def moments(page: Page, number: int, milliseconds: int) -> list[float]:
+def times(page: Page, number: int, milliseconds: int) -> list[float]:
     """The times on slider and chart, sampled *number* times, *milliseconds* apart."""
     found = []
     for _ in range(number):
@@ -49,7 +49,7 @@ def assert_plays_between_messages(page: Page) -> None:
     page.locator("#play").click()
     shown = [
         6.0,
-        *moments(page, 10, 100),
+        *times(page, 10, 100),
     ]  # within an action, played in half its time
     steps = [later - earlier for earlier, later in itertools.pairwise(shown)]
     assert min(steps) > 0
@@ -70,7 +70,7 @@ def assert_plays_between_messages(page: Page) -> None:
 def assert_plays_silence_fast(page: Page) -> None:
     """A long silence is played fast, and the clock is marked."""
     page.locator("#play").click()
-    shown = moments(page, 3, 500)
+    shown = times(page, 3, 500)
     assert shown == sorted(set(shown))
     assert 20 < shown[0] < 3600
     expect(page.locator("#clock")).to_have_class("faster")
@@ -119,8 +119,8 @@ def test_zoomed_chart_follows_the_steps(open_page: OpenPage, quiet: Path) -> Non
     page = open_page(quiet, "#t=2")
     expect(page.locator("#clock")).to_have_text("2.000 s")
     page.evaluate("Object.assign(tca.chart, { from: 1.5, to: 2.5 })")
-    for key, moment in (("ArrowRight", 11), ("ArrowRight", 3600), ("ArrowLeft", 11), ("End", 3601)):
+    for key, time in (("ArrowRight", 11), ("ArrowRight", 3600), ("ArrowLeft", 11), ("End", 3601)):
         page.keyboard.press(key)
         start, end = page.evaluate("tca.chart.window")
-        assert start <= moment <= end
+        assert start <= time <= end
         assert end - start == pytest.approx(1.0)

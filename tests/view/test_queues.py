@@ -29,9 +29,7 @@ def queue_of(number: int) -> Story:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("number", [3_000, pytest.param(100_000, marks=pytest.mark.soak)])
-def test_long_queue_is_shown_at_any_moment(
-    open_page: OpenPage, tmp_path: Path, number: int
-) -> None:
+def test_long_queue_is_shown_at_any_time(open_page: OpenPage, tmp_path: Path, number: int) -> None:
     log = tmp_path / "long.tcaj"
     log.write_bytes(queue_of(number).encoded())
     page = open_page(log)

@@ -66,7 +66,7 @@ def test_server_gives_all_details_of_a_task(address: str) -> None:
     assert details["relations"] == [["sent by", "gait planner while handling take steps {2}"]]
 
 
-def test_server_gives_notes_and_messages_around_a_moment(address: str) -> None:
+def test_server_gives_notes_and_messages_around_a_time(address: str) -> None:
     get(f"{address}api/frame")
     notes = asked(address, "notes?ids=4,7,99,x&at=2.5")
     assert [*notes] == ["4", "7"]

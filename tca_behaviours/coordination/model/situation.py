@@ -14,7 +14,7 @@ Fact = str | bool | int | float
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """The state of a run at one moment, as guards, costs and likelihoods read it."""
+    """The state of a run at one time, as guards, costs and likelihoods read it."""
 
     state: str = ""
     """The label of the current state."""

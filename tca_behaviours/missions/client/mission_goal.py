@@ -40,7 +40,7 @@ _numbers = itertools.count(1)  # make the names of this process's missions uniqu
 _Begun = tuple[int, LaterReply[None]]
 """A goal that has begun: the number of its task, and the reply that ends it."""
 
-_SAME_MOMENT = "two missions of one name began at the same moment"
+_SAME_TIME = "two missions of one name began at the same time"
 
 
 class MissionInfo(msgspec.Struct, frozen=True):
@@ -62,7 +62,7 @@ def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
         raise _NameTakenError  # the other mission has refused it
     task, reply = begun[0]
     if task != goal.id:  # this mission has got the goal of the other one
-        reply.fail(MISSION_FAILED(text=_SAME_MOMENT))
+        reply.fail(MISSION_FAILED(text=_SAME_TIME))
         raise _NameTakenError
     return reply
 
@@ -129,7 +129,7 @@ class MissionGoal:
         def begin(task: Task, _: MissionInfo) -> LaterReply[None]:
             begun.append(own := (task.id, task.reply_later()))
             if begun[0] is not own:
-                raise MISSION_FAILED(text=_SAME_MOMENT)
+                raise MISSION_FAILED(text=_SAME_TIME)
             return own[1]
 
         module.at_start(check_name)

@@ -213,10 +213,10 @@ class Scenario:
         Args:
             name: The module's name; its own resource has the same.
             capacity: The number of messages that its own resource handles at a time.
-            may_be_lost: The number of times that its process may die, at any moment.
+            may_be_lost: The number of times that its process may die, at any time.
             comes_back: Whether it is started again each time that it was lost.
-            may_leave: Whether it may say goodbye at any moment.
-            arrives_late: Whether it joins at some moment of the run, instead of before it.
+            may_leave: Whether it may say goodbye at any time.
+            arrives_late: Whether it joins at some time of the run, instead of before it.
             prefetch: The number of messages that each of its slots may have prefetched; packets to
                 the slots then take some time. None: slots receive packets at once.
             requires: Messages that must have a handler before the module handles anything.
@@ -252,7 +252,7 @@ class Scenario:
         return any(module.prefetch is not None for module in self.modules.values())
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
-        """Let the operator kill tasks of *message*, at any moment.
+        """Let the operator kill tasks of *message*, at any time.
 
         Args:
             message: A goal or command.
@@ -262,7 +262,7 @@ class Scenario:
         self.may_be_killed[_task(message, "may_kill").name] = times
 
     def may_suspend(self, message: Message[Any, Any], times: int = 1) -> None:
-        """Let the operator suspend tasks of *message* at any moment, and resume them later.
+        """Let the operator suspend tasks of *message* at any time, and resume them later.
 
         Args:
             message: A goal or command.

@@ -220,7 +220,7 @@ def _flow(message: Message | None, delivery: int = 0) -> int:
 
 
 def _sending(track: Track, messages: Iterable[Message]) -> Iterator[Event]:
-    """Yield an event for each moment at which messages were sent."""
+    """Yield an event for each instant at which messages were sent."""
     for time, group in groupby(
         messages, key=lambda message: track.trace.nanoseconds(message.received)
     ):
@@ -299,7 +299,7 @@ def add_task_tree(trace: Trace) -> None:
 
 def _task(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     outer = track.begin(span, task.name, "task", of_task(track.trace.run, task))
-    return track.within(span, outer, _moments(track, span, task), _states(track, span, task))
+    return track.within(span, outer, _instants(track, span, task), _states(track, span, task))
 
 
 def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
@@ -316,10 +316,10 @@ def _states(track: Track, span: TraceSpan, task: Task) -> Iterator[Event]:
     return track.slices(stages_with_events)
 
 
-def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
+def _instants(track: Track, span: TraceSpan, task: Task) -> list[Event]:
     """Return the events of a task: failures, kills, and changes of its state."""
     trace = track.trace
-    moments: list[tuple[float, str, str, Details]] = [
+    instants: list[tuple[float, str, str, Details]] = [
         (
             time,
             "failed",
@@ -328,7 +328,7 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
         )
         for time, text in task.failures
     ]
-    moments += [
+    instants += [
         (time, "killed", "failure", {"why": why, "by": task.value_at("killed_by", time) or None})
         for time, why in task.new_values("killed")
         if why is not None
@@ -340,8 +340,8 @@ def _moments(track: Track, span: TraceSpan, task: Task) -> list[Event]:
             "why": change.text or None,
             "data": plain_data(change.body),
         }
-        moments.append((change.time, change.transition, "change", details))
+        instants.append((change.time, change.transition, "change", details))
     return [
         track.instant(int(min(trace.nanoseconds(time), span.last)), name, category, details)
-        for time, name, category, details in sorted(moments, key=itemgetter(0))
+        for time, name, category, details in sorted(instants, key=itemgetter(0))
     ]

@@ -24,7 +24,7 @@ export class Chart {
     this.chosen = null;
     this.from = null; // start of the window; null: the first message
     this.to = null; // end of the window; null: the end of the run
-    this.lastSeconds = null; // if set, the window is this many seconds before the moment shown
+    this.lastSeconds = null; // if set, the window is this many seconds before the time shown
     this.lastSelect = document.getElementById("last");
     this.lastSelect.addEventListener("change", () => this.showLast(Number(this.lastSelect.value) || null));
     this.scroll = 0;
@@ -48,7 +48,7 @@ export class Chart {
     if (!this.hint.hidden) this.#showHint(this.pointer);
   }
 
-  // Move the window to a moment, if the moment is outside it.
+  // Move the window to a time, if the time is outside it.
   reveal(time) {
     if (this.lastSeconds !== null) return;
     const [from, to] = this.window;
@@ -56,7 +56,7 @@ export class Chart {
     else if (time < from || time > to) this.#moveWindow(time, 0.5);
   }
 
-  // Move the window so that a share of it is before a moment. It keeps its length, and does not pass the end of a run that has ended.
+  // Move the window so that a share of it is before a time. It keeps its length, and does not pass the end of a run that has ended.
   #moveWindow(time, share) {
     if (this.to === null || this.drag) return;
     const [from, to] = this.window, wide = to - from, { isLive } = this.store;
@@ -74,7 +74,7 @@ export class Chart {
     this.draw();
   }
 
-  // Show the given seconds before the moment shown, and follow it; null: show the default window.
+  // Show the given seconds before the time shown, and follow it; null: show the default window.
   showLast(seconds) {
     this.from = this.to = null;
     this.lastSeconds = seconds;
@@ -215,8 +215,8 @@ export class Chart {
       const x = this.#x(span.end);
       if (x >= this.labelWidth && x <= this.width && x - this.#x(span.start) < 4) this.#drawFlag(x, top, this.#frameColour(span));
     }
-    for (const change of row.changes) this.#drawMoment(change, css("--ink"), box);
-    for (const failure of row.raised) this.#drawMoment(failure, css(wasHandled(failure, this.time) ? "--handled" : "--bad"), box);
+    for (const change of row.changes) this.#drawInstant(change, css("--ink"), box);
+    for (const failure of row.raised) this.#drawInstant(failure, css(wasHandled(failure, this.time) ? "--handled" : "--bad"), box);
     context.fillStyle = css("--paper");
     context.fillRect(0, top - BETWEEN / 2, this.labelWidth - 1, bottom - top + BETWEEN);
     context.fillStyle = css("--ink");
@@ -302,7 +302,7 @@ export class Chart {
   }
 
   // Draw a stroke across the bar, with a flag, at a failure that was raised beside the handler or at a client's request.
-  #drawMoment({ time, span }, colour, { top, heldLanes, handledLanes, queuedLanes, queuedStep }) {
+  #drawInstant({ time, span }, colour, { top, heldLanes, handledLanes, queuedLanes, queuedStep }) {
     const { context } = this, x = this.#x(time), isQueued = span.kind === "queued", tall = isQueued ? queuedStep - 2 : LANE - 2;
     if (x < this.labelWidth || x > this.width) return;
     const y = top + heldLanes * THIN + (isQueued ? handledLanes * LANE + Math.min(span.lane, queuedLanes - 1) * queuedStep : Math.min(span.lane, handledLanes - 1) * LANE);

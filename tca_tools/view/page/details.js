@@ -81,7 +81,7 @@ export class Details {
     if (about.failure) {
       yield this.#paragraph(about.handled ? "handled" : "bad", about.failure);
       const later = about.handled ? undefined : this.store.handledLater(about.id, this.time);
-      if (later !== undefined) yield element("p", { class: "lead faint" }, "handled later: ", this.#moment(later));
+      if (later !== undefined) yield element("p", { class: "lead faint" }, "handled later: ", this.#timeLink(later));
       if (about.told) yield this.#paragraph("", about.told);
     }
     if (about.killed) yield this.#paragraph(about.replaced ? "handled" : "bad", `killed: ${about.killed}`);
@@ -126,17 +126,17 @@ export class Details {
 
   #sentence({ time, text, seconds: took, isOpen }) {
     const isKnown = time <= this.time, lasts = isOpen && isKnown ? [age(time), " …"] : [took === null ? "" : duration(took)];
-    return element("tr", { class: isKnown ? "" : "met" }, element("td", { class: "number" }, this.#moment(time)),
+    return element("tr", { class: isKnown ? "" : "met" }, element("td", { class: "number" }, this.#timeLink(time)),
       element("td", { class: "number" }, ...lasts), element("td", { class: "said" }, ...this.#linked(text)));
   }
 
   #step({ time, depth, text }) {
     const cell = element("td", { class: "said" }, ...this.#linked(text));
     cell.style.paddingLeft = `calc(${depth} * var(--indent))`;
-    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#moment(time)), cell);
+    return element("tr", { class: time > this.time ? "met" : "" }, element("td", { class: "number" }, this.#timeLink(time)), cell);
   }
 
-  #moment(time) {
+  #timeLink(time) {
     const when = element("button", { class: "link", text: seconds(time), title: "go there" });
     when.addEventListener("click", () => this.setTime(time));
     return when;

@@ -67,9 +67,9 @@ export function soon(work, milliseconds) {
 // --- ages: how long something has lasted --------------------------------------------------------------------------------
 
 const SHORTEST_AGE = 5e-4; // seconds: shorter ages are not shown
-let now = 0; // the moment shown
+let now = 0; // the time shown
 
-// An element that shows how long something has lasted at the moment shown.
+// An element that shows how long something has lasted at the time shown.
 export function age(since, before = "", after = "") {
   const made = element("span", { class: "age" });
   Object.assign(made.dataset, { since, before, after });
@@ -88,7 +88,7 @@ export function ages({ since, start }) {
   return since - start < SHORTEST_AGE ? [age(since, ", for ")] : [age(since, ", for "), age(start, " (", " in all)")];
 }
 
-// Show all ages as of a moment.
+// Show all ages as of a time.
 export function updateAges(time) {
   now = time;
   document.querySelectorAll(".age").forEach(showAge);

@@ -1,4 +1,4 @@
-// State machines of tasks. A picture is fetched once. The states that are active or foreseen at the moment shown are marked.
+// State machines of tasks. A picture is fetched once. The states that are active or foreseen at the time shown are marked.
 
 import { element } from "./dom.js";
 

@@ -25,7 +25,7 @@ const store = new Store();
 let cursor = Infinity; // Infinity: the present end
 let isDrawScheduled = false;
 let agesUpdated = 0; // when the durations of waits were last updated
-let isAddressApplied = false; // whether the moment and task of the address have been applied
+let isAddressApplied = false; // whether the time and task of the address have been applied
 
 async function ask(what, parameters = {}) {
   const finite = Object.entries(parameters).filter(([, value]) => value !== Infinity); // without "at", the answer is about the end
@@ -61,7 +61,7 @@ function choose(id) {
   details.show(id, cursor);
   if (task) {
     if (task.time > cursor) setTime(task.time);
-    tree.reveal(task, Math.min(cursor, store.end)); // the moment that all parts show next
+    tree.reveal(task, Math.min(cursor, store.end)); // the time that all parts show next
   } else {
     tree.chooseNone();
   }
@@ -151,7 +151,7 @@ function openTab(name) {
   if (name === "traffic") traffic.show(Math.min(cursor, store.end));
 }
 
-// Write moment and task into the address, so that the user can share it.
+// Write time and task into the address, so that the user can share it.
 function writeAddress() {
   if (!isAddressApplied) return; // it would overwrite the address before it is applied
   const parts = [];
@@ -161,7 +161,7 @@ function writeAddress() {
   if (address !== location.pathname + location.search + location.hash) history.replaceState(null, "", address);
 }
 
-// Go to the moment and task of an address; without a moment, to `defaultTime`.
+// Go to the time and task of an address; without a time, to `defaultTime`.
 function applyAddress(hash, defaultTime) {
   const fields = new URLSearchParams(hash.slice(1)), time = fields.has("t") ? Number(fields.get("t")) || 0 : defaultTime;
   if (time !== undefined) setTime(time, { followCurrent: true });

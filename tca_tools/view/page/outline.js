@@ -49,7 +49,7 @@ export class Outline {
     }
   }
 
-  // The rows at a moment: { task } or, for a folded run, { folded, state, parent }; each with its depth.
+  // The rows at a time: { task } or, for a folded run, { folded, state, parent }; each with its depth.
   rows(time) {
     const rows = [], stack = [...this.#below(null, this.store.top, time, 0)].reverse();
     while (stack.length) {

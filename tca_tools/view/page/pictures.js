@@ -1,4 +1,4 @@
-// Pictures that modules publish, as of the moment shown. A browser runs no script in an image.
+// Pictures that modules publish, as of the time shown. A browser runs no script in an image.
 
 import { element } from "./dom.js";
 import { lastNotAfter } from "./store.js";

@@ -7,7 +7,7 @@ const LEFT = "left"; // the session's key of the run that the page has left for 
 const chosen = new URLSearchParams(location.search).get("run"); // from the address; null: the server's first choice
 
 export class Runs {
-  // `isMoved` says whether the reader has chosen a moment or a task: then the page does not switch to another run.
+  // `isMoved` says whether the reader has chosen a time or a task: then the page does not switch to another run.
   constructor(store, { isMoved }) {
     Object.assign(this, { store, isMoved });
     this.known = null; // the newest run that the reader knows
@@ -57,7 +57,7 @@ export class Runs {
     note.hidden = false;
   }
 
-  // The query of the address: the run, if it was chosen or a moment or task of it is named.
+  // The query of the address: the run, if it was chosen or a time or task of it is named.
   search(isMoved) {
     const { head } = this.store;
     if (chosen !== null) return location.search;

@@ -1,7 +1,7 @@
 // The search for tasks and other messages. A task is found if each word matches its name, number, state, module (of its handler
 // or queue), failure or reason of its kill. The results are ranked by the worst match of a word, in this order; results of one
 // rank are in the order in which they were sent. Other messages follow the tasks, and need a word that matches their name.
-// Messages that are sent after the moment shown are found by name or number only.
+// Messages that are sent after the time shown are found by name or number only.
 
 const SHORTEST = 3; // letters of a word that matches the start of a state; a shorter word must be the whole state
 const NAME = 0, STATE = 1, MODULE = 2, FAILURE = 3, KILL = 4, NO_MATCH = 5; // the ranks of a match
@@ -11,7 +11,7 @@ export class Search {
     Object.assign(this, { store, tree, choose, setTime, changed });
     this.input = document.getElementById("search");
     this.found = [];
-    this.later = []; // matches that are sent after the moment shown
+    this.later = []; // matches that are sent after the time shown
     this.place = -1;
     this.input.addEventListener("input", () => this.update());
     this.input.addEventListener("keydown", (event) => {

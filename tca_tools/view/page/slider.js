@@ -66,7 +66,7 @@ export class Slider {
     this.#showHaste(false);
   }
 
-  // Play from the moment shown; at the end of the run, from its start.
+  // Play from the time shown; at the end of the run, from its start.
   #play() {
     document.getElementById("play").textContent = "❚❚";
     if (this.time >= this.store.last) this.time = this.store.start;

@@ -1,4 +1,4 @@
-// The part of the run that the server has sent: rows are only added. Answers questions about any moment of it.
+// The part of the run that the server has sent: rows are only added. Answers questions about any time of it.
 
 import { firstWith, newRow } from "./rows.js";
 import { ofRun } from "./runs.js";
@@ -268,7 +268,7 @@ export class Store {
     if (message && span.kind === "queued") message.queued.push(span);
   }
 
-  // --- the run at a moment --------------------------------------------------------------------------------------
+  // --- the run at a time --------------------------------------------------------------------------------------
 
   // The task or message with a number.
   find(number) { return this.byId.get(number) ?? this.messageById.get(number); }

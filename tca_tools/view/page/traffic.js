@@ -1,4 +1,4 @@
-// The traffic between modules at the moment shown: the number of messages from each module to each other one, and their recent
+// The traffic between modules at the time shown: the number of messages from each module to each other one, and their recent
 // rate.
 
 import { element } from "./dom.js";
@@ -33,7 +33,7 @@ export class Traffic {
 
   *#parts(groups) {
     if (!groups.length) return yield element("p", { class: "faint", text: "No messages have been sent yet." });
-    const heads = [["message", ""], ["number", "until the moment shown"], ["per s", `in the last ${RECENT} s before that moment`]];
+    const heads = [["message", ""], ["number", "until the time shown"], ["per s", `in the last ${RECENT} s before that time`]];
     yield element("table", {},
       element("tr", {}, ...heads.map(([text, title]) => element("th", { text, title }))),
       ...groups.flatMap((group) => [this.#head(group), ...group.rows.map((row) => this.#row(row, group))]));

@@ -1,4 +1,4 @@
-// The task tree at a moment, one line for each task. Only the lines in sight are in the page.
+// The task tree at a time, one line for each task. Only the lines in sight are in the page.
 
 import { ages, dot, element, ruler } from "./dom.js";
 import { Notes } from "./notes.js";

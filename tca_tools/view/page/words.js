@@ -8,7 +8,7 @@ export const counted = (number, one) => `${number.toLocaleString("en")} ${one}${
 
 const two = (number) => String(number).padStart(2, "0");
 
-// A moment: "12.300 s", "1:51:48.5".
+// A time: "12.300 s", "1:51:48.5".
 export function seconds(time, digits = 3) {
   if (!Number.isFinite(time)) return "…";
   if (Math.abs(time) < 600) return `${time.toFixed(digits)} s`;
