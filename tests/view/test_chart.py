@@ -200,11 +200,11 @@ def test_unhandled_bars_have_names_and_show_in_dark_mode(
 ) -> None:
     page = open_page(stuck().write(tmp_path / "stuck"))
     page.emulate_media(color_scheme="dark")
-    assert page.evaluate(f"({_OF_NOBODY}).step") > 10
+    assert page.evaluate(f"({_UNHANDLED_ROW}).queuedStep") > 10
     assert page.evaluate(_BRIGHTEST) > 70
 
 
-_OF_NOBODY = "tca.chart.layout.find((one) => one.row.label === '(no handler)')"
+_UNHANDLED_ROW = "tca.chart.layout.find((one) => one.row.label === '(no handler)')"
 _BRIGHTEST = """(() => {
   const { canvas, layout } = tca.chart, { top } = layout.find((one) => one.row.label === '(no handler)');
   tca.chart.draw();
