@@ -1,14 +1,18 @@
-"""Central's core: the one function that changes its state. Knows no socket, file, clock or thread.
+"""Central's core: the one function that changes central's state.
 
-Theory of operation. ``handle`` accepts one event. Its row of HANDLERS records what happened. Then
+The core uses no socket, file or thread, and it never reads the time: each event brings its time.
+
+Theory of operation. ``handle`` accepts one event. First it handles each timer that is due at the
+event's time. Then it records the event. For a request, the request's row of HANDLERS does so. Then
 the core works until nothing changes: points are reached, startable tasks are given to resources,
-ended tasks are reported. It returns what the shell must do: first the journal entry, with every
-fact and its cause, then the messages to send. A timer that is due by then comes before the event,
-with an entry of its own. The same events always give the same effects.
+ended tasks are reported. ``handle`` returns effects for the server to carry out: first a journal
+entry with the facts and their cause, then the messages to send. Each timer has an entry of its own.
+The same events always give the same effects.
 
-The rules do not know each other. The registry has modules and messages, task_tree the structure,
-agenda the points and constraints, resources and dispatcher the capacity and order. state.py
-combines them. The files in requests/ say what each message does to them. This file decides when.
+The registry has the modules and messages, and the task tree has the structure of tasks. The agenda
+decides about points and constraints, the dispatcher about slots and queues. Agenda and dispatcher
+do not know each other. state.py combines these parts. The functions in HANDLERS say what each
+request changes in the parts. This file decides when the changes happen.
 """
 
 from collections import deque
@@ -76,7 +80,7 @@ _LONGEST_BODY = int(Limit.BODY)
 
 
 class Central(State):
-    """The whole state. ``handle`` is the only way to change it; other public members only read."""
+    """Central's whole state. The server changes the state only through ``handle``."""
 
     __slots__ = ("_output_queues", "_outputs")
 
@@ -85,9 +89,9 @@ class Central(State):
         self.connect_outputs()
 
     def connect_outputs(self) -> None:
-        """Connect the agenda's queues with their handlers.
+        """Connect each output queue of the agenda and the dispatcher with the queue's function.
 
-        The connections are not part of the state: they are rebuilt after an image is read.
+        These pairs are not part of the state. They are rebuilt after an image of the state is read.
         """
         agenda = self.agenda
         # The order matters: all items of one queue are handled before those of the next.
@@ -116,10 +120,11 @@ class Central(State):
         """Handle one event and return its effects, in the order in which they must happen.
 
         Args:
-            event: What has happened. Its time must not be before that of the last event.
+            event: What has happened. Its time must not be before the last event's time.
 
         Returns:
-            A ``Record`` for each journal entry, then the ``Transmit`` of each message.
+            The effects of each timer that was due, then those of the event. Each time a ``Record``
+            of the journal entry comes first, then a ``Transmit`` for each message.
 
         Any exception that leaves this function is a bug in central.
         """
@@ -143,14 +148,14 @@ class Central(State):
         """Handle a timer that is due."""
         self.event_count += 1
         due, subject = timer.due, timer.subject
-        # The entry names the task or the claim.
+        # The entry names the task, message or claim that the timer concerns.
         about = cast("Delivery | ModuleClaim | None", getattr(subject, "task", subject))
         TIMERS[due](self, cast("Never", subject))
         self._process_all()
         self._report(effects, time, causes.TimeOver(due, about.id if about is not None else 0))
 
     def _on_connection_event(self, event: BadBytes | ConnectionLost, effects: list[Effect]) -> None:
-        """Handle the loss of a connection, or bytes from it that cannot be read."""
+        """Handle a lost connection, or bytes from a connection that cannot be read."""
         self.event_count += 1
         cause: causes.Cause
         connection = self.registry.connections.get(event.connection)
@@ -166,7 +171,7 @@ class Central(State):
         self._report(effects, event.time, cause)
 
     def _on_admin_event(self, event: AdminEvent, effects: list[Effect]) -> None:
-        """Handle an event of the operator, or one that central itself raises for all modules."""
+        """Handle an event of the operator, or an event that central itself raises."""
         self.event_count += 1
         if isinstance(event, ConfirmTasks):
             for connection in list(self.unconfirmed):
@@ -187,7 +192,7 @@ class Central(State):
         self._report(effects, event.time, causes.Administrator())
 
     def _receive(self, event: RequestReceived, effects: list[Effect]) -> None:
-        """Handle a request. One that cannot be done is refused and changes nothing."""
+        """Handle a request. A request that cannot be done is refused and changes nothing."""
         self.event_count += 1
         header = event.header
         kind = KINDS[type(header)]
@@ -216,7 +221,7 @@ class Central(State):
     def _carry_out(
         self, connection: Connection, header: ToCentral, body: bytes, kind: "_Kind"
     ) -> None:
-        """Check a request, and call its handler."""
+        """Check a request, and call the function in its row of HANDLERS."""
         if kind.needs_number and not header.number:  # type: ignore[union-attr]
             raise RequestError(
                 Refusal.PROTOCOL, f"{kind.name} waits for an answer, so it needs a request number"
@@ -224,7 +229,7 @@ class Central(State):
         if kind.read_origin is not None and (origin := kind.read_origin(header)):
             self.origin = self._checked_origin(origin, connection)
             if kind.drops_wrong_origin and not self.origin and origin in self.dispatcher.running:
-                header = msgspec.structs.replace(header, origin=0)  # another module's delivery
+                header = msgspec.structs.replace(header, origin=0)  # another module handles it
             connection.known_until = self.clock.now
         if kind.names_tasks:
             header = naming.with_ids(connection, header)
@@ -238,7 +243,10 @@ class Central(State):
             HANDLERS[type(header)](self, connection, cast("Never", header), body)
 
     def _checked_origin(self, origin: int, connection: Connection) -> int:
-        """Return *origin*, whose handler sent a request; 0 if another module has that delivery."""
+        """Return *origin*, the delivery whose handler sent a request.
+
+        Return 0 if the sender's module does not handle that delivery now.
+        """
         asking = self.dispatcher.running.get(origin) or self.dispatcher.begin_prefetched(
             connection, origin
         )
@@ -246,9 +254,9 @@ class Central(State):
         return origin if slot is not None and slot.module is connection.module else 0
 
     def _admit_stranger(self, event: RequestReceived, number: int) -> Connection | None:
-        """Handle a message of an unknown connection.
+        """Handle a request of an unknown connection.
 
-        Return the connection if the message was a hello.
+        A ``Hello`` makes the connection known. Return the connection, or None if it stays unknown.
         """
         if isinstance(event.header, headers.Hello):
             joining.greet(self, event.connection, event.header, event.principal)
@@ -259,7 +267,7 @@ class Central(State):
     def _replace_stale_connection(
         self, stale: Connection, event: RequestReceived, number: int
     ) -> Connection | None:
-        """Replace a connection whose id another user's connection now has.
+        """Replace a stale connection: another user's connection now has its id.
 
         The stale connection has broken, and central had not noticed.
         """
@@ -267,7 +275,7 @@ class Central(State):
         return self._admit_stranger(event, number)
 
     def _report(self, effects: list[Effect], time: float, cause: causes.Cause | None) -> None:
-        """Add the entry for the journal, and the messages, to the effects of the present event."""
+        """Add the journal entry and the messages of the present event to *effects*."""
         if self.facts:
             if self.blocked or self.claims:
                 deadlocks.check_event(self)
@@ -292,7 +300,10 @@ class Central(State):
             self.messages.append(Transmit(connection_id, Refused(number, refusal, text)))
 
     def _repeat(self, connection: Connection, number: int) -> None:
-        """Answer a repeated request as before, or confirm again that it is in progress."""
+        """Answer a repeated request as before, or confirm that the request is in progress.
+
+        If central no longer knows the request, refuse it.
+        """
         header, body = self.answers.get(connection, number)
         if header is None:
             pending = connection.outstanding.get(number)
@@ -311,8 +322,8 @@ class Central(State):
     def _process_all(self) -> None:
         """Work until nothing changes.
 
-        The branches are in order of precedence: each result is handled before more tasks are
-        started.
+        The branches are in order of precedence. For example, the queues of results are emptied
+        before more tasks are started.
         """
         agenda, dispatcher = self.agenda, self.dispatcher
         while True:
@@ -333,26 +344,30 @@ class Central(State):
 
     def _handle_outputs(self) -> None:
         """Handle all items of the queues that are not empty."""
-        # ``compress`` tests a queue when its turn comes: an earlier handler may have filled it.
+        # ``compress`` tests each queue when the queue's turn comes. An earlier function may have
+        # filled a later queue.
         for _, handle_all in compress(self._outputs, self._output_queues):
             handle_all()
 
     def _end_wait(self, ended: tuple[Task, Stored]) -> None:
-        """End a wait for a moment that was reached."""
+        """End a wait: its moment was reached."""
         task, wait = ended
         REACHED[type(wait)](self, cast("Never", wait), task)
 
     def _withdraw(self, withdrawn: tuple[Task, bool]) -> None:
-        """Remove a task from its queues. It keeps its place for a later start."""
-        task, was_suspended = withdrawn  # it may have been resumed since
+        """Remove a task from its queues.
+
+        A suspended or retried task keeps its place in line for its next start.
+        """
+        task, was_suspended = withdrawn  # the task may have been resumed since
         self.dispatcher.withdraw(
             task, keep_place=was_suspended or task.suspended or task.retry_pending
         )
 
     def _fire_before(self, tapped: tuple[Task, list[Wiretap]]) -> None:
-        """Fire wiretaps before a task advances.
+        """Fire the wiretaps before some moments of a task.
 
-        Moments that no listener holds are reached at once.
+        Then the task reaches those of the moments that no listener holds.
         """
         taps.fire_before(self, *tapped)
         self.agenda.advance_all()
@@ -360,8 +375,8 @@ class Central(State):
     def _start_all(self) -> None:
         """Start the startable tasks of the most urgent kind.
 
-        Exception handlers that no module handles come first: central skips them and looks for one
-        above, and that may end other tasks. Monitors come next.
+        Exception handlers that no module handles come first. Central skips them, which may end
+        other tasks. Monitors come next, and all other tasks last.
         """
         waiting = self.agenda.startable
         startable = [task for task in waiting if task.start_granted and not task.killed]
@@ -372,7 +387,7 @@ class Central(State):
             waiting.extend(task for task in startable if task not in in_turn)
         if urgent and urgent[0].message.message_class.is_monitor:
             for task in urgent:
-                if not task.killed:  # one that fails at once may end others
+                if not task.killed:  # a monitor that fails at once may end the next
                     if task.retry_pending:
                         self._start_attempt(task)
                     monitors.start(self, task)
@@ -414,7 +429,7 @@ class Central(State):
             self._remember_outcome(task, self.outcome(task))
 
     def _remember_outcome(self, task: Task, outcome: TaskOutcome) -> None:
-        """Store an outcome that is more than "done"."""
+        """Store the outcome of a task that has a result or a failure, or was killed."""
         owners = self.registry.permissions.outcome_owners
         if self.registry.permissions.rules is not None and isinstance(task.sent_by, Module):
             owners[task.id] = task.sent_by.principal
@@ -424,7 +439,7 @@ class Central(State):
 
 
 def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Callable[[], None]]:
-    """Return a queue, and a function that empties it and handles each item."""
+    """Return a queue, and a function that removes each item from the queue and handles it."""
 
     def handle_all() -> None:
         while waiting:
@@ -434,12 +449,12 @@ def _output(waiting: deque[T], handle: Callable[[T], None]) -> tuple[Sized, Call
 
 
 def _as_cause(connection: Connection | None) -> tuple[str, int]:
-    """Return a connection's module and number, as causes in the journal name it."""
+    """Return a connection's module and number, the form in which causes name a connection."""
     return ("?", 0) if connection is None else (connection.module.name, connection.number)
 
 
 def _most_urgent(startable: list[Task]) -> list[Task]:
-    """Return the startable tasks that are started before all others; they are of one kind."""
+    """Return the tasks to start first: stranded exception handlers, else monitors, else all."""
     if stranded := [task for task in startable if task.is_stranded]:
         return stranded
     return [task for task in startable if task.message.message_class.is_monitor] or startable
@@ -487,12 +502,14 @@ HANDLERS: dict[type, Callable[[Central, Connection, Never, bytes], None]] = {
     Noted: direct_routes.on_noted,
     WatchEntrance: direct_routes.on_watch_entrance,
 }
-"""One row per message: what happens when it arrives. Each function takes its own class of header.
+"""One row per class of request: the function to call when such a request arrives.
+
+Each function takes headers of the class of its row only.
 """
 
 
 _WAITS = (headers.AwaitPoint, headers.GetVariable, headers.Lock, headers.WaitUntilHandled, Observe)
-"""Requests that wait for an answer: without a request number it could not be sent."""
+"""Requests that wait for an answer. To send the answer, central needs the request number."""
 
 
 class _Kind:
@@ -513,18 +530,21 @@ class _Kind:
         self.name: str = header.__name__
         self.has_number = "number" in fields
         self.needs_number = header in _WAITS
-        # ``Lock`` is refused with a wrong origin: a lock ends with the delivery that it is for.
+        # A ``Lock`` keeps a wrong origin, and its handler refuses it. A lock ends with the delivery
+        # that ``origin`` names.
         self.drops_wrong_origin = "origin" in fields and header is not headers.Lock
         self.names_tasks = bool(naming.NAMING[header])
         self.read_origin: Callable[[ToCentral], int] | None = attrgetter(field) if field else None
-        """Reads from a header the delivery whose handler sends it; None if there is no such field.
+        """The function that reads the request's origin: the delivery whose handler sent it.
+
+        It is None for headers that have no such field.
         """
 
 
 KINDS = {header: _Kind(header) for header in HANDLERS}
 
 _NOT_STORED = (headers.Hello, headers.GetVariable)
-"""Requests whose answers are not stored: a repeated one is carried out again."""
+"""Requests whose answers are not stored. If such a request is repeated, it is done again."""
 
 
 REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
@@ -532,7 +552,7 @@ REACHED: dict[type, Callable[[Central, Never, Task], None]] = {
     steering.PendingKill: lambda central, pending, _: pending.proceed(central),
     Watch: watches.on_end_point,
 }
-"""One row per kind of wait for a moment of a task: what happens when the moment is reached."""
+"""One row per kind of wait for a task's moment: the function to call when it is reached."""
 
 
 TIMERS: dict[Due, Callable[[Central, Never], None]] = {
@@ -546,4 +566,4 @@ TIMERS: dict[Due, Callable[[Central, Never], None]] = {
     Due.LOOK: deadlocks.on_search_due,
     Due.GRACE: joining.on_grace_over,
 }
-"""One row per kind of timer: what happens when it is due."""
+"""One row per kind of timer: the function to call when such a timer is due."""

@@ -1,10 +1,10 @@
-"""Events that reach central, and the effects that it asks for.
+"""Events that reach central, and the effects that central asks for.
 
 The core sees nothing else of the world.
 
 An *input* is an entry of the log of inputs: a packet with one or more requests, or any other event.
-The log has them in the order in which they were handled. The same inputs always give the same
-effects.
+The log has the inputs in the order in which central handled them. The same inputs always give the
+same effects.
 """
 
 from typing import NewType
@@ -18,9 +18,9 @@ from tca_wire.vocabulary import Permission
 ConnectionId = NewType("ConnectionId", bytes)
 
 AWAY = b"away "
-"""The start of the ids of connections that are awaited after a restart.
+"""The first bytes of a connection's id after a restart, until the connection is back.
 
-A client with such an id is refused.
+A client that uses such an id itself is refused.
 """
 
 
@@ -42,7 +42,7 @@ class RequestReceived(msgspec.Struct, frozen=True):
 
 
 class Arrived(msgspec.Struct, frozen=True, array_like=True, tag="p"):
-    """A packet has arrived, as an input."""
+    """A packet has arrived. The core gets its requests one by one (inputs.py)."""
 
     time: EntryTime
     connection: ConnectionId
@@ -59,7 +59,7 @@ class BadBytes(msgspec.Struct, frozen=True, array_like=True, tag="b"):
 
 
 class ConnectionLost(msgspec.Struct, frozen=True, array_like=True, tag="l"):
-    """A connection closed without Bye: its process died or the network failed."""
+    """A connection closed without a ``Bye``: its process died or the network failed."""
 
     time: EntryTime
     connection: ConnectionId
@@ -73,13 +73,16 @@ class Tick(msgspec.Struct, frozen=True, array_like=True, tag="t"):
 
 
 class ConfirmTasks(msgspec.Struct, frozen=True, array_like=True, tag="a"):
-    """It is time to send the ids of unconfirmed tasks to their senders."""
+    """It is time to send the ids of ``quiet`` tasks (``Send.quiet``) to the senders."""
 
     time: EntryTime
 
 
 class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
-    """Keys were allowed or revoked. Connections of revoked keys are lost by events of their own."""
+    """Keys were allowed or revoked.
+
+    For each connection of a revoked key, a ``ConnectionLost`` follows.
+    """
 
     time: EntryTime
     allowed: list[str] = []
@@ -87,7 +90,10 @@ class KeysChanged(msgspec.Struct, frozen=True, array_like=True, tag="k"):
 
 
 class AccessRule(msgspec.Struct, frozen=True, array_like=True):
-    """A permission for owners of some keys, as some modules. In patterns, * stands for any text."""
+    """A rule: programs with one of *keys* and a name of *modules* may do what *allowed* lists.
+
+    All names are patterns, in which * stands for any text.
+    """
 
     keys: tuple[str, ...]
     modules: tuple[str, ...] = ("*",)
@@ -95,12 +101,12 @@ class AccessRule(msgspec.Struct, frozen=True, array_like=True):
 
 
 class PermissionsChanged(msgspec.Struct, frozen=True, array_like=True, tag="c"):
-    """These rules apply from now on; None: all users may do everything."""
+    """New rules apply from now on. If *rules* is None, all users may do everything."""
 
     time: EntryTime
     rules: tuple[AccessRule, ...] | None
     source: str = ""
-    """The origin of the rules, for people."""
+    """The origin of the rules, as a text for people."""
 
 
 class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
@@ -111,15 +117,15 @@ class DiskSpace(msgspec.Struct, frozen=True, array_like=True, tag="d"):
 
 
 class LimitsSet(msgspec.Struct, frozen=True, array_like=True, tag="m"):
-    """These limits apply from now on."""
+    """New limits apply from now on."""
 
     time: EntryTime
     memory: int
-    """Bytes that central may hold for modules."""
+    """The most bytes that central may hold for modules."""
     tap_depth: int
-    """Listeners of wiretaps in one chain of causes."""
+    """The greatest number of wiretaps' listeners in one chain of causes."""
     task_depth: int
-    """Depth of the task tree."""
+    """The greatest depth of the task tree."""
 
 
 class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
@@ -131,17 +137,28 @@ class Restarted(msgspec.Struct, frozen=True, array_like=True, tag="r"):
     grace: EntryTime
     """Seconds after which a connection that is not back counts as lost."""
     hold: bool = False
-    """No task starts until an operator resumes them, even if all connections are back."""
+    """Whether tasks wait until an operator lets them start, even if all connections are back."""
     skipped: int = 0
-    """Number of ids to skip, which may have been given in a last second that the disk has lost."""
+    """Number of ids to skip.
+
+    The disk may have lost the last second before a power cut. Central may have given these ids in
+    that second.
+    """
     aside: int = 0
-    """Number of journal entries that were moved aside: no input leads to them."""
+    """Number of journal entries that were moved aside.
+
+    A replay of the inputs did not give these entries.
+    """
 
 
 class Spared(msgspec.Struct, frozen=True, array_like=True, tag="s"):
-    """Central crashed in a request of the packet before this. A replay refuses that request."""
+    """Central crashed in one request of the packet before this input.
+
+    A replay of the packet refuses that request.
+    """
 
     index: int
+    """The index of the request in the packet."""
 
 
 AdminEvent = ConfirmTasks | KeysChanged | PermissionsChanged | DiskSpace | LimitsSet | Restarted
@@ -162,7 +179,7 @@ class Record(msgspec.Struct, frozen=True):
 
     entry: Entry
     failed: dict[int, str] = {}
-    """The failed messages of the entry, in words for people, by their ids in the facts."""
+    """By id in the facts: the failed messages of the entry, in words for people."""
 
 
 Effect = Record | Transmit

@@ -1,4 +1,4 @@
-"""The events that an input contains. The daemon and the replay of a log of inputs use this."""
+"""The events that an input contains, for the daemon and for the replay of a log of inputs."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,8 @@ from tca_wire.packets import codec
 def events_of(event: Input, spared: int = -1) -> Sequence[Event]:
     """Return the events of an input.
 
-    *spared* is the index of a request in the packet that is refused: central crashed in it.
+    *spared* is the index of the request in which central crashed (-1: it did not crash). This
+    request is not handled again: bad bytes replace it, which central refuses.
     """
     if isinstance(event, Spared):
         return ()

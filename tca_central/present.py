@@ -1,4 +1,4 @@
-"""The event being handled, and the connections that block: the base classes of ``State``."""
+"""The base classes of ``State``: the event being handled, and the connections that block."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from tca_wire.packets.headers import ToModule
 
 
 class Present:
-    """The event being handled: its number, time and cause, and its results so far."""
+    """The event being handled: its number, time and origin, and its results so far."""
 
     __slots__ = ("clock", "epoch", "event_count", "facts", "failed", "messages", "origin")
 
@@ -23,8 +23,8 @@ class Present:
         self.event_count = 0  #: number of events and timers handled
         self.origin = 0  #: the delivery whose handler sent the request (0: none)
         self.facts: list[facts.Fact] = []  #: facts of the event, for its journal entry
-        self.failed: dict[int, str] = {}  #: messages that failed in the event, for the log
-        self.messages: list[Effect] = []  #: messages to send when the event is recorded
+        self.failed: dict[int, str] = {}  #: by id: messages that failed, as text for the log
+        self.messages: list[Effect] = []  #: messages to send after the event is recorded
 
     def notify(self, connection: Connection, header: ToModule, body: bytes = b"") -> None:
         """Send a message that is not the final answer to a request."""
@@ -32,18 +32,20 @@ class Present:
 
 
 class Waits(Present):
-    """The connections that block until they are answered, and the suspects of deadlocks."""
+    """The connections that block until they are answered, and the waits suspected of deadlock."""
 
     __slots__ = ("blocked", "may_have_closed", "scan", "search_delay", "search_timer", "suspects")
 
     def __init__(self, epoch: str) -> None:
         Present.__init__(self, epoch)
-        self.blocked: dict[Connection, None] = {}
+        self.blocked: dict[Connection, None] = {}  #: connections with waits that are not brief
         self.suspects: deque[Suspect] = deque()  #: waits that may have closed a cycle
-        #: Seconds before the search of everything that blocks (0: no search for deadlocks)
+        #: Seconds between an event that may have closed a cycle and the search of all waits
+        #: (0: no search for deadlocks)
         self.search_delay = 0.25
         self.search_timer: Timer | None = None
-        self.scan: object = None  #: an unfinished search, which that timer continues (deadlocks.py)
+        #: An unfinished search, which ``search_timer`` continues (deadlocks.py)
+        self.scan: object = None
         #: Whether an event since the last search began may have closed a cycle.
         self.may_have_closed = False
 
@@ -56,9 +58,9 @@ class Waits(Present):
         brief: bool,
         others: Iterable[int] = (),
     ) -> None:
-        """Have a connection do nothing until this request, or one of *others*, is answered.
+        """Have a connection do nothing until request *number*, or one of *others*, is answered.
 
-        A *brief* wait ends soon, by its timeout: it is never searched for deadlocks.
+        A *brief* wait ends soon by itself, so it is never searched for deadlocks.
         """
         numbers = (number, *others)
         wait = Blocking(origin, self.event_count, self.clock.now, numbers if others else ())
@@ -70,7 +72,7 @@ class Waits(Present):
     def block_coroutine(
         self, connection: Connection, numbers: tuple[int, ...], delivery: int
     ) -> None:
-        """Have a delivery's coroutine wait for one of several answers; its slot continues."""
+        """Have a delivery's coroutine wait for one of several answers. Its slot does other work."""
         self._block(
             connection, numbers, Blocking(delivery, self.event_count, self.clock.now, numbers, True)
         )
@@ -79,11 +81,11 @@ class Waits(Present):
         """Add a wait that may be part of a deadlock."""
         connection.waits.update(dict.fromkeys(numbers, wait))
         self.blocked[connection] = None
-        # One of the waits is enough: if its answer comes, the handler continues.
+        # One request is enough as a suspect: all these requests share the wait.
         self.suspects.append((connection, numbers[0]))
 
     def unblock(self, connection: Connection, number: int) -> None:
-        """End a wait: it was answered, or its connection waits no longer."""
+        """End the wait for request *number*, and for the other requests that share the wait."""
         if (wait := connection.brief_waits.pop(number, None)) is not None:
             for other in wait.together:
                 connection.brief_waits.pop(other, None)

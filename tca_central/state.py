@@ -1,6 +1,6 @@
-"""The state of central, and every way in which a message leaves it.
+"""The state of central, and the operations that concern several parts of the state.
 
-The rules are not here: they are in the rooms beside this file.
+The rules are not here: they are in the packages beside this file.
 """
 
 import msgspec
@@ -71,7 +71,7 @@ class Collector(Stored):
     ) -> None:
         self.connection, self.number, self.wanted = connection, number, wanted
         self.id, self.message = original.id, original.message
-        self.origin = original.origin  #: the delivery whose handler asked (0: none)
+        self.origin = original.origin  #: the delivery whose handler sent the query (0: none)
         self.pending: dict[int, Delivery] = {}  #: by id: copies that have not been answered
         self.module_of: dict[int, str] = {}  #: by delivery id: the module that got the copy
         self.answered = 0
@@ -82,7 +82,7 @@ class Collector(Stored):
 
     @property
     def size(self) -> int:
-        """The bytes that its final answer holds."""
+        """The bytes that the final answer holds."""
         return 0 if self.end is None else len(self.end[1])
 
 
@@ -114,15 +114,15 @@ class RestartPause(Stored):
 
     def __init__(self) -> None:
         self.awaited: dict[Connection, None] = {}  #: connections that may come back
-        self.grace: Timer | None = None  #: the timer after which they count as lost
-        self.until_resumed = False  #: no task starts before an operator resumes them
+        self.grace: Timer | None = None  #: the timer after which ``awaited`` are lost
+        self.until_resumed = False  #: whether an operator must let tasks start
 
 
 def _is_to_own_resource(delivery: Delivery) -> bool:
-    """Whether a query goes to its sender's own resource, which accepts direct messages too.
+    """Whether a query goes to its sender's own resource, and the resource takes direct messages.
 
-    The slot must then handle it at once. It may be busy with a direct message, unknown to central,
-    whose handler waits for this query.
+    The slot must then handle the query at once. The slot may be busy with a direct message, unknown
+    to central. The handler of that message may wait for the answer to the query.
     """
     sender, slot = delivery.sender, delivery.slot
     if sender is None or slot is None or slot.entrance is None:
@@ -154,7 +154,7 @@ def drop(
 def deliver_header(delivery: Delivery, ahead: int = 0) -> headers.Deliver:
     """Return the header that brings a delivery to its handler.
 
-    *ahead* is the number of messages that the slot handles before it (0: it is free).
+    *ahead* is the number of messages that the slot handles before this one (0: the slot is free).
     """
     handling_id, name = delivery.handling_id, delivery.message.name
     context = delivery.context.header if delivery.context is not None else None
@@ -212,18 +212,18 @@ class State(Waits):
         self.attached: dict[int, AttachedHandler] = {}  #: all exception handlers, by id
         self.taps: dict[int, Wiretap] = {}  #: all wiretaps, by id
         self.watches: dict[int, Watch] = {}  #: by task id: monitors that watch now or later
-        #: By delivery id: the monitor whose condition it tests.
+        #: By id of the delivery of a monitor's condition: the monitor.
         self.watch_of_condition: dict[int, Watch] = {}
-        #: By claimant and request number.
+        #: By claimant and request number: all claims.
         self.claims: dict[tuple[Connection, int], ModuleClaim] = {}
-        #: By delivery: claims that end with it.
+        #: By delivery: the claims that end when the delivery ends.
         self.claimed_for: dict[Delivery, list[ModuleClaim]] = {}
-        #: By delivery id: the multi-query that it belongs to.
+        #: By id of a multi-query's copy for one receiver: the multi-query.
         self.collectors: dict[int, Collector] = {}
-        #: Connections that have not been sent the ids of unconfirmed tasks.
+        #: Connections that still have to get the ids of their tasks (``Send.quiet``).
         self.unconfirmed: dict[Connection, None] = {}
         self.restart_pause = RestartPause()
-        #: Ranges of ids (first, last) that may have been given before the disk lost them.
+        #: Ranges (first, last) of ids that central may have given, and the disk has lost.
         self.lost_ids: list[tuple[int, int]] = []
         self.is_disk_low = False  #: whether new tasks are refused
 
@@ -235,7 +235,7 @@ class State(Waits):
         slot.handling[delivery] = self.event_count
         resource = slot.resource
         assert resource is not None
-        # A prefetched message began when its slot was free, which may be before central knew.
+        # A prefetched message began when its slot became free. Central may learn of that later.
         now = self.clock.now
         began = (
             max(delivery.since, slot.next_began_at) if is_prefetched and slot.next_began_at else now
@@ -299,7 +299,7 @@ class State(Waits):
     ) -> None:
         """Report a change of a task's state to its observers.
 
-        With an *outcome* the task has ended, so observations of it, or of its subtree, end too.
+        With an *outcome* the task has ended. Observations of the task or of its subtree then end.
         """
         observers = list(self.observers.of(task)) if self.observers.may_observe(task) else []
         if not (observers or (outcome is not None and self.observers.others)):
@@ -333,7 +333,7 @@ class State(Waits):
                 self.answer(one.connection, one.number, Answer(one.number))
 
     def notify_observer(self, observation: Observation, encoded: bytes, state: str) -> None:
-        """Report a change to one observer, if it observes that state."""
+        """Report a change to an observer, if the observer wants to know of the new *state*."""
         if not observation.states or state in observation.states:
             self.end_observers_wait(observation)
             observation.notifications += 1
@@ -346,8 +346,8 @@ class State(Waits):
         connection, number = observation.connection, observation.number
         wait = connection.brief_waits.get(number) or connection.waits.get(number)
         self.unblock(connection, number)
-        # A blocked thread that waited for several changes at once waits for none of them now. In a
-        # slot with coroutines only this one continues; others may still wait for the same changes.
+        # A blocked thread may have waited for several observations. One change ends all its waits.
+        # A coroutine's wait ends alone: other coroutines may still wait for those observations.
         others = wait.together if wait is not None and not wait.is_coroutine else ()
         for awaited in (observation, *map(connection.outstanding.get, others)):
             if isinstance(awaited, Observation) and awaited.is_awaited:
@@ -357,7 +357,7 @@ class State(Waits):
     # --- messages to modules ----------------------------------------------------------------------
 
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
-        """Send a prefetched message: the slot handles it after those that it has."""
+        """Send a slot a prefetched message. The slot handles its earlier messages first."""
         assert slot.resource is not None
         ahead = len(slot.handling) + len(slot.resource.prefetched) - 1
         self.messages.append(Transmit(slot.id, deliver_header(delivery, ahead), delivery.body))
@@ -373,7 +373,8 @@ class State(Waits):
     def outcome(self, task: Task) -> TaskOutcome:
         """Return a task's outcome, the name and text of its failure, and its result.
 
-        The text of a killed task is the reason. An unresolved failure's data replaces the result.
+        For a killed task, the text is the reason. For a failed task, the failure's data replaces
+        the result.
         """
         if task.failure is not None:
             failure, text, body = task.failure
@@ -395,7 +396,7 @@ class State(Waits):
     ) -> None:
         """Record a failure of a task or message.
 
-        *from_outside*: *by* a module on a task, and not by the task's own handler.
+        *from_outside* means that module *by* raised the failure, not the task's own handler.
         """
         body = failure.body if from_outside else b""
         name, text, copy_of = failure.name, failure.text, delivery.copy_of
@@ -425,7 +426,7 @@ class State(Waits):
             self.notify(connection, headers.Refused(0, refusal, text))
 
     def set_limits(self, limits: LimitsSet) -> None:
-        """Apply new limits. Only stored answers beyond them are forgotten."""
+        """Apply new limits. Stored answers beyond a limit are forgotten; all else stays."""
         self.budget.share(limits.memory)
         self.budget.tap_depth, self.budget.task_depth = limits.tap_depth, limits.task_depth
         self.answers.most = self.budget.answers
@@ -457,9 +458,9 @@ class State(Waits):
         )
 
     def refuse_if_full(self, size: int) -> str:
-        """Refuse a message of *size* bytes, and count that, if there is no room for it.
+        """Return "" if there is room for a message of *size* bytes.
 
-        Returns the text of the refusal; "" if there is room.
+        Otherwise count a refusal and return its text.
         """
         held, most = self.message_bytes, self.budget.messages
         if held + TASK_BYTES + size <= most:
@@ -487,7 +488,7 @@ class State(Waits):
 
     @property
     def tap_depth(self) -> int:
-        """The number of listeners of wiretaps in the chain of causes of the present request."""
+        """The number of wiretaps' listeners among the causes of the present request."""
         asking = self.dispatcher.running.get(self.origin)
         return asking.tap_depth if asking is not None else 0
 
@@ -523,7 +524,7 @@ class State(Waits):
             )
 
     def check_declared(self, size: int) -> None:
-        """Raise RequestError if what modules declare and wait for may not grow by *size*."""
+        """Raise RequestError if there is no room for *size* more ``declared_bytes``."""
         held, most = self.declared_bytes, self.budget.declared
         if held + size > most:
             self.budget.refused += 1
@@ -534,7 +535,7 @@ class State(Waits):
             )
 
     def accept(self, connection: Connection, number: int, subject: int = 0) -> None:
-        """Answer that a request was done. *subject* is the id that it created, or is about."""
+        """Answer that a request was done. *subject* is the id of what it created or concerns."""
         self.answer(connection, number, headers.Accepted(number, TaskId(subject)))
 
     def accept_task(
@@ -564,8 +565,8 @@ class State(Waits):
     ) -> Task | None:
         """Return the task of that id.
 
-        If it has ended or was killed, ignore the request and return None. *consequence* ends the
-        text of the warning: it says what is not done.
+        If the task has ended or was killed, ignore the request and return None. *consequence* is
+        the end of the warning, such as "no deadline can be set".
         """
         task = self.tree.task(task_id)
         if task is not None and not task.killed:
@@ -575,15 +576,12 @@ class State(Waits):
         return None
 
     def ignore(self, connection: Connection, number: int, text: str) -> None:
-        """Ignore a request that came too late to change anything.
-
-        It is not refused: its sender could not know (TCM: a warning).
-        """
+        """Accept a request that came too late, and do nothing but record that (TCM: a warning)."""
         self.facts.append(facts.Ignored(connection.module.name, text))
         self.accept(connection, number)
 
     def cancel(self, slot: Connection, delivery: Delivery) -> None:
-        """Ask a running handler to clean up and return. All waits of its coroutine end."""
+        """Ask a running handler to clean up and return. The wait of its coroutine ends."""
         self.unblock_coroutine(slot, delivery.handling_id)
         self.expect_return(slot, delivery)
         self.notify(slot, cancelled_header(delivery))

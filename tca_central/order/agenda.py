@@ -1,11 +1,11 @@
-"""The agenda: which moment of which task may be reached when. Knows nothing of modules or sockets.
+"""The agenda: which moment of which task may be reached when. It knows no resources or sockets.
 
 Theory of operation. A task is checked again when its constraints are met (holds.py counts them),
 and when its parent or a child has advanced. A child starts planning or achieving only after its
 parent has. A parent ends planning or achieving only after all its children have. ``advance_all``
-runs until nothing advances. Each point is reached once and each constraint released once. An event
-therefore costs what it changes, whatever the size of the tree. Nothing recurses: a tree may be
-thousands of tasks deep.
+runs until nothing advances. Each point is reached once and each constraint released once. The cost
+of an event therefore depends on the number of changes, not on the size of the tree. No function
+calls itself, because a tree may be thousands of tasks deep.
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ from tca_wire.vocabulary import Role
 
 
 class Agenda(Stored):
-    """Decides which moments are reached. The core consumes its results from the queues below."""
+    """The decision which moments are reached, and the queues of results that the core empties."""
 
     __slots__ = (
         "_facts",
@@ -70,7 +70,10 @@ class Agenda(Stored):
         #: Tasks whose handlers returned without answering clients' requests.
         self.unanswered: deque[Task] = deque()
         self.withdrawn: deque[tuple[Task, bool]] = deque()
-        """Tasks that must leave their queues: they may not start now. True: only suspended."""
+        """Tasks that may not start now, so they must leave their queues.
+
+        Each comes with True if a suspension is the only reason.
+        """
         self.ended: deque[Task] = deque()  #: tasks that have reached their last moment
         self.wait_count = 0  #: number of entries in all ``Task.waiters``
         #: Waits whose moment has been reached.
@@ -88,7 +91,7 @@ class Agenda(Stored):
     def add(
         self, task: Task, parent: Task, flags: Flags, wanted: list[Constraint]
     ) -> list[Constraint]:
-        """Add a new task under *parent*. Return the constraints on it, with absolute ids.
+        """Add a new task under *parent*. Return the new constraints, with the task's id for THIS.
 
         Raises RequestError if a constraint can never be met. The tree is then as before.
         """
@@ -103,21 +106,21 @@ class Agenda(Stored):
             added = self._constrain_new(task, last, flags, wanted)
         self.tree.become_last(task, parent, sender)
         task.suspended = parent.suspended and not task.role.leaves_safe
-        # A child that arrives after its parent was killed, or while a retry of it is pending, is
-        # killed too: the handler that sent it no longer counts.
+        # A new child of a killed parent is killed, too. So is a new child of a parent that is to be
+        # retried: the handling that sent the child no longer counts.
         is_late = parent.retry_pending and not (task.role or task.is_foreign_monitor)
         if (parent.killed or is_late) and not task.role.survives:
             self.kill(task, Verdict(parent.killed or f"{parent} is retried"))
             self.tap_events.append((task, KILLED))
         self.to_advance.append(task)
-        if parent.returned and task.is_background:  # the parent may wait for nothing else
+        if parent.returned and task.is_background:  # the parent may have no other child
             self.to_advance.append(parent)
         return added
 
     def _constrain_new(
         self, task: Task, last: Task | None, flags: Flags, wanted: list[Constraint]
     ) -> list[Constraint]:
-        """Add the constraints that a new task was sent with.
+        """Add the constraints that came with a new task.
 
         On RequestError the task is removed from the tree.
         """
@@ -146,9 +149,9 @@ class Agenda(Stored):
     ) -> list[Constraint]:
         """Put the *wanted* constraints in force: all of them or, with RequestError, none.
 
-        Queued tasks that these hold leave their queues; a *new* task is in no queue yet. The
-        constraints in *added* are in force already: with RequestError they are undone, too. Returns
-        all that hold something.
+        The constraints in *added* are in force already. With RequestError they are undone, too.
+        Queued tasks that a constraint now holds leave their queues. A *new* task is in no queue
+        yet. Returns all constraints that hold something.
         """
         try:
             for constraint in wanted:
@@ -165,13 +168,14 @@ class Agenda(Stored):
         """Reach the first moments of a task that was given to a handler."""
         if not task.reached & START_HANDLING:
             self._reach(task, first_moments(task) & ~task.reached)
-            # A goal's achieving may start now; a monitor may have been ended before it began.
+            # A goal's achieving may start now. A task that has returned already may end: a request
+            # may have ended a monitor before the monitor began.
             if task.is_goal or task.returned:
                 self.to_advance.append(task)
         self._recheck_parent(task)
 
     def _recheck_parent(self, task: Task) -> None:
-        """Advance the parent of a background monitor: it may have only such monitors left now."""
+        """Advance a background monitor's parent, which may have only background monitors left."""
         if task.is_background and task.parent is not None:
             self.to_advance.append(task.parent)
 
@@ -183,7 +187,7 @@ class Agenda(Stored):
         self.to_advance.append(task)
 
     def retry(self, task: Task) -> None:
-        """Have a started task handled again, as soon as ``Task.may_be_handled_again``."""
+        """Have a started task handled again as soon as ``Task.may_be_handled_again`` is true."""
         task.retry_pending, task.returned = True, False
         if task.tapping is not None:
             to_come = START_HANDLING | (ALL_MOMENTS & ~task.reached)
@@ -192,9 +196,9 @@ class Agenda(Stored):
         self._recheck_parent(task)
 
     def end_or_retry(self, task: Task) -> bool:
-        """End a killed task, or retry one whose retry is pending: its handler has returned.
+        """End a killed task, or retry a task whose retry is pending. Its handler has returned.
 
-        Returns False if the task is neither. Then the outcome of its handler counts.
+        Returns False for any other task. For such a task the handler's outcome counts.
         """
         if task.killed:
             self.mark_returned(task)
@@ -203,17 +207,17 @@ class Agenda(Stored):
         return bool(task.killed) or task.retry_pending
 
     def end_retry_request(self, task: Task, exception_handler: Task) -> None:
-        """Let a retry start: an exception handler that asked for it has ended."""
+        """Check whether a retry may start: an exception handler that asked for it has ended."""
         Recovery.of(task).retry_requesters.pop(exception_handler, None)
         self.to_advance.append(task)
 
     def mark_decision_processed(self, task: Task) -> None:
-        """Record that the decision of an ended exception handler of the task was processed."""
+        """Record that the decision of one of the task's ended exception handlers was processed."""
         Recovery.of(task).unprocessed_decisions -= 1
         self.to_advance.append(task)
 
     def fire_taps_again(self, task: Task) -> None:
-        """Have the wiretaps before the start of a task fire once more: it has not started."""
+        """Have the wiretaps before a task that has not started fire once more."""
         again = {tap.id for tap in taps_of(task) if tap.held_moment & ~task.reached}
         if again:
             Tapping.of(task).fire_again(again)
@@ -233,7 +237,7 @@ class Agenda(Stored):
         self.to_advance.append(task)
 
     def end_delay(self, delay: PendingDelay) -> None:
-        """Release the moment that a delay has held: its time is over."""
+        """Release the moment that a delay has held: the delay is over."""
         self.holds.end_delay(delay)
         if not delay.task.killed:
             self._facts.append(TimedOut(delay.constraint))
@@ -260,7 +264,7 @@ class Agenda(Stored):
         return killed
 
     def suspend(self, task: Task, *, resume: bool) -> list[Task]:
-        """Suspend or resume a subtree. Return the tasks whose state has changed.
+        """Suspend or resume a subtree. Return the tasks that this has changed.
 
         Nothing in a suspended subtree is started. Running handlers continue.
         """
@@ -280,7 +284,7 @@ class Agenda(Stored):
         return changed
 
     def add_waiter(self, task: Task, moment: int, waiter: Stored) -> None:
-        """Have *waiter* put into ``ended_waits`` when the task reaches that moment."""
+        """Have *waiter* put into ``ended_waits`` when the task reaches *moment*."""
         if task.waiters is None:
             task.waiters = {}
         if waiter not in task.waiters:
@@ -302,7 +306,7 @@ class Agenda(Stored):
     # --- reaching moments -------------------------------------------------------------------------
 
     def _advance(self, task: Task) -> None:
-        """Reach all moments that a task may reach now, and request its delivery if it may start."""
+        """Reach all moments that a task may reach now. Make the task startable if it may start."""
         if task.reached == ALL_MOMENTS:
             return
         if task.killed or task.reached & START_HANDLING:
@@ -317,7 +321,7 @@ class Agenda(Stored):
             self.only_background_left.append(task)
 
     def _reach_due_moments(self, task: Task) -> None:
-        """Reach every moment whose conditions are met, of a task that has started or was killed.
+        """Reach every moment of a started or killed task whose conditions are met.
 
         ``TaskRules.order`` is sorted, so one pass is enough.
         """
@@ -338,10 +342,9 @@ class Agenda(Stored):
             self._reach(task, reached & ~before)
 
     def _pass_or_fire_taps(self, task: Task, moments: int) -> bool:
-        """Return whether a task may reach *moments*, as far as wiretaps are concerned.
+        """Return whether no wiretap keeps a task from reaching *moments*.
 
-        It must wait for the wiretaps that fire before these moments. They are queued in
-        ``taps_to_fire`` here.
+        If wiretaps must fire before *moments*, queue these wiretaps in ``taps_to_fire``.
         """
         tapping = task.tapping
         if task.killed or not (task.message.taps or (tapping is not None and tapping.taps)):
@@ -355,7 +358,7 @@ class Agenda(Stored):
         return not new
 
     def taps_fired(self, task: Task) -> None:
-        """Check a task again after the wiretaps before it have fired: listeners may hold it now."""
+        """Check a task again after its wiretaps have fired: their listeners may hold it now."""
         Tapping.of(task).is_firing = False
         self.to_advance.append(task)
         self._recheck_parent(task)
@@ -384,16 +387,16 @@ class Agenda(Stored):
         if moment == END_HANDLING or not task.returned:
             return task.returned
         if task.recovery is not None and task.recovery.unprocessed_decisions and not task.killed:
-            return False  # it may fail again, and then wait for another exception handler
+            return False  # the task may fail again, and wait for another exception handler
         open_children = task.children if moment == END_ACHIEVING else task.unplanned
         return not open_children
 
     def _reach(self, task: Task, moments: int) -> None:
-        """Record *moments* of a task as reached, and queue everything that this may advance."""
+        """Record *moments* of a task as reached. Queue the tasks that may advance as a result."""
         task.reached |= moments
         self._facts.append(Reached(task.id, moments))
-        # The conditions below are tested before each call: most tasks have no wiretap, waiter or
-        # follower, and this function runs for every moment of every task.
+        # Each condition below saves a call. Most tasks have no wiretap, waiter or follower, and
+        # this function runs for every moment of every task.
         if not task.killed and (
             task.message.taps or (task.tapping is not None and task.tapping.taps)
         ):

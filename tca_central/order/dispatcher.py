@@ -1,7 +1,7 @@
 """The dispatcher brings deliveries to handlers: it chooses resources, and assigns free slots.
 
-It knows messages' handlers and resources' order, but no points or constraints. It reports each
-delivery through ``DispatchOutput``.
+The dispatcher knows the handlers of messages and the order of resources, but no points or
+constraints. It reports each delivery through ``DispatchOutput``.
 """
 
 from collections import deque
@@ -31,18 +31,18 @@ from tca_central.order.prefetching import (
 from tca_wire.journal.facts import Fact, HandlerRemoved, Queued, Recalling, Unqueued
 
 QUEUE_LIMIT = 10_000
-"""Deliveries that may wait for one resource, or for any handler of one message.
+"""The most deliveries that may wait for one resource, or for the first handler of one message.
 
-Beyond it informs are dropped and queries refused. Tasks count, but are never refused: they are in
-the tree anyway.
+When a queue is full, further informs are dropped and further queries are refused. Tasks count, too,
+but they are never refused, because they are in the tree anyway.
 """
 
 
 Suspect = Delivery | ModuleClaim | tuple[Connection, int]
-"""What may close a cycle of waits.
+"""A wait that may close a cycle of waits.
 
-A queued message (waits for a slot), a granted claim whose handler has returned (others wait for its
-release), or a connection with the number of the request whose answer it awaits.
+A queued message waits for a slot. A connection with a request number waits for the answer to that
+request. A granted claim whose handler has returned makes others wait for the claim's release.
 """
 
 
@@ -76,29 +76,29 @@ class Dispatcher(Stored):
         self._arrivals = 0
         self.are_tasks_paused = False  #: whether no task starts, after a restart
         self.running: dict[int, Delivery] = {}  #: by ``Delivery.handling_id``
-        self.bytes = 0  #: held by deliveries, without tasks
+        self.bytes = 0  #: bytes of all deliveries that are not tasks
         self.handler_count = 0  #: number of handlers of all messages
-        #: Messages that gained or lost handlers: number of handlers before.
+        #: By message whose number of serving handlers has changed: the number before.
         self.changed: dict[MessageType, int] = {}
         self.to_refill: deque[tuple[Resource[Connection, Delivery], Connection | None]] = deque()
-        """Resources that may admit something, each with its slot that has become free, if any.
+        """Resources that may admit a message or claim, each with the slot that became free or None.
 
-        A slot is refilled after all else that follows from its handler's end, because this may kill
-        or hold the next message.
+        A slot is refilled last. Other consequences of its handler's end come first, because they
+        may kill or hold the next message.
         """
         self.granted: deque[ModuleClaim] = deque()  #: claims just granted
         #: Tasks that wait for a handler which decides about them itself (``Handler.is_custom``)
         self.waiting_for_custom_handler: deque[Delivery] = deque()
-        #: Deliveries that gave way to newer ones, and why.
+        #: Deliveries that a pending limit has displaced, each with the reason as a text.
         self.displaced: deque[tuple[Delivery, str]] = deque()
-        #: Exception handlers that wait although no handler is left.
+        #: Exception handlers that wait although no module handles their message.
         self.stranded: deque[Delivery] = deque()
 
     def route(self, delivery: Delivery, *targets: ModuleResource) -> None:
         """Deliver a message, or queue it until a suitable slot is free.
 
-        *targets* are the resources that may handle it; by default those of the message's newest
-        handler and its pool.
+        *targets* are the resources that may handle the message. By default these are the resources
+        of the message's newest handler and of the others in that handler's pool.
         """
         if not delivery.arrival:
             self._arrive(delivery)
@@ -106,9 +106,9 @@ class Dispatcher(Stored):
         if self._assign_free_slot(delivery, resources):
             return
         slot = own_slot(delivery, resources)
-        # A query of the slot's own handler waits in the queue while the resource is locked. It may
-        # be at the end of the queue, behind messages that wait for this slot. So the resource
-        # remembers it, and it becomes nested when the lock is released (``refill_next``).
+        # While the resource is locked, a query of the slot's own handler waits in the queue. Other
+        # messages before the query may wait for this very slot. So the resource remembers the
+        # query. When the lock is released, ``refill_next`` has the slot handle the query.
         if slot is not None and slot.resource is not None and slot.resource.is_locked:
             slot.resource.locked_out_queries[delivery] = slot
             slot = None
@@ -120,7 +120,7 @@ class Dispatcher(Stored):
             self._assign_nested(delivery, slot)
 
     def _assign_nested(self, delivery: Delivery, slot: Connection) -> None:
-        """Have a slot that waits for the answer handle the query itself, nested in its wait."""
+        """Have a slot handle a query whose answer the slot waits for, nested in this wait."""
         delivery.nested = True
         self._assign(delivery, slot)
 
@@ -142,7 +142,7 @@ class Dispatcher(Stored):
             if resource.prefetched:
                 self.prefetcher.recall_if_overtaken(resource, delivery)
             may_wait_for_ever = may_wait_for_ever and not _has_unblocked_slot(resource)
-        if may_wait_for_ever:  # a search for a deadlock is expensive, so it must be worth it
+        if may_wait_for_ever:  # other deliveries are no suspects: a search is expensive
             self._suspects.append(delivery)
         first = resources[0]
         self._facts.append(_queued(delivery, first.module, first.name))
@@ -154,7 +154,8 @@ class Dispatcher(Stored):
     def _count_queued(self, message: Delivery, resources: tuple[ModuleResource, ...]) -> None:
         """Count a queued message that is not a task.
 
-        While tasks wait after a restart, it may overtake them, so the resources are refilled again.
+        While tasks are paused after a restart, the message may overtake them. So its resources are
+        refilled again.
         """
         self.bytes += DELIVERY_BYTES + len(message.body)
         if self.are_tasks_paused:
@@ -163,7 +164,8 @@ class Dispatcher(Stored):
     def route_all(self, deliveries: Sequence[Delivery]) -> None:
         """Deliver or queue several messages.
 
-        Free slots go by priority, then by arrival. The rest is queued in the order of arrival.
+        Free slots go to the messages of highest priority, and among equals to the first to arrive.
+        All others are queued in the order of arrival.
         """
         if len(deliveries) > 1:
             for delivery in deliveries:
@@ -178,13 +180,13 @@ class Dispatcher(Stored):
             self.route(delivery)
 
     def _arrive(self, waiting: Delivery | ModuleClaim) -> None:
-        """Number an arrival: the numbers decide among equal priorities."""
+        """Number an arrival, once. Among equal priorities, the lowest number goes first."""
         if not waiting.arrival:
             self._arrivals += 1
             waiting.arrival = self._arrivals
 
     def _assign_free_slot(self, delivery: Delivery, resources: tuple[ModuleResource, ...]) -> bool:
-        """Deliver to a free slot. Return False if all are busy."""
+        """Deliver to a free slot. Return False if there is none, or if tasks are paused."""
         if self.are_tasks_paused and delivery.is_task:
             return False
         for resource in resources:
@@ -214,7 +216,7 @@ class Dispatcher(Stored):
     def complete(self, delivery: Delivery, ended: float, took: float = 0.0) -> None:
         """Record that a handler has returned at *ended*.
 
-        *took* is the time by the handler's own clock (0: unknown).
+        *took* is the handler's duration in seconds, by its module's own clock (0: unknown).
         """
         del self.running[delivery.handling_id]
         if not delivery.is_task:
@@ -249,7 +251,7 @@ class Dispatcher(Stored):
             if resource.free or resource.locked_out_queries:
                 self.to_refill.append((resource, None))
         elif resource.locked_out_queries and not resource.is_locked:
-            # The slot must handle the query itself: it waits for the answer.
+            # Each sender waits for the answer to its query, so it must handle the query itself.
             for delivery, sender in list(resource.locked_out_queries.items()):
                 if sender in resource.slots:
                     self._leave_queues(delivery)
@@ -257,9 +259,9 @@ class Dispatcher(Stored):
             resource.locked_out_queries.clear()
 
     def next_in(self, resource: Resource[Connection, Delivery]) -> Delivery | ModuleClaim | None:
-        """Return what a resource admits next.
+        """Return the message or claim that a resource admits next; None if it admits nothing.
 
-        While tasks wait after a restart, only other messages and claims are admitted.
+        While tasks are paused after a restart, a resource admits no task.
         """
         following = resource.next_queued()
         if self.are_tasks_paused and following is not None and following.is_task:
@@ -275,9 +277,9 @@ class Dispatcher(Stored):
     def _move_to_slot(
         self, delivery: Delivery, resource: Resource[Connection, Delivery]
     ) -> Connection:
-        """Move a queued delivery to a free slot, which is returned."""
+        """Move a queued delivery to a free slot. Return the slot."""
         slot, is_prefetched = resource.acquire_slot(), delivery in resource.prefetched
-        # Not empty if central dropped the delivery after its slot had begun it.
+        # Not empty if central has dropped the delivery, and its slot had begun it before.
         facts_of_drop = resource.prefetched.get(delivery) or ()
         self._leave_queues(delivery)
         self._assign(delivery, slot, is_prefetched=is_prefetched)
@@ -287,15 +289,15 @@ class Dispatcher(Stored):
     # --- prefetched messages: see prefetching.py --------------------------------------------------
 
     def begin_prefetched(self, slot: Connection, number: int) -> Delivery | None:
-        """Begin the prefetched delivery of that number, if its slot is idle. Return it, or None.
+        """Record that a slot has begun its prefetched delivery *number*. Return the delivery.
 
-        The slot does not wait for central. A request of the delivery's handler may thus be the
-        first sign that it has begun.
+        Returns None if the slot cannot have begun a delivery of that number. A slot begins a
+        prefetched delivery without asking central. The first sign may be its handler's request.
         """
         resource, first = slot.resource, first_prefetched(slot)
         if first is None or first.handling_id != number or resource is None or not slot.has_room:
             return None
-        # Usually the message before has just returned, and the slot is the last to be refilled.
+        # Usually the slot's last handler has just returned, so the slot is last in ``to_refill``.
         if self.to_refill and self.to_refill[-1] == (resource, slot):
             self.to_refill.pop()
         resource.free_slot(slot)
@@ -305,7 +307,7 @@ class Dispatcher(Stored):
     def _remove_prefetched(self, slot: Connection, resource: ModuleResource) -> list[Delivery]:
         """Remove the prefetched deliveries of a disconnected slot from their queue.
 
-        Returns them, without those that were dropped in the meantime.
+        Returns those that central has not dropped in the meantime.
         """
         found = []
         for delivery in list(resource.prefetched) if resource.prefetching_slot is slot else ():
@@ -326,8 +328,8 @@ class Dispatcher(Stored):
     ) -> list[Delivery]:
         """Put the prefetched deliveries with the numbers *unbegun* back into the queue.
 
-        In answer to a recall (*is_answer*), all others have begun. The result is the deliveries
-        that belong in another queue by now: they are in no queue.
+        With *is_answer*, the slot answers a recall: it has begun its other prefetched deliveries.
+        Returns the deliveries that belong in another queue by now. They are then in no queue.
         """
         resource = slot.resource
         if resource is None or resource.prefetching_slot is not slot:
@@ -347,7 +349,7 @@ class Dispatcher(Stored):
         for delivery in moved:
             self.withdraw(delivery, keep_place=True)
         if not is_answer:
-            # The slot returned them by itself. It may be sent more before central learns that.
+            # The slot has returned them without a recall. Central may have sent it more since then.
             self.prefetcher.recall(resource)
         else:
             was_recalling, resource.is_recalling = resource.is_recalling, False
@@ -386,8 +388,9 @@ class Dispatcher(Stored):
     ) -> None:
         """Remove a delivery from its queues, if it is in any.
 
-        With *keep_place* it keeps its place for the next time. *facts_of_drop* are recorded now,
-        except for a prefetched delivery: its slot must first have returned or begun it.
+        With *keep_place* the delivery keeps its place in line for the next time. *facts_of_drop*
+        are recorded now. For a prefetched delivery they are recorded later, when central learns
+        whether the slot has returned or begun the delivery.
         """
         if delivery.queues is None or self.prefetcher.revoke(delivery, facts_of_drop):
             return
@@ -400,7 +403,7 @@ class Dispatcher(Stored):
         self._facts.extend(facts_of_drop)
 
     def _leave_queues(self, delivery: Delivery) -> None:
-        """Remove a delivery from its queues. A claim behind it may be next now."""
+        """Remove a delivery from its queues. A claim behind the delivery may be next now."""
         for resource in delivery.queues or ():
             if resource.claims or self.are_tasks_paused:
                 self.to_refill.append((resource, None))
@@ -410,7 +413,7 @@ class Dispatcher(Stored):
 
     @staticmethod
     def is_full(message: MessageType, *targets: ModuleResource) -> bool:
-        """Whether the queues for a message of this type (for *targets* only) are full."""
+        """Whether the queues for a message of this type are full. With *targets*, only theirs."""
         if not targets and not message.handlers:
             return len(message.waiting) >= QUEUE_LIMIT
         for resource in targets or message.candidates:  # noqa: SIM110 - all() costs twice as much
@@ -426,13 +429,13 @@ class Dispatcher(Stored):
         if not resource.capacity:
             self._change_serving_of_slot(slot, +1)
         resource.add_slot(slot)
-        self.prefetcher.recall(resource)  # the new slot may take some of them
+        self.prefetcher.recall(resource)  # the new slot may handle some of them
         self.to_refill.append((resource, slot))
 
     def remove_slot(self, slot: Connection) -> list[Delivery]:
-        """Remove a disconnected slot. Return the deliveries that it had.
+        """Remove a disconnected slot. Return its deliveries: those begun, then those prefetched.
 
-        A nested delivery is newer than the one that it is nested in.
+        A nested delivery comes after the delivery whose handler waits for it.
         """
         prefetched: list[Delivery] = []
         if slot.resource is not None:
@@ -440,7 +443,7 @@ class Dispatcher(Stored):
             if slot is slot.resource.prefetching_slot:
                 self._end_recall(slot.resource)
             slot.resource.remove_slot(slot)
-            self.to_refill.append((slot.resource, None))  # a claim may have waited for it
+            self.to_refill.append((slot.resource, None))  # a claim may have waited for this slot
             if not slot.resource.capacity:
                 self._change_serving_of_slot(slot, -1)
         for timer in slot.hang_timers.values():
@@ -463,7 +466,7 @@ class Dispatcher(Stored):
                 self._change_serving(handler.message, change)
 
     def _change_serving(self, message: MessageType, change: int) -> None:
-        """Adjust the number of serving handlers of a message."""
+        """Adjust a message's number of serving handlers: those whose resource has a slot."""
         self.changed.setdefault(message, message.serving)
         message.serving += change
 
@@ -481,7 +484,7 @@ class Dispatcher(Stored):
         self.route_all(queued)
 
     def remove_handlers(self, handlers: list[Handler]) -> list[Delivery]:
-        """Remove handlers. Return the deliveries that waited for them, which are in no queue."""
+        """Remove handlers. Return the deliveries that waited for them and are now in no queue."""
         return [delivery for handler in handlers for delivery in self._remove_handler(handler)]
 
     def _remove_handler(self, handler: Handler) -> list[Delivery]:
@@ -499,7 +502,10 @@ class Dispatcher(Stored):
         return queued
 
     def list_stranded(self, messages: Iterable[MessageType]) -> None:
-        """List each exception handler that has no handler left, after a module has disconnected."""
+        """Fill ``stranded`` with the waiting tasks of *messages* that are exception handlers.
+
+        No module handles such a task any more.
+        """
         waiting = (
             one for message in messages for one in message.waiting.values() if one.is_stranded
         )
@@ -511,7 +517,7 @@ class Dispatcher(Stored):
     ) -> list[Delivery]:
         """Remove the waiting deliveries of a message (for one resource *only*) from their queues.
 
-        Returns them, oldest first. Prefetched deliveries stay.
+        Returns the removed deliveries, oldest first. Prefetched deliveries stay in their queues.
         """
         resources = [only] if only else _resources(message)
         prefetched = {one for resource in resources for one in resource.prefetched}
@@ -542,9 +548,10 @@ def _queued(delivery: Delivery, module: str, resource: str) -> Queued:
 
 
 def _has_unblocked_slot(resource: ModuleResource) -> bool:
-    """Whether a slot of a resource becomes free without help: then no deadlock is possible.
+    """Whether a slot of a resource is free, or has a handler that waits for nothing.
 
-    True also if the resource has no slot at all: one may be added at any time.
+    Then a delivery for this resource is in no deadlock. The same is true of a resource without
+    slots, because a slot may be added at any time. Return False if the resource has a claim.
     """
     if resource.held_by is not None or resource.claims:
         return False
@@ -558,7 +565,7 @@ def own_slot(delivery: Delivery, resources: tuple[ModuleResource, ...]) -> Conne
     """Return the sender of a query if it is a slot of one of *resources*; else None.
 
     Such a slot blocks for the answer, so it must handle the query itself, nested in its wait. The
-    query ignores capacity and reservations: else the slot would wait for itself.
+    query ignores capacity and reservations, because otherwise the slot would wait for itself.
     """
     sender = delivery.sender
     if (

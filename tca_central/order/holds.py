@@ -1,10 +1,11 @@
 """Holds on moments: constraints are put in force, undone, and passed on by killed tasks.
 
-Theory of operation. Every point counts its unmet constraints (``Task.held``: six counters packed
-into one integer). Every task lists the points that wait for its own (``Task.followers``). When a
-point is reached, the counters of its followers go down. A constraint with a delay sets a timer at
-that moment instead, and releases its follower when the timer is due. This module knows points, but
-no handlers or resources.
+Theory of operation. A constraint makes one point, the *follower*, wait for another, the *leader*.
+Every task counts the unmet constraints on each of its moments (``Task.held``: six counters packed
+into one integer). Every task also lists the followers of its own points (``Task.followers``). When
+a point is reached, the counters of its followers go down. If the constraint has a delay, a timer is
+set first, and the counter goes down when the timer is due. This module knows points, but no
+handlers or resources.
 """
 
 from itertools import pairwise
@@ -49,7 +50,7 @@ _SEQUENCES = (
     (SEQ_ACH, END_ACHIEVING, START_ACHIEVING),
     (SEQ_PLANNING, END_PLANNING, START_PLANNING),
 )
-"""The flags that put a task behind its last sibling: (flag, sibling's moment, its own moment)."""
+"""The flags that put a task behind its last sibling: (flag, sibling's moment, task's moment)."""
 
 _MOMENT = {int(moment): moment for moment in Moment}
 _BITS = 24
@@ -63,13 +64,13 @@ _SHIFT = {int(moment): _BITS * i for i, moment in enumerate(Moment)}
 _BEGINNINGS = sum(_COUNTER << shift for moment, shift in _SHIFT.items() if moment & STARTS)
 
 VOID_ENTRIES = 32
-"""Void entries that a list of waits may hold beyond the number of valid ones."""
+"""Void entries that a list of leaders or followers may hold beyond the number of valid entries."""
 
 _TIME_ZERO = Point(ROOT, Moment.START_ACHIEVING)
 """The start of the run, at time 0 of central's clock.
 
-The journal records a delay from now on as a delay after this point. The length of that delay is the
-time at which it ends.
+The journal records a delay from now on as a delay after this point. For example, a delay of 5 s
+that starts at 60 s is recorded as 65 s after this point.
 """
 
 
@@ -93,17 +94,18 @@ class Holds(Stored):
         self._clock = clock
         self.edge_count = 0  #: number of entries in all lists of followers
         self.ended_followers: dict[Task, int] = {}
-        """By leader: number of its followers that were killed while they waited, and have ended."""
+        """By leader: the number of its followers that ended by a kill while they waited."""
         #: Killed tasks that will end as soon as the agenda advances them.
         self.ending: dict[Task, None] = {}
 
     # --- put in force -----------------------------------------------------------------------------
 
     def add(self, constraint: Constraint) -> list[Constraint]:
-        """Put one constraint in force. Return all that now hold something because of it.
+        """Put one constraint in force. Return the constraints that hold something as a result.
 
-        The list is empty if the constraint is met already or void. Raises RequestError if it can
-        never be met, or if the moment that it would hold is past.
+        The list is empty if *constraint* is met already or void. It has more than one constraint if
+        the leader was killed. Raises RequestError if *constraint* can never be met, or if its
+        follower has been reached.
         """
         if constraint.delay:
             constraint = self._without_void_delay(constraint)
@@ -123,7 +125,7 @@ class Holds(Stored):
         if leader is None or is_met:
             return [self._delay(constraint, task, moment)]
         self._refuse_cycles(constraint, follower, leader)
-        if constraint.delay:  # use the moments that the fact will name when the delay is over
+        if constraint.delay:  # name the moments that ``TimedOut`` will name after the delay
             constraint = _constraint(*leader, task, moment, constraint.delay)
         self.hold(*leader, task, moment, constraint.delay)
         inherited = self.inherit(*leader, task, moment) if leader.task.killed else []
@@ -144,7 +146,7 @@ class Holds(Stored):
         return added
 
     def _delay(self, constraint: Constraint, task: Task, moment: int) -> Constraint:
-        """Hold a moment for a time from now on. Return the constraint as the journal records it."""
+        """Hold a moment for the delay of a constraint. Return the constraint for the journal."""
         recorded = Constraint(_TIME_ZERO, constraint.after, self._clock.now + constraint.delay)
         task.held += 1 << _SHIFT[moment]
         self._release_later(task, moment, recorded, constraint.delay)
@@ -169,8 +171,9 @@ class Holds(Stored):
             task.leaders = []
         task.leaders.append((moment, leader.id, leader_moment))
         task.held += 1 << _SHIFT[moment]
-        # Entries are not removed when their moments are reached: that would cost a search of the
-        # list. They are swept when more than half of them are void, so the cost stays constant.
+        # An entry becomes void when its leader is reached. To remove it then would cost a search of
+        # the list. All void entries are removed together when more than half of the list is void.
+        # So the cost per entry stays constant.
         if (
             len(task.leaders) > VOID_ENTRIES
             and len(task.leaders) > 2 * sum(held_counts(task).values()) + VOID_ENTRIES
@@ -185,7 +188,7 @@ class Holds(Stored):
     def _delay_planning(self, task: Task, constraint: Constraint) -> bool:
         """Make planning and achieving start together, so that a hold on either holds both.
 
-        Returns False if they already do.
+        Returns False if the two start together already.
         """
         if task.planning_delayed:
             return False
@@ -199,7 +202,8 @@ class Holds(Stored):
     def _refuse_cycles(self, constraint: Constraint, follower: Place, leader: Place) -> None:
         """Raise RequestError if a constraint can never be met.
 
-        The follower of a killed task also waits for what that waited for, so this is checked, too.
+        If the leader's task was killed, the follower will also wait for that task's own leaders. So
+        those waits are checked, too.
         """
         self._refuse_cycle(constraint, follower, leader)
         if leader.task.killed:
@@ -220,7 +224,7 @@ class Holds(Stored):
             raise RequestError(Refusal.CYCLE, text + _monitor_advice(path))
 
     def undo(self, added: list[Constraint]) -> None:
-        """Undo what ``add`` has just put in force, newest first."""
+        """Undo the constraints in *added*, newest first. They were just put in force."""
         for constraint in reversed(added):
             follower = self.place(constraint.after)
             assert follower is not None
@@ -253,10 +257,10 @@ class Holds(Stored):
     # --- release ----------------------------------------------------------------------------------
 
     def release_followers(self, task: Task, moments: int) -> list[Task]:
-        """Release the followers of *moments* of *task*, which have just been reached.
+        """Release the followers of *moments* of *task*: these moments have just been reached.
 
-        Returns the tasks of the released moments. A follower with a delay is still held, now by a
-        timer.
+        Returns the tasks of the released followers. If the constraint has a delay, the follower is
+        not released yet: a timer holds it.
         """
         assert task.followers is not None
         freed = []
@@ -275,7 +279,7 @@ class Holds(Stored):
         return freed
 
     def _set_followers(self, leader: Task, left: list[tuple[int, Task, int, float]]) -> None:
-        """Replace a task's list of followers by those that are left."""
+        """Replace a task's list of followers by *left*, the entries that remain."""
         self.edge_count -= len(leader.followers or ()) - len(left)
         leader.followers = left or None
         if not left and self.ended_followers:
@@ -286,8 +290,8 @@ class Holds(Stored):
     ) -> bool:
         """Start the delay of a follower: its leader's moment has just been reached.
 
-        Returns False if the follower is to be released now, because the delay is void. An ended
-        follower has nothing to release.
+        Returns False if the follower must be released now, because the delay is void: the leader's
+        interval never began. A follower that has ended is not released.
         """
         if follower.reached == ALL_MOMENTS:
             return True
@@ -308,9 +312,10 @@ class Holds(Stored):
             delay.task.leaders = None
 
     def forget(self, task: Task) -> None:
-        """Forget what a killed task, which has ended, waited for.
+        """Forget the leaders of a killed task that has ended.
 
-        The lists of its leaders still have entries for it, until half of such a list is void.
+        The leaders still list the task among their followers. A leader removes such void entries
+        when they are about half of its list.
         """
         for entry in task.leaders or ():
             leader = self.tree.tasks.get(entry[1])
@@ -328,9 +333,10 @@ class Holds(Stored):
     # --- killed tasks -----------------------------------------------------------------------------
 
     def pass_on(self, killed: list[Task]) -> None:
-        """Make the followers of killed tasks wait for what those tasks waited for.
+        """Make the followers of killed tasks wait for the leaders of those tasks.
 
-        This preserves the order of a sequence when a task in the middle is killed.
+        This preserves the order of a sequence. If B in the sequence A, B, C is killed, C then waits
+        for A.
         """
         self.ending.update(_ending(killed))
         group = _KilledTogether(set(killed), {})
@@ -369,8 +375,8 @@ class Holds(Stored):
     ) -> "dict[tuple[int, int], Task]":
         """Return the leaders of *moment_of_killed* of a killed task, by (task id, moment).
 
-        If a leader was killed by the same kill, the result also has that leader's own leaders.
-        Leaders that end at once are left out.
+        If the same kill has killed a leader, the result also has that leader's own leaders.
+        Killed tasks that end at once are left out.
         """
         origin, known = (int(killed.id), moment_of_killed), group.known
         if origin in known:
@@ -398,7 +404,7 @@ class Holds(Stored):
     # --- points -----------------------------------------------------------------------------------
 
     def leader(self, constraint: Constraint) -> Place | None:
-        """Return the point that a constraint waits for; None if its task has ended.
+        """Return the point that a constraint waits for; None if the point's task has ended.
 
         Also None for a start of the root, which is always past. Raises RequestError for an end of
         the root, which never comes.
@@ -412,7 +418,7 @@ class Holds(Stored):
         )
 
     def _without_void_delay(self, constraint: Constraint) -> Constraint:
-        """Return the constraint, without its delay if that begins at a point that never comes."""
+        """Return the constraint, or a copy without the delay if the delay can never begin."""
         checked_seconds(constraint.delay, f"constraint {constraint} with a delay")
         return (
             Constraint(constraint.before, constraint.after)
@@ -423,7 +429,7 @@ class Holds(Stored):
     def _pending_follower(self, constraint: Constraint, follower: Place | None) -> Place | None:
         """Return the point that a constraint holds back.
 
-        None if its interval never begins because its task was killed before. Raises RequestError if
+        None if the point never comes, because its task was killed before. Raises RequestError if
         the point is past.
         """
         if self._never_comes(constraint.after):
@@ -436,7 +442,7 @@ class Holds(Stored):
         return follower
 
     def _never_comes(self, point: Point) -> bool:
-        """Whether a point is in an interval that never begins, as its task was killed before."""
+        """Whether a point never comes: its task was killed before the point's interval began."""
         unbegun = self.tree.never_began.get(point.task)
         return unbegun is not None and bool(unbegun & start_of(int(point.moment)))
 
@@ -460,17 +466,17 @@ def _delays_planning(constraint: Constraint, leader: Place | None, follower: Pla
 
 
 class _KilledTogether(NamedTuple):
-    """Tasks killed by one kill. *known* caches their leaders, by task id and moment."""
+    """Tasks killed by one kill. *known* caches these tasks' leaders, by task id and moment."""
 
     killed: set[Task]
     known: dict[tuple[int, int], dict[tuple[int, int], Task]]
 
 
 def _ending(killed: list[Task]) -> dict[Task, None]:
-    """Return the tasks among those just killed that end at once.
+    """Return those of the *killed* tasks that end at once.
 
-    A task lasts longer if a handler has it, if it is a monitor, if it has termination messages to
-    send, or if a child of it lasts longer.
+    A task lasts longer if a handler has it, if it is a monitor, or if it has termination messages
+    to send. It also lasts longer if one of its children does.
     """
     staying: set[Task] = set()
     doomed = set(killed)
@@ -506,7 +512,7 @@ def _constraint(
 
 
 def is_held(task: Task, moment: int) -> bool:
-    """Whether a constraint holds that moment of a task back."""
+    """Whether a constraint holds back *moment* of a task."""
     return bool(task.held >> _SHIFT[moment] & _COUNTER)
 
 
@@ -525,7 +531,7 @@ def held_counts(task: Task) -> dict[int, int]:
 
 
 def from_flags(flags: int, task: Task) -> list[Constraint]:
-    """Return the constraints within a new task that its flags stand for."""
+    """Return the constraints between a new task's own moments that *flags* stand for."""
     constraints = []
     if flags & DELAY_PLANNING and task.is_goal:
         constraints.append(delay_planning(task.id))

@@ -1,7 +1,8 @@
-"""Prefetching: a fast slot gets its next messages before it is free.
+"""Prefetching: a fast slot gets its next messages before the slot is free.
 
-It returns those that are overtaken. This module decides which messages may be prefetched, and what
-recalls them. It does not decide the order (docs/decisions/0068).
+Central recalls prefetched messages, for example when a more urgent message arrives. The slot then
+returns those that it has not begun. This module decides which messages may be prefetched, and when
+they are recalled. It does not decide the order of messages (docs/decisions/0068).
 """
 
 from typing import Protocol
@@ -16,7 +17,7 @@ from tca_wire.rules import DELIVERED
 QUICK = 0.001
 """Seconds. A slot gets prefetched messages only while its handlers take no longer than this."""
 LARGEST = 16 << 10
-"""Bytes. Larger messages are not prefetched: on their way they take memory until they are read."""
+"""Bytes. Larger messages are not prefetched, because they take memory until the slot reads them."""
 QUICK_RUNS = 8
 """Number of fast runs in a row before a slot gets prefetched messages."""
 
@@ -25,7 +26,7 @@ class DispatchOutput(Protocol):
     """The ways in which the dispatcher's decisions leave central."""
 
     def deliver(self, delivery: Delivery, slot: Connection, *, is_prefetched: bool) -> None:
-        """Give a slot a delivery; *is_prefetched*: the slot has it already."""
+        """Give a slot a delivery. With *is_prefetched*, the slot has the delivery already."""
 
     def send_prefetched(self, delivery: Delivery, slot: Connection) -> None:
         """Send a slot a delivery before it is free."""
@@ -35,13 +36,13 @@ class DispatchOutput(Protocol):
 
 
 class Prefetcher(Stored):
-    """Sends messages for prefetching, and recalls them."""
+    """The part of the dispatcher that sends messages ahead of time, and recalls them."""
 
     __slots__ = ("_clock", "_out", "trusts_all")
 
     def __init__(self, out: DispatchOutput, clock: Clock) -> None:
         self._out, self._clock = out, clock
-        self.trusts_all = False  #: every handler counts as fast: for the explorer
+        self.trusts_all = False  #: whether every handler counts as fast (for the explorer)
 
     def fill(self, resource: ModuleResource) -> None:
         """Send a resource's only slot its next messages, if nothing can overtake them."""
@@ -70,10 +71,10 @@ class Prefetcher(Stored):
             self.recall(resource)
 
     def revoke(self, delivery: Delivery, facts_of_drop: tuple[Fact, ...]) -> bool:
-        """Take back a delivery, if a slot has prefetched it. Return whether one has.
+        """Recall a delivery that is dropped. Return False if no slot has prefetched it.
 
-        The slot may have begun it. *facts_of_drop* are recorded when the slot has returned or begun
-        it.
+        The slot may have begun the delivery already, unknown to central. So *facts_of_drop* are
+        recorded later: when the slot has returned the delivery, or is known to have begun it.
         """
         for resource in delivery.queues or ():
             if delivery in resource.prefetched:
@@ -83,7 +84,10 @@ class Prefetcher(Stored):
         return False
 
     def recall(self, resource: Resource[Connection, Delivery]) -> None:
-        """Admit nothing to a resource until its slot has returned what it had not begun."""
+        """Recall the prefetched messages of a resource.
+
+        The resource admits nothing until its slot has returned those that it had not begun.
+        """
         slot = resource.prefetching_slot
         if resource.prefetched and slot is not None and not resource.is_recalling:
             resource.is_recalling = True
@@ -91,20 +95,20 @@ class Prefetcher(Stored):
 
 
 def record_run(resource: ModuleResource, seconds: float) -> None:
-    """Record how long a handler took."""
+    """Count fast runs in a row: a handler took *seconds*."""
     resource.quick_runs = resource.quick_runs + 1 if seconds <= QUICK else 0
 
 
 def first_prefetched(slot: Connection) -> Delivery | None:
-    """Return the message that a slot will handle next, if it has prefetched it."""
+    """Return the first message that a slot has prefetched; None if it has prefetched none."""
     return next(iter(slot.resource.prefetched), None) if slot.resource is not None else None
 
 
 def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
-    """Whether only its place in the queue decides when a delivery is handled.
+    """Whether a delivery may be prefetched: only its place in the queue decides its turn.
 
-    It is not a task, waits for no other resource, and no wiretap fires when it is delivered. Nor is
-    it large.
+    False for tasks, for messages that central made, and for large messages. Also False for messages
+    that may go to another resource, or have a pending limit or a wiretap on their delivery.
     """
     message = delivery.message
     if delivery.is_task or delivery.role or any(tap.at & DELIVERED for tap in message.taps):
@@ -114,7 +118,10 @@ def _can_be_prefetched(delivery: Delivery, resource: ModuleResource) -> bool:
 
 
 def is_handled_in(resource: ModuleResource, delivery: Delivery, module: Module) -> bool:
-    """Whether a message, or its copy for a module, would wait in that resource and in no other."""
+    """Whether a message would wait in *resource* and in no other, without a pending limit.
+
+    For a message that goes to all its handlers, the copy for *module* counts.
+    """
     if delivery.message.name in resource.limits:
         return False
     if not delivery.message.fans_out:
