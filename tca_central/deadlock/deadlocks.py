@@ -1,17 +1,17 @@
-"""Deadlocks: waits that can never end. They end with a failure that names the cycle.
+"""Deadlocks: waits that can never end. Central ends one of the waits with a failure.
 
 Theory of operation. search.py finds nodes of the graph of needs that can never come about, because
 they wait, in the end, for themselves. The newest wait of a handler in such a cycle is refused
-("deadlock"), and the handler gets an error. If only tasks wait for each other, the failure is
-raised on a task that holds a lock or reservation. If no exception handler helps, the lock is
-revoked. If an exception handler, or a message that leaves things safe, waits in the cycle, the lock
-is revoked at once: these have priority.
+("deadlock"), and the handler gets an error that names the cycle. If only tasks wait for each other,
+the failure "deadlock" is raised on a task that holds a lock or reservation. If no exception handler
+helps, the lock is revoked. The lock is revoked at once if an exception handler, or a message that
+leaves things safe, waits in the cycle: such tasks have priority.
 
 Central searches at once from a new wait of a connection and from a queued message. Other changes (a
-subtask, a constraint, a lost slot) may close a cycle too. A search of everything that blocks finds
-these shortly after. It works in slices, so that central is never held up. Each cycle contains a
-waiting handler, a lock or a reservation. A connection that handles and claims nothing is in no
-cycle: nothing waits for it.
+subtask, a constraint, a lost slot) may close a cycle too. Central finds such a cycle shortly after,
+with a search of all waits. That search works in slices, so that central is never held up. Each
+cycle contains a waiting handler, a lock or a reservation. A connection that handles and claims
+nothing is in no cycle, because nothing waits for the connection.
 """
 
 from contextlib import suppress
@@ -42,13 +42,16 @@ from tca_wire.vocabulary import Dropping, Due, Refusal, Role
 from tca_wire.waits import Waiter, WaitFor, WaitKind
 
 PATIENCE = 1000
-"""Edges visited in the event in which a wait begins."""
+"""The number of edges visited at most in the event in which a wait begins."""
 
 SLICE = 2000
-"""Edges visited in one slice of a later search: some milliseconds, four times a second."""
+"""The number of edges visited at most in one slice of a later search.
+
+A slice takes some milliseconds, and there are four slices a second.
+"""
 
 _CLOSES_NOTHING = {facts.Queued, facts.Delivered, facts.Answered, facts.Awaited, facts.WaitBegan}
-"""Facts that begin no wait, or whose waits are among the suspects anyway."""
+"""Kinds of facts that begin no wait, or whose waits central checks as suspects anyway."""
 
 _CALLS = ((Waiting, Returning), (Returning, Waiting))
 """Neighbours in a cycle: a wait and the handler that answers it, or a handler and its wait."""
@@ -60,7 +63,7 @@ TaskClaims = dict[ModuleClaim, Task]
 
 
 class DeadlockScan:
-    """A search of everything that blocks, in slices."""
+    """A search of all waits, in slices."""
 
     def __init__(self, central: State) -> None:
         self.search = Search(central, SLICE, list)
@@ -88,7 +91,7 @@ def check_suspects(central: State) -> None:
 
 
 def _may_close(central: State, suspect: Suspect) -> Node | None:
-    """Return the node at which a suspect may have closed a cycle; None if it clearly has not."""
+    """Return the node at which a suspect may have closed a cycle; None if it can't have."""
     if isinstance(suspect, Claim):
         return Releasing(suspect)
     if isinstance(suspect, Delivery):
@@ -97,7 +100,7 @@ def _may_close(central: State, suspect: Suspect) -> Node | None:
     awaited = connection.outstanding.get(number)
     slot = awaited.slot if isinstance(awaited, Delivery) else None
     if awaited is None or (slot is not None and not slot.waits):
-        return None  # it was answered, or a handler that does not block has it
+        return None  # the request was answered, or a handler that does not block handles it
     claims = central.claims.values()
     if connection.handling or any(claim.slot is connection for claim in claims):
         return Waiting(connection, number)
@@ -125,19 +128,19 @@ def _may_matter(central: State, fact: facts.Fact) -> bool:
 
 
 def schedule_search(central: State) -> None:
-    """Schedule a search of everything that blocks: something may have closed a cycle."""
+    """Schedule a search of all waits, because something may have closed a cycle."""
     central.may_have_closed = True
     _set_search_timer(central)
 
 
 def _set_search_timer(central: State) -> None:
-    """Set the timer of the next search, if it is not set."""
+    """Set the timer of the next search, unless the timer is set already."""
     if central.search_delay and central.search_timer is None:
         central.search_timer = central.clock.after(central.search_delay, Due.LOOK, None)
 
 
 def on_search_due(central: State, _: None) -> None:
-    """Search everything that blocks, or continue a search."""
+    """Begin a search of all waits, or continue a search."""
     central.search_timer, scan = None, central.scan
     if isinstance(scan, DeadlockScan):
         scan.search.resume(SLICE)
@@ -163,7 +166,7 @@ def _check_next(central: State, scan: DeadlockScan) -> None:
         return
     if _still_exists(start):
         scan.search = _resolve_all(central, scan.search, start)
-    elif scan.search.is_under_way:  # the wait has ended: the rest of its search is not needed
+    elif scan.search.is_under_way:  # *start* has ended: the rest of its search is not needed
         scan.search = scan.search.restarted()
     scan.starts.pop()
 
@@ -179,7 +182,7 @@ def _still_exists(start: Node) -> bool:
 
 
 def _resolve_all(central: State, search: Search, start: Node) -> Search:
-    """End waits as long as *start* leads to a cycle. Return a search that knows the result."""
+    """End waits as long as *start* leads to a cycle. Return the last search, for reuse."""
     while search.is_stuck(start):
         if not _resolve(central, search.cycle(start), search):
             break
@@ -188,16 +191,16 @@ def _resolve_all(central: State, search: Search, start: Node) -> Search:
 
 
 def _resolve(central: State, cycle: list[Node], search: Search) -> bool:
-    """End a wait or a claim of a cycle, or raise a failure for it.
+    """End a wait or a claim of a cycle, or raise a failure for the cycle.
 
-    Returns False if the failure is already being handled.
+    Returns False if nothing was done (see ``_raise_or_revoke``).
     """
     text = describe(central, cycle)
     waits = [node for node in cycle if isinstance(node, Waiting)]
     claims = (node.claim for node in cycle if isinstance(node, Releasing))
     task_claims = {claim: task for claim in claims if (task := task_holding(claim)) is not None}
     in_recovery = _nodes_in_recovery(central, cycle)
-    if task_claims and in_recovery:  # recovery has priority: its own claims go last
+    if task_claims and in_recovery:  # recovery has priority: claims of recovery are revoked last
         known: dict[Task, bool] = {}
         claim = min(task_claims, key=lambda claim: _is_recovery(task_claims[claim], known))
         revoke_and_warn(central, claim, f"{DEADLOCK}: {text}", DEADLOCK, text)
@@ -221,8 +224,8 @@ def _since(wait: Waiting) -> int:
 def _raise_or_revoke(central: State, task_claims: TaskClaims, search: Search, text: str) -> bool:
     """Resolve a cycle in which no handler blocks: raise the failure on a claim's holder.
 
-    If exception handlers did not help, revoke a claim. Returns False if the failure is already
-    being handled.
+    If the failure was raised on all holders before, revoke a claim. Returns False if the failure is
+    already being handled, or if no task of the cycle holds a claim.
     """
     if not task_claims or any(_is_being_handled(task, search) for task in task_claims.values()):
         return False
@@ -235,7 +238,7 @@ def _raise_or_revoke(central: State, task_claims: TaskClaims, search: Search, te
 
 
 def _is_being_handled(task: Task, search: Search) -> bool:
-    """Whether an exception handler that is not stuck itself handles a deadlock of a task."""
+    """Whether an exception handler handles a deadlock of a task, and is not stuck itself."""
     return any(
         child.role is Role.EXCEPTION
         and trouble_of(child).failure.name == DEADLOCK
@@ -245,9 +248,10 @@ def _is_being_handled(task: Task, search: Search) -> bool:
 
 
 def _nodes_in_recovery(central: State, cycle: list[Node]) -> set[Node]:
-    """Return the nodes of a cycle that belong to recovery or to leaving things safe.
+    """Return the nodes of a cycle that belong to recovery.
 
-    They are such tasks, their descendants, the waits of both, and the handlers that these wait for.
+    Recovery means the tasks that handle failures or leave things safe, and their descendants. Their
+    waits belong to recovery too, and so do the handlers that answer these waits.
     """
     found: set[Node] = set()
     known: dict[Task, bool] = {}
@@ -261,7 +265,7 @@ def _nodes_in_recovery(central: State, cycle: list[Node]) -> set[Node]:
 
 
 def _delivery_of(central: State, node: Node) -> Delivery | None:
-    """Return the delivery that a node is about; None for resources and claims."""
+    """Return the delivery of a node; None for resources and claims."""
     match node:
         case Place(task, _):
             return task
@@ -273,9 +277,9 @@ def _delivery_of(central: State, node: Node) -> Delivery | None:
 
 
 def _is_recovery(delivery: Delivery | None, known: dict[Task, bool]) -> bool:
-    """Whether a task handles a failure, leaves things safe, or is under one that does.
+    """Whether a task handles a failure or leaves things safe, or whether an ancestor does.
 
-    *known* stores the results for the task and the tasks above it.
+    *known* stores the results for the task and its ancestors.
     """
     walked: list[Task] = []
     result = False
@@ -307,7 +311,7 @@ def describe(central: State, cycle: list[Node]) -> str:
 
 
 def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
-    """Return the waits at a node of a cycle; None if the text about its neighbours tells them."""
+    """Return the waits of a node of a cycle; None if the text for another node includes them."""
     match node, following:
         case Waiting(), _:
             waits = waits_of(central, node)
@@ -317,7 +321,7 @@ def _waits(central: State, node: Node, following: Node) -> list[WaitFor] | None:
         case ((Granting() | TurnAt()), _):
             return waits_of(central, node)
         case Releasing(claim), Place(task, _) if task is not claim.holder:
-            # The claim ends when its holder is retried, and the retry waits for this subtask.
+            # The claim ends when its holder is retried. The retry waits for the subtask *task*.
             return [WaitFor(WaitKind.SUBTASK, task.id, task.message.name)]
         case Place(task, _), _ if _delivery_of(central, following) is not task:
             return [wait_for_group(central, node, [following])]

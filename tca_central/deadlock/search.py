@@ -1,15 +1,15 @@
 """A search through the graph of needs for nodes that can never come about. It can be interrupted.
 
-Theory of operation. A node is *live* if each group that it needs has a live node. All others are
-*stuck*. The search goes forwards from the node in question. Each visited node stands at its first
-group without a known live node. It continues with the next group when a node of that group becomes
-live. After the last group it is live itself. When nothing can continue, the nodes that are not live
-are stuck. Results are reused for later questions.
+Theory of operation. A node is *live* if each group that it needs has a live node. All other nodes
+are *stuck*. The search goes forwards from the node in question. Each visited node stands at its
+first group without a known live node. When a node of that group becomes live, the visited node
+moves to its next group. After its last group, the visited node is live itself. When no node can
+move, the visited nodes that are not live are stuck. Results are reused for later questions.
 
-An interrupted search has seen different parts at different times. It still finds everything that
-was stuck when it began: a stuck node stays stuck, because one of its groups contains stuck nodes
-only. Its results are true as well: before it calls a node stuck, it checks again, without
-interruption, the groups at which the nodes stand.
+An interrupted search has seen different parts of the graph at different times. It still finds all
+nodes that were stuck when it began. A stuck node stays stuck, because one of its groups contains
+only stuck nodes. Nor does the search call a live node stuck. Before it calls a node stuck, it
+checks once more the groups at which the nodes stand. That check is not interrupted.
 """
 
 from collections.abc import Iterable
@@ -29,13 +29,13 @@ from tca_central.state import State
 
 
 class TooLongError(Exception):
-    """The search has visited as many edges as it may, without a result."""
+    """The search may visit no further edge, and has no result yet."""
 
 
 class Search:
     """A search for stuck nodes that visits at most *edges* edges.
 
-    With ``list`` for *each* it may continue after other events.
+    With ``list`` for *each* the search may continue after other events.
     """
 
     def __init__(self, central: State, edges: int, each: Each = iter) -> None:
@@ -66,7 +66,7 @@ class Search:
         self._is_old = True
 
     def is_stuck(self, node: Node) -> bool:
-        """Whether a node can never come about. Raises TooLongError if that is not known yet."""
+        """Whether a node can never come about. Raises TooLongError if the edges do not suffice."""
         while True:
             if _key(node) in self._live:
                 return False
@@ -141,9 +141,10 @@ class Search:
                 self._to_do.append(user)
 
     def _confirm(self, start: Node) -> bool:
-        """Whether *start* is still stuck: all nodes that it leads to have the same needs as before.
+        """Whether *start* is still stuck, when all nodes that it leads to are checked again.
 
-        Nodes with other needs by now are opened again.
+        *start* is stuck if all these nodes have the same needs as before. A node whose needs have
+        changed is opened again.
         """
         met, trail, changed = {start}, [start], []
         for node in trail:  # grows while it is walked
@@ -164,7 +165,7 @@ class Search:
 def _key(node: Node) -> Node | int:
     """Return the key of a live node.
 
-    For points it is a number: there may be millions, and a number is small.
+    The key of a point is a number. There may be millions of points, and a number is small.
     """
     return node.task.id << 6 | node.moment if isinstance(node, Place) else node
 
@@ -172,7 +173,8 @@ def _key(node: Node) -> Node | int:
 def _is_worth_storing(node: Node) -> bool:
     """Whether to store that a node is live.
 
-    There are such nodes for each queued task, and they cost little to visit again.
+    The nodes of tasks that are only queued are not worth it. There are many, and visiting one again
+    costs little.
     """
     if isinstance(node, Place):
         return not is_only_queued(node.task)

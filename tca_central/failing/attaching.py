@@ -39,7 +39,7 @@ def _task_message(central: State, name: str) -> MessageType:
 
 
 def check_attachments(central: State, wanted: list[Attachment]) -> None:
-    """Raise RequestError if one of them can't be attached."""
+    """Raise RequestError if one of the *wanted* exception handlers can't be attached."""
     if len(wanted) > MOST_ATTACHED:
         raise RequestError(
             Refusal.OVERLOAD, f"{len(wanted):,} exception handlers: {MOST_ATTACHED:,} are allowed"
@@ -59,7 +59,7 @@ def attach(
 ) -> AttachedHandler:
     """Attach an exception handler as the newest of its place.
 
-    It replaces an equal one of the same module, or of a copy of that module.
+    An equal attachment of the same module, or of a copy of that module, is replaced.
     """
     check_attachments(central, [wanted])
     others = Recovery.of(place).attached if isinstance(place, Task) else place.attached
@@ -91,9 +91,9 @@ def attach(
 
 
 def on_remove(central: State, connection: Connection, header: headers.Remove, _: bytes) -> None:
-    """Remove a module's own exception handler or wiretap.
+    """Remove an exception handler, or end a module's hold on a wiretap.
 
-    An operator may remove those of any module (``for_all``), and end monitors.
+    With ``for_all``, which operators use, remove a wiretap for all modules, or end a monitor.
     """
     module, removed = connection.module, header.id
     if (attached := central.attached.get(header.id)) is not None:
@@ -108,7 +108,7 @@ def on_remove(central: State, connection: Connection, header: headers.Remove, _:
 
 
 def _end_monitor_by_id(central: State, number: int, by: str) -> bool:
-    """End a monitor. Return False if it has ended already. Raises RequestError for other tasks."""
+    """End a monitor. Return False if it had ended. Raise RequestError if the id is no monitor's."""
     task = central.tree.tasks.get(number)
     if task is None:
         return False

@@ -2,15 +2,16 @@
 
 Theory of operation (TCA paper, "Monitoring and Exception Handling"; TCM 2.10). A search starts at
 the failing task and goes up to the root. On each task it tries the task's own exception handlers,
-newest first, then those of its message. The handler that it finds runs as a goal under the failing
+newest first, then those of the task's message. The handler found runs as a goal under the failing
 task. While the handler decides, the failing task does not count as handled. If no handler is found,
 the failure ends the top-level task.
 
 Three decisions deal with a failure: a retry of the failing task or of a task above it, a kill of
-such a task, and ``resolved()``. The last takes effect when the handler's task has ended. In all
-other cases the search continues above the handler. It continues at once when the handler reissues
-the failure, or itself fails other than by choice without a handler for that. Else it continues when
-the handler's task has ended.
+such a task, and ``resolved()``. ``resolved()`` takes effect when the handler's task has ended. In
+all other cases the search continues above the handler. It continues at once when the handler
+reissues the failure. It also continues at once when the handler itself fails with a failure in
+``NOT_BY_CHOICE``, such as "timeout", and no exception handler deals with that failure. Otherwise
+the search continues when the handler's task has ended.
 """
 
 from collections import Counter
@@ -43,14 +44,17 @@ from tca_wire.text.printable import printable, shortened
 from tca_wire.vocabulary import CENTRAL, Limit, Refusal, Role
 
 LONGEST_REASON = 500
-"""Characters of the reason why an exception handler could not decide, in the failure's text."""
+"""The number of characters, in a failure's text, of the reason why a handler could not decide."""
 
 MOST_ATTEMPTS = 100
-"""Times that a task is handled for the sake of an exception handler without a maximum."""
+"""Handlings of a task after which exception handlers without a maximum can't retry the task."""
 MOST_KINDS = 32
-"""Names of more general failures that one failure may have; a header's others are ignored."""
+"""The number of more general failures that one failure may name. Further names are ignored."""
 MOST_NESTED = 8
-"""Calls of an exception handler within its own calls: it may fail with the failure it handles."""
+"""The number of calls of an exception handler within each other.
+
+A handler may fail with the failure that it handles. Then it is called again for its own failure.
+"""
 
 NEWLINE = "\n"  # no backslash may stand in an f-string's braces
 
@@ -93,7 +97,7 @@ def raise_failure(central: State, task: Task, failure: RaisedFailure, by: str = 
     """Raise a failure on a task from outside its handler, which continues."""
     if task.returned and task.failure is None and not task.result:
         central.tree.grow(task, len(NIL))
-        task.result = NIL  # its handler has returned None, the result if the failure is resolved
+        task.result = NIL  # the handler has returned None: the result if the failure is resolved
     central.record_failure(task, failure, from_outside=True, by=by)
     _search(central, task, failure, from_outside=True)
 
@@ -112,9 +116,10 @@ def _search(
 
 
 def _continue_search(central: State, exception_handler: Task | None) -> None:
-    """Continue a search above an exception handler that could not decide, if any is given.
+    """Continue a search above an exception handler that could not decide, if one is given.
 
-    If no handler is left, the failure that called for the undecided handler continues in turn.
+    If no handler is left above it, the failing task may itself be part of an exception handler.
+    Then the search continues above that handler.
     """
     while exception_handler is not None:
         trouble = trouble_of(exception_handler)
@@ -144,7 +149,8 @@ def _call_handler(
 ) -> Task | None:
     """Call the nearest exception handler for a failure. Return its task; None if there is none.
 
-    With *previous*, the context of a handler that could not decide, the search continues above it.
+    *previous* is the context of a handler that could not decide. Then the search continues above
+    that handler.
     """
     central.tree.set_failure(task, (failure.name, failure.text, failure.body))
     handlers_above = task.exception_handlers_up()
@@ -169,7 +175,7 @@ def _call_handler(
 
 
 def _count_call(central: State, at: Task, attached: AttachedHandler) -> None:
-    """Count a call. Forget counts of removed exception handlers when these become the majority."""
+    """Count a call. Forget the counts of removed exception handlers when most counts are such."""
     recovery = Recovery.of(at)
     calls = recovery.invocations
     calls[attached.id] = calls.get(attached.id, 0) + 1
@@ -188,8 +194,8 @@ def _find_handler(
 ) -> FailureContext | None:
     """Return the context of the nearest exception handler that may be called.
 
-    *passed* lists the handlers that have passed on the failure. *nested* counts, by exception
-    handler, its calls that the task is part of.
+    *passed* contains the handlers that could not decide. *nested* counts the calls of each
+    exception handler that the task is part of.
     """
     names = ("", failure.name, *failure.kinds)
     for at, attached in _candidates(task, previous):
@@ -213,34 +219,34 @@ def _find_handler(
 def _candidates(
     task: Task, previous: FailureContext | None
 ) -> Iterator[tuple[Task, AttachedHandler]]:
-    """Yield the exception handlers from a task up, nearest first, each with the task it is on.
+    """Yield the exception handlers of a task and its ancestors, nearest first, with their tasks.
 
-    With *previous*, only those after the handler of that context.
+    With *previous*, yield only the handlers after the handler of that context.
     """
     above: Task | None = task if previous is None else previous.at
-    # Takes 0.1 ms at a depth of 1,000 tasks, and 10 ms at the greatest depth, 20,000.
+    # The walk takes 0.1 ms at a depth of 1,000 tasks, and 10 ms at the greatest depth, 20,000.
     while above is not None:
         at, above = above, above.parent
         own = at.recovery.attached if at.recovery is not None else ()
         if not (own or at.message.attached):
             continue
         found = [*reversed(own), *reversed(at.message.attached)]
-        if previous is not None and at is previous.at:  # its handler may have been removed since
+        if previous is not None and at is previous.at:  # that handler may be removed by now
             found = [one for one in found if _rank(one) > _rank(previous.attached)]
         yield from ((at, one) for one in found)
 
 
 def _rank(attached: AttachedHandler) -> tuple[bool, int]:
-    """Return the sort key of a task's exception handlers: own first, then by age, newest first."""
+    """Return the sort key of a task's exception handlers: its own first, the newest first."""
     return not isinstance(attached.place, Task), -attached.id
 
 
 def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task | None:
     """End the top-level task of a failure that no handler deals with, and return None.
 
-    If the failing task is part of an exception handler that has thereby not decided, kill that
-    handler instead. Return it if the search continues after it. A handler that fails by choice has
-    decided, unless another handler's retry leaves it behind.
+    If the failing task is part of an exception handler that could not decide, kill that handler
+    instead. Return the handler if the search must continue above it. A handler that fails by choice
+    has decided, unless a task above is about to be retried for another handler.
     """
     handlers_above = task.exception_handlers_up()
     undecided = handlers_above[0] if handlers_above else None
@@ -267,13 +273,13 @@ def _end_unhandled(central: State, task: Task, failure: RaisedFailure) -> Task |
 
 
 def _leaves_behind(above: Task, handlers_above: list[Task]) -> bool:
-    """Whether a task above is about to be retried for none of the given exception handlers."""
+    """Whether *above* is about to be retried, but not for one of *handlers_above*."""
     retry_requesters = above.recovery.retry_requesters if above.recovery is not None else {}
     return above.retry_pending and retry_requesters.keys().isdisjoint(handlers_above)
 
 
 def _with_undecided(first: RaisedFailure, undecided: Task, what: str) -> RaisedFailure:
-    """Return the failure with *what* its undecided exception handler did, in the first line."""
+    """Return the failure *first*. The first line of its text adds *what* the handler did."""
     line, newline, rest = first.text.partition(NEWLINE)
     line = shortened(line, Limit.TEXT // 2)
     summary = f"{line}; exception handler {undecided} {what}".removeprefix("; ")
@@ -295,7 +301,10 @@ def _end_top_level(central: State, task: Task, failure: RaisedFailure, verdict: 
 
 
 def kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Kill a task and all under it. The task of a running handler ends when the handler returns."""
+    """Kill a task and all tasks under it.
+
+    A task whose handler is running ends when the handler has returned.
+    """
     killed = central.agenda.kill(task, verdict)
     new = {victim.id for victim in killed}
     for victim in killed:
@@ -317,14 +326,14 @@ def kill(central: State, task: Task, verdict: Verdict) -> None:
 
 
 def _void_decision(exception_handler: Task) -> bool:
-    """Void an exception handler's decision. Return whether the failure was undecided until now."""
+    """Void an exception handler's decision. Return False if the decision was void already."""
     trouble = trouble_of(exception_handler)
     was_undecided, trouble.decision = trouble.decision is not Decision.VOID, Decision.VOID
     return was_undecided
 
 
 def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
-    """Send a killed task's termination messages, end its watch, and kill its listeners."""
+    """Send a started task's termination messages. End the task's watch, and kill its listeners."""
     if task.scheduled is not None and task.reached & START_HANDLING:
         for message, body in task.scheduled.termination_messages:
             make_task(central, message, body, task, Role.TERMINATION)
@@ -338,7 +347,7 @@ def _after_kill(central: State, task: Task, verdict: Verdict) -> None:
 def skip_exception_handler(central: State, exception_handler: Delivery) -> None:
     """Continue the search after an exception handler whose message no module handles."""
     assert isinstance(exception_handler, Task)
-    if exception_handler.killed or exception_handler.queues != ():  # it has a handler again
+    if exception_handler.killed or exception_handler.queues != ():  # killed, or it has a handler
         return
     why = f"no module handles '{exception_handler.message.name}' any more"
     trouble = trouble_of(exception_handler)
@@ -362,7 +371,8 @@ def reissue(central: State, exception_handler: Task) -> None:
 def on_resolve(central: State, connection: Connection, header: headers.Resolve, _: bytes) -> None:
     """Record that an exception handler has dealt with its failure.
 
-    This takes effect when the handler's task has ended, and has no effect after a retry or kill.
+    The decision takes effect when the handler's task has ended. After a retry or kill, the decision
+    has no effect.
     """
     asking = central.dispatcher.running.get(central.origin)
     if asking is None:
@@ -415,9 +425,9 @@ def _continue_unresolved(central: State, failing: Task, exception_handler: Task)
 
 
 def _asking_handler(central: State, task: Task) -> Task | None:
-    """Return the exception handler that asks for a retry; None if another program asks.
+    """Return the exception handler that asks for a retry; None if no exception handler asks.
 
-    Raises RequestError if the exception handler may not retry this task.
+    Raises RequestError if the exception handler may not retry *task*.
     """
     asking = central.dispatcher.running.get(central.origin)
     if not isinstance(asking, Task) or not isinstance(asking.context, FailureContext):
@@ -438,7 +448,7 @@ def _check_attempts(task: Task, asking: Task) -> None:
     trouble = trouble_of(asking)
     if not trouble.attached.maximum and attempts >= MOST_ATTEMPTS:
         text = f"{task} was handled {attempts} times: attach its exception handler with maximum="
-        # The refusal fails the handler: it must not be called for its own failure.
+        # The refusal makes the handler fail. It must not be called for this failure of its own.
         trouble.passed[trouble.attached.id, ""] = None
         raise RequestError(Refusal.OVERLOAD, text)
 
@@ -476,7 +486,7 @@ def check_order(central: State, task: Task, asking: Task | None) -> None:
 
 
 def _next_ends(task: Task, *moments: int) -> list[Place]:
-    """Return the first of these moments that a task has not reached, as a point; [] if none."""
+    """Return the first of *moments* that a task has not reached, as a point; [] if all are past."""
     return [Place(task, moment) for moment in moments if not task.reached & moment][:1]
 
 
@@ -520,7 +530,7 @@ def _set_decision(trouble: FailureContext, decision: Decision) -> None:
 def retry_task(
     central: State, task: Task, data: bytes | None, by: str, asking: Task | None = None
 ) -> None:
-    """Have a task handled again, with new data unless None. ``check_order`` must have passed."""
+    """Have a task handled again, with new *data* if given. ``check_order`` must have passed."""
     has_begun = bool(task.reached & START_HANDLING)
     if has_begun and task.watch is not None:
         stop_watching(central, task.watch, "it is retried")

@@ -1,4 +1,4 @@
-"""Applies a handler's wishes for tasks that find it busy: queue, reject or pre-empt."""
+"""Queues, rejects or pre-empts a task whose handler is busy, as the handler has declared."""
 
 from tca_central.failing.failures import fail_task, kill
 from tca_central.life_cycles.changes import apply_client_request
@@ -11,7 +11,7 @@ from tca_wire.vocabulary import Busy
 
 
 def on_handler_busy(central: State, task: Task) -> None:
-    """Apply the wish of the newest handler for a task that has to wait for it."""
+    """Apply what the newest handler has declared for a task that has to wait for this handler."""
     handlers = task.message.handlers
     if not task.queues or not handlers or central.dispatcher.are_tasks_paused:
         return
@@ -29,14 +29,14 @@ def on_handler_busy(central: State, task: Task) -> None:
 
 
 def reject(central: State, task: Task, why: str) -> None:
-    """Fail a waiting task: its handler has no time for it."""
+    """Fail a waiting task with ``REJECTED``, since its handler has no time for the task."""
     central.dispatcher.withdraw(task)
     central.agenda.mark_started(task)
     fail_task(central, task, RaisedFailure(REJECTED, why))
 
 
 def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
-    """Make room for the newest task: cancel running tasks, reject waiting ones of its message."""
+    """Make room for *newest*: cancel running tasks, and reject waiting tasks of its message."""
     why = f"pre-empted by {newest}"
     for other in [one for one in resource.queued() if isinstance(one, Task) and one is not newest]:
         if other.message is newest.message:
@@ -47,7 +47,7 @@ def _pre_empt(central: State, resource: ModuleResource, newest: Task) -> None:
 
 
 def _cancel(central: State, running: Task, newest: Task, why: str) -> None:
-    """Cancel a running task as its life cycle says; kill it if that has no cancel."""
+    """Cancel a running task as its life cycle says. If the life cycle has no cancel, kill it."""
     if running.find_above(newest.id) is not None or newest.find_above(running.id) is not None:
         return  # one is a subtask of the other
     by = newest.sender.module.name if newest.sender is not None else "central"

@@ -1,17 +1,18 @@
 """Clients and servers take transitions of a task's life cycle. Central decides conflicts.
 
 Theory of operation (Lütkebohle et al., 4.5.1). The server is dominant. Each change of a task's
-state gets the next serial number, and a request names the last number that its sender has seen. A
-number that central has not assigned yet means that the sender has missed changes: an error.
+state gets the next serial number. A request names the last number that its sender has seen. A
+request that names a higher number than the task's last one is refused.
 
-If a client has not seen a change by the server, its request is applied after that change where the
-table allows it, else ignored. If the server has not seen a change by a client, its request is
-applied as if it had come first. The client's request is then applied after it, where the table
-allows that. The handler has been notified of it already, and is not notified again.
+If a client has not seen a change by the server, the client's request is applied after that change.
+If the table has no such transition in the new state, the request is ignored. If the server has not
+seen a change by a client, the server's request is applied as if it had come first. Then the
+client's request is applied once more, where the table allows that. The handler was notified of the
+client's request before, and is not notified again.
 
-A handler that takes such transitions decides about a client's request. Else the defaults decide. An
-update kills the tasks under the task and has it handled again with the new goal. A cancel kills the
-task.
+A handler may declare that it takes a transition. Then the handler decides about clients' requests
+for this transition. Otherwise the defaults decide. An update kills the tasks under the task, which
+is then handled again with the new goal. A cancel kills the task.
 """
 
 from msgspec.structs import replace
@@ -33,7 +34,7 @@ MOST_ASKED = 32
 
 
 def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> None:
-    """Raise RequestError if a handler can't take, or refuse, such transitions."""
+    """Raise RequestError if a handler takes or refuses transitions that clients do not have."""
     wishes = (*handled.takes, *handled.refuses)
     if not declared.message_class.is_task:
         if wishes or handled.accepts or handled.busy is not Busy.QUEUE:
@@ -50,10 +51,13 @@ def check_custom_handler(handled: HandlerFormat, declared: MessageFormat) -> Non
 
 
 def restart(central: State, task: Task) -> None:
-    """Set a task back to its initial state for its next handler; kill it if a client ends it."""
+    """Set a task back to its initial state for its next handler.
+
+    If a client has requested the end of the task, kill the task instead.
+    """
     asked = central.tree.pop_client_requests(task)
     if task.clients is not None:
-        task.clients.newest = 0  # the next call of a handler has seen no requests
+        task.clients.newest = 0  # the next handler has not been sent any requests
     if task.message.life_cycle.ends_on_request(task.state):
         kill(central, task, _wanted_by(asked, CENTRAL))
     elif task.state != task.message.initial_state:
@@ -86,7 +90,7 @@ def on_change_state(
         _change_by_client(central, connection, header, body, task)
 
 
-# --- the client's ---------------------------------------------------------------------------------
+# --- changes by a client --------------------------------------------------------------------------
 
 
 def _change_by_client(
@@ -118,7 +122,7 @@ def _change_by_client(
 def apply_client_request(
     central: State, task: Task, step: Transition, module: str, text: str, body: bytes = b""
 ) -> None:
-    """Apply a client's transition, and have the handler decide on it, or central for it."""
+    """Apply a client's transition. Then the handler decides about it, or else the defaults do."""
     handler = task.handler
     needs_decision = handler is not None and step.name in handler.takes
     if not (needs_decision or _awaits_decision(task, task.state, step.name)):
@@ -136,7 +140,7 @@ def apply_client_request(
 
 
 def apply_defaults(central: State, task: Task) -> None:
-    """Decide for a handler that has returned without a decision on clients' requests."""
+    """Decide about clients' requests if a handler has returned without a decision about them."""
     asked = [
         one
         for one in central.tree.pop_client_requests(task)
@@ -150,7 +154,7 @@ def apply_defaults(central: State, task: Task) -> None:
 
 
 def _awaits_decision(task: Task, source: str, name: str) -> bool:
-    """Whether the server, or central for it, must decide on a client's transition."""
+    """Whether a client's transition from *source* needs a decision by the handler or central."""
     cycle = task.message.life_cycle
     target = cycle.steps[source, name].target
     return bool(cycle.refusal(target) or cycle.grant(target) or cycle.ends_on_request(target))
@@ -164,7 +168,7 @@ def _notify_handler(central: State, task: Task, asked: ClientRequest) -> None:
 
 
 def resend_requests(central: State, task: Task) -> None:
-    """Send a handler the clients' requests again, since it may have missed them."""
+    """Send a handler the clients' requests again, since the handler may have missed them."""
     for asked in task.clients.asked if task.clients is not None else ():
         if asked.needs_decision:
             _notify_handler(central, task, asked)
@@ -173,7 +177,7 @@ def resend_requests(central: State, task: Task) -> None:
 def _decide(
     central: State, task: Task, step: Transition, asked: ClientRequest, origin: int
 ) -> None:
-    """Decide on a client's request by the defaults, since no handler decides."""
+    """Decide about a client's request by the defaults, since no handler decides."""
     if why := _refusal_reason(central, task, step, asked.source):
         refusal = task.message.life_cycle.refusal(task.state)
         central.tree.pop_client_requests(task)
@@ -207,7 +211,7 @@ def _refusal_reason(central: State, task: Task, step: Transition, source: str) -
 
 
 def _accept_goal(central: State, task: Task, goal: bytes) -> None:
-    """Replace the task's goal, and grant the update if the life cycle has a transition for that."""
+    """Replace the task's goal. Grant the update if the life cycle has a transition for grants."""
     central.tree.pop_client_requests(task)
     _set_goal(central, task, goal)
     grant = task.message.life_cycle.grant(task.state)
@@ -215,13 +219,13 @@ def _accept_goal(central: State, task: Task, goal: bytes) -> None:
         _apply_step(central, task, grant, Party.CENTRAL, "", "it starts again with the new goal")
 
 
-# --- the server's ---------------------------------------------------------------------------------
+# --- changes by the server ------------------------------------------------------------------------
 
 
 def _change_by_server(
     central: State, connection: Connection, header: ChangeState, body: bytes, task: Task
 ) -> None:
-    """Apply a transition of a task's handler, then the clients' requests that it had not seen."""
+    """Apply a handler's transition. Then apply the clients' requests that it had not seen."""
     cycle, name = task.message.life_cycle, header.transition
     seen = header.serial if header.serial >= 0 else task.serial
     asked = task.clients.asked if task.clients is not None else []
@@ -252,7 +256,7 @@ def _change_by_server(
 
 
 def _answer(central: State, connection: Connection, header: ChangeState, serial: int) -> None:
-    """Answer a server's request, if it waits for an answer."""
+    """Answer a server's request, if the server waits for an answer."""
     if header.number:
         central.accept(connection, header.number, serial)
 
@@ -295,7 +299,7 @@ def _apply_again(central: State, task: Task, asked: ClientRequest) -> None:
 
 
 def _wanted_by(asked: list[ClientRequest], module: str) -> Verdict:
-    """Return the verdict for a task that clients asked to end: by the newest request, if any."""
+    """Return the verdict for a task to be ended, with the text of the newest request if any."""
     text, by = (asked[-1].text, asked[-1].module) if asked else ("", module)
     return Verdict(text or "a client cancels it", by)
 
@@ -306,7 +310,7 @@ def _set_goal(central: State, task: Task, goal: bytes) -> None:
     task.body = goal
 
 
-# --- both -----------------------------------------------------------------------------------------
+# --- common parts ---------------------------------------------------------------------------------
 
 
 def _apply_step(
@@ -318,7 +322,7 @@ def _apply_step(
     text: str,
     body: bytes = b"",
 ) -> None:
-    """Change the state, and report that to the journal and to observers."""
+    """Change the state. Report the change to the journal and to observers."""
     task.state = step.target
     task.serial += 1
     central.facts.append(
@@ -328,7 +332,7 @@ def _apply_step(
 
 
 def _check_known(task: Task, name: str, by: Party) -> None:
-    """Raise RequestError if the table has no such transition for that party at all."""
+    """Raise RequestError if the table has no transition *name* for that party in any state."""
     cycle = task.message.life_cycle
     if name not in cycle.names(by):
         others = [

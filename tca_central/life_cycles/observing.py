@@ -1,4 +1,4 @@
-"""Observers get each change of a task's state; late observers first get the current states."""
+"""Observers get each change of a task's state. Late observers first get the current state."""
 
 from collections.abc import Iterable
 
@@ -19,22 +19,22 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Outcome, Party, Refusal
 
 MOST_LATE = 10_000
-"""Tasks of which a late observer gets the current state."""
+"""The number of tasks of which a late observer gets the current state."""
 MOST_SEARCHED = 100_000
-"""Living tasks among which central searches for those that a late observer observes."""
+"""The number of living tasks that central searches for tasks to observe."""
 
 
 def on_observe(central: State, connection: Connection, header: Observe, _: bytes) -> None:
     """Let a module observe states.
 
-    It gets the current states, then an answer without a body, then each change.
+    The module gets the current states, then an answer without a body, then each change.
     """
     observation = Observation(connection, header)
     central.check_declared(WAIT_BYTES)
     if header.task and central.tree.task(header.task) is None:
         _answer_ended(central, connection, header)
         return
-    # There will be no task under one that has ended.
+    # A task that has ended gets no new tasks under it.
     if header.below and central.tree.task(header.below) is None:
         central.notify(connection, Answer(header.number, more=True))
         central.answer(connection, header.number, Answer(header.number))
@@ -80,7 +80,7 @@ def _living(central: State, observation: Observation) -> list[Task]:
 
 
 def _answer_ended(central: State, connection: Connection, header: Observe) -> None:
-    """Answer the observer of a task that has ended with its outcome."""
+    """Answer the observer of an ended task: send the outcome as the only change."""
     result, failure, text, body = central.memory.known_outcome(header.task)
     kept = central.memory.kept.get(header.task)
     name, goal = (kept.message.name, kept.body) if kept is not None else (header.message, b"")
@@ -126,7 +126,7 @@ def _current_state(task: Task) -> StateChange:
 
 
 def publish_end(central: State, task: Task) -> None:
-    """Send observers the last state of a task that has ended, which follows from its outcome."""
+    """Send observers the final state of an ended task. The state follows from the outcome."""
     cycle = task.message.life_cycle
     outcome, failure, text, body = central.outcome(task)
     end_state = cycle.done if outcome.lets_successors_continue else cycle.cancelled

@@ -1,4 +1,4 @@
-"""Stored answers, in case requests are repeated after a reconnect: the newest, within bounds."""
+"""The newest answers to requests. A module may repeat its requests after a reconnect."""
 
 from collections import OrderedDict
 
@@ -20,11 +20,12 @@ class KeptAnswers(Stored):
     __slots__ = ("_kept", "bytes", "forgotten", "most")
 
     def __init__(self, most: int) -> None:
-        self.most = most  #: bytes that all may hold; one connection may hold a quarter of that
+        #: Bytes that all answers may hold. Those of one connection may hold a quarter of ``most``.
+        self.most = most
         self.bytes = 0
         self.forgotten = 0  #: number of answers forgotten because they held too many bytes
         self._kept: OrderedDict[tuple[str, int], tuple[Connection, ToModule, bytes]] = OrderedDict()
-        """By session and request number, oldest first."""
+        """By (session, request number), oldest first: each answer with its connection."""
 
     def add(self, connection: Connection, number: int, header: ToModule, body: bytes) -> None:
         """Store the answer to a request."""
@@ -41,13 +42,16 @@ class KeptAnswers(Stored):
         self.evict()
 
     def evict(self) -> None:
-        """Forget the oldest answers if all hold too much."""
+        """Forget the oldest answers until all answers hold at most ``most`` bytes."""
         while self.bytes > self.most:
             self._forget_oldest(next(iter(self._kept.values()))[0])
             self.forgotten += 1
 
     def get(self, connection: Connection, number: int) -> tuple[ToModule | None, bytes]:
-        """Return the answer to a request; None if it is not stored."""
+        """Return the header and body of the answer to a request.
+
+        If the answer is not stored, the header is None.
+        """
         _, header, body = self._kept.get((connection.session, number), (None, None, b""))
         return header, body
 
@@ -60,11 +64,11 @@ class KeptAnswers(Stored):
             self._kept[connection.session, number] = connection, header, body
 
     def walked_bytes(self) -> int:
-        """Count the bytes again, for checks."""
+        """Return the bytes of all answers, counted again to check ``bytes``."""
         return sum(ANSWER_BYTES + len(body) for _, _, body in self._kept.values())
 
     def forget_all(self, connection: Connection | None) -> None:
-        """Forget the answers of a connection that will not ask again."""
+        """Forget the answers of a connection that will not repeat any request."""
         while connection is not None and connection.answers:
             self._forget_oldest(connection)
 

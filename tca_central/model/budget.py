@@ -1,23 +1,23 @@
 """The budget: the bytes that central may hold for modules, split into separate parts.
 
-Each part is counted when something is added or removed, so that the space left is always known. If
-a part is full, requests that need more of it are refused and informs are dropped. Answers, outcomes
-and records are forgotten instead, the oldest first. Requests that free something, or only report,
-are always accepted.
+The bytes of each part are counted when something is added or removed, so that the space left is
+always known. If a part is full, requests that need more of this part are refused and informs are
+dropped. Three parts are never full: if stored answers, outcomes or retained records hold too much,
+the oldest are forgotten. Requests that free something, or only report, are always accepted.
 """
 
 from tca_central.model.stored import Stored
 
 MEMORY = 512 << 20
-"""Bytes, unless --memory says otherwise."""
+"""The default of --memory: the bytes that central may hold for modules."""
 
 LEAST_MEMORY = 16 << 20
-"""Bytes: the least that --memory accepts."""
+"""The least number of bytes that --memory accepts."""
 
 TAP_DEPTH, TASK_DEPTH = 8, 20_000
 """Default limits: listeners of wiretaps in one chain of causes, and depth of the task tree."""
 
-# The approximate size of each object, without the bytes that it holds.
+# The approximate size of each object in bytes, without the texts and data in the object.
 DELIVERY_BYTES = 500
 TASK_BYTES = 1000
 EDGE_BYTES = 200  # a constraint
@@ -28,12 +28,12 @@ ATTACHED_BYTES = 800  # an exception handler or wiretap
 CLAIM_BYTES = 1000
 TIMER_BYTES = 500
 WAIT_BYTES = 500
-AWAITED_BYTES = 200  # a message in a wait until it is handled
+AWAITED_BYTES = 200  # one message that a connection waits for (``PresenceWait``)
 ANSWER_BYTES = 300
 
 
 class Budget(Stored):
-    """The limits, and the counts that no other object has."""
+    """The limits of all parts, and those counts of used bytes that no other object has."""
 
     __slots__ = (
         "answers",
@@ -55,8 +55,8 @@ class Budget(Stored):
         self.share(total)
         self.tap_depth, self.task_depth = TAP_DEPTH, TASK_DEPTH
         self.collected = 0  #: bytes of failures that multi-queries in progress hold
-        self.awaited = 0  #: bytes of waits until messages are handled
-        self.refused = 0  #: number of refusals and drops because a part is full
+        self.awaited = 0  #: bytes of the waits of connections for handlers (``PresenceWait``)
+        self.refused = 0  #: number of requests refused, and informs dropped, for a full part
 
     def share(self, total: int) -> None:
         """Split *total* bytes among the parts."""

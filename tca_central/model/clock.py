@@ -1,6 +1,6 @@
 """The clock of the core: the time of the newest event, and timers.
 
-It is deterministic: timers due at the same time fire in the order in which they were set.
+The clock is deterministic: timers due at the same time fire in the order in which they were set.
 """
 
 import heapq
@@ -11,11 +11,11 @@ from tca_central.model.stored import Stored
 from tca_wire.vocabulary import LONGEST_TIME, Due, Refusal
 
 VOID_TIMERS = 64
-"""Cancelled timers that the queue may hold beyond the number of others."""
+"""Cancelled timers that the queue may hold beyond half of its length."""
 
 
 class Timer(Stored):
-    """A time at which something is *due*, and the object that it concerns."""
+    """A time, the kind of event that is ``due`` then, and the object that the event concerns."""
 
     __slots__ = ("due", "is_cancelled", "subject", "time")
 
@@ -32,7 +32,7 @@ class Clock(Stored):
     def __init__(self) -> None:
         self.now = 0.0  #: the time of the newest event, in seconds since the epoch began
         self._queue: list[tuple[float, int, Timer]] = []
-        self._set_count = 0  #: number of timers ever set; it decides among equal times
+        self._set_count = 0  #: number of timers ever set; orders timers of equal times
         self._cancelled = 0  #: number of cancelled timers in the queue
 
     def after(self, seconds: float, due: Due, subject: Stored | None) -> Timer:
@@ -45,7 +45,8 @@ class Clock(Stored):
     def cancel(self, timer: Timer | None) -> None:
         """Cancel a timer.
 
-        It stays in the queue until it is due, or until half of the queue is cancelled.
+        The timer stays in the queue until it reaches the front, or until more than half of the
+        queue is cancelled.
         """
         if timer is None or timer.is_cancelled:
             return
@@ -58,7 +59,7 @@ class Clock(Stored):
 
     @property
     def timer_count(self) -> int:
-        """The number of timers in the queue, with cancelled ones."""
+        """The number of timers in the queue, including cancelled ones."""
         return len(self._queue)
 
     @property
@@ -74,7 +75,7 @@ class Clock(Stored):
         while self._queue and self._queue[0][0] <= self.now:
             timer = heapq.heappop(self._queue)[2]
             if not timer.is_cancelled:
-                timer.is_cancelled = True  # a later ``cancel`` must not count it
+                timer.is_cancelled = True  # a later ``cancel`` must not count this timer
                 return timer
             self._cancelled -= 1
         return None
@@ -85,7 +86,7 @@ class Clock(Stored):
 
 
 def checked_seconds(seconds: float, what: str) -> float:
-    """Return *seconds*. Raise RequestError if it is not a duration that can be waited."""
+    """Return *seconds*. Raise RequestError if *seconds* is not from 0 to ``LONGEST_TIME``."""
     if not (math.isfinite(seconds) and 0 <= seconds <= LONGEST_TIME):
         raise RequestError(
             Refusal.PROTOCOL, f"{what} of {seconds:g} s: 0 to {LONGEST_TIME:g} s are possible"

@@ -1,4 +1,8 @@
-"""The reasons for messages that central makes, such as the failure for an exception handler."""
+"""The reasons for messages that central makes.
+
+For an exception handler, for example, the reason is a failure. Handlers get the reason as the
+*context* of the message.
+"""
 
 from enum import Enum
 from typing import NamedTuple
@@ -15,26 +19,31 @@ class RaisedFailure(NamedTuple):
     name: str
     text: str = ""
     body: bytes = b""
-    kinds: tuple[str, ...] = ()  #: names of more general failures that include it
+    kinds: tuple[str, ...] = ()  #: names of more general failures that include this one
 
 
 class Decision(Enum):
     """The decision of an exception handler so far."""
 
     NONE = "none"
-    """When its task has ended, the search for a handler continues above it."""
+    """No decision. If the handler's task ends without one, the search continues above it."""
     DEALT_WITH = "dealt with"
-    """The handler resolves the failure or wants a retry. This takes effect when its task has ended.
+    """The handler has resolved the failure or asked for a retry.
+
+    The decision takes effect when the handler's task has ended.
     """
     VOID = "void"
-    """It decides nothing any more: it reissued or was killed, or a retry has made the failure void.
+    """The handler decides nothing any more.
+
+    It has reissued the failure, it could not decide, it was killed, or the failing task is retried.
     """
 
 
 class FailureContext(Stored):
     """The failure for which an exception handler is called, and the handler's decision.
 
-    The failure was raised on the task ``failing``. The handler was found ``at`` it or a task above.
+    The failure was raised on the task ``failing``. The handler was found on the task ``at``, which
+    is ``failing`` or an ancestor of ``failing``.
     """
 
     __slots__ = ("at", "attached", "decision", "failing", "failure", "passed", "retried")
@@ -48,15 +57,16 @@ class FailureContext(Stored):
         passed: dict[tuple[int, str], None],
     ) -> None:
         self.failing, self.failure, self.at, self.attached = failing, failure, at, attached
-        #: (attachment id, failure name) of handlers that have passed on this failure, or that of a
-        #: task below. With the name "", the handler's own retry was refused.
+        #: Handlers that could not decide about a failure: (attachment id, failure name). They are
+        #: not called for that failure again. Failures inside this handler share the dictionary.
+        #: The name is "" if the handler's own retry was refused.
         self.passed = passed
         self.decision = Decision.NONE
-        self.retried: list[Task] = []  #: tasks that it wants retried
+        self.retried: list[Task] = []  #: tasks that the handler wants retried
 
     @property
     def header(self) -> Trouble:
-        """The context that the handler gets: the failure, and the tasks concerned."""
+        """The context that the handler gets: the failure, ``failing``, ``at`` and two counts."""
         attempts = Recovery.of(self.failing).attempts
         invocations = Recovery.of(self.at).invocations.get(self.attached.id, 0)
         name, text, *_ = self.failure
@@ -64,7 +74,7 @@ class FailureContext(Stored):
 
 
 class Listening(Stored):
-    """The cause of a listener: the wiretap, and the message that it taps."""
+    """The cause of a listener: the wiretap, and the message that was tapped."""
 
     __slots__ = ("tap", "tapped")
 

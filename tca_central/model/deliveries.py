@@ -30,14 +30,14 @@ from tca_wire.points import TaskId
 from tca_wire.vocabulary import Busy, Condition, Role
 
 REMEMBERED_TASKS = 128
-"""The number of newest tasks that a connection may name by the requests that sent them."""
+"""The number of newest tasks that a connection may name by the requests that sent the tasks."""
 
 CONFIRMED_TOGETHER = 32
-"""Unconfirmed tasks after which a connection is sent their ids, if no other answer came first."""
+"""The number of unconfirmed tasks at which central sends their ids to the connection at once."""
 
 
 class ModuleResource(Resource["Connection", "Delivery"]):
-    """A resource of a module: its slots are connections, and deliveries wait for them."""
+    """A resource of a module. Its slots are connections, and deliveries wait for the slots."""
 
     __slots__ = ("busy", "delivered", "limits", "quick_runs", "replaced")
 
@@ -48,13 +48,13 @@ class ModuleResource(Resource["Connection", "Delivery"]):
         self.delivered = 0  #: number of messages that it was given
         self.busy = 0.0  #: seconds of handling, added up over its slots
         self.replaced = 0  #: number of slots lost because their handlers hung
-        self.quick_runs = 0  #: number of fast runs in a row
+        self.quick_runs = 0  #: number of quick runs of handlers in a row (order/prefetching.py)
 
 
 class LostClaim(NamedTuple):
     """A lock or reservation that was revoked."""
 
-    delivery: int  #: the delivery whose handler had it (0: none)
+    delivery: int  #: the delivery whose handler had the claim (0: none)
     resource: str
     text: str  #: why, and by which module
 
@@ -80,15 +80,15 @@ class ConnectionIdentity(Stored):
     ) -> None:
         self.id = connection_id
         self.principal = module.principal  #: its owner
-        self.rights: Rights | None = None  #: none: it may do everything
+        self.rights: Rights | None = None  #: None: the connection may do everything
         self.session = session  #: its name across reconnects
         self.number = number  #: its number within its module
         self.module = module
-        self.pulse = b""  #: the pulse of its process, for the server
-        #: The last delivery before it broke: answers of deliveries up to this one may come twice.
+        self.pulse = b""  #: the id of the heartbeats of its process (shell/pulses.py)
+        #: The last delivery before it broke. Answers of deliveries up to this one may come twice.
         self.repeats_until = 0
-        self.orphans: list[int] = []  #: deliveries to cancel: it had them when it was lost
-        #: By orphan whose handler may still answer: the text with which that is refused.
+        self.orphans: list[int] = []  #: deliveries that it had when it was lost, to be cancelled
+        #: By orphan whose handler may still answer: the text with which the answer is refused.
         self.late: dict[int, str] = {}
 
 
@@ -118,15 +118,15 @@ class Asker(ConnectionIdentity):
         self.answers: deque[int] = deque()
         self.answer_bytes = 0  #: bytes of the stored answers
         self.tasks: dict[int, TaskId] = {}  #: by request, oldest first: the newest tasks sent
-        #: (request, task) of tasks whose ids it has not been sent.
+        #: (request, task) of tasks whose ids central has not sent to this connection.
         self.unconfirmed: list[tuple[int, TaskId]] = []
         self.waits: dict[int, Blocking] = {}  #: by request: waits during which it does nothing else
         self.brief_waits: dict[int, Blocking] = {}  #: by request: brief waits, never deadlocks
-        #: By request: revoked claims of which its module has not learned.
+        #: By request: revoked claims of which its module has not been notified.
         self.lost_claims: dict[int, LostClaim] = {}
 
     def remember_task(self, number: int, task: TaskId) -> None:
-        """Remember the task that a request has sent: later requests may name it so."""
+        """Remember the task of request *number*. Later requests may name the task by *number*."""
         tasks = self.tasks
         tasks[number] = task
         if len(tasks) > REMEMBERED_TASKS:
@@ -159,9 +159,9 @@ class Slot(Asker):
         self.prefetch = 0  #: number of messages that it accepts before it is free
         #: The present delivery, if it was prefetched and may not have begun.
         self.maybe_unstarted: Delivery | None = None
-        #: The start of the next prefetched message, if the slot has reported it (0: not reported).
+        #: The time at which the next prefetched message began (0: the slot has not reported that).
         self.next_began_at = 0.0
-        #: Central knows what the slot did until then: times that it reports now are not earlier.
+        #: Central knows what the slot did until this time. Reported times count as no earlier.
         self.known_until = 0.0
         #: Seconds after which a handler that is no longer needed counts as hung (0: never)
         self.hung_after = 0.0
@@ -171,11 +171,11 @@ class Slot(Asker):
 
     @property
     def has_room(self) -> bool:
-        """Whether it is free, apart from nested deliveries."""
+        """Whether the slot handles nothing but nested deliveries."""
         return not self.handling or all(one.nested for one in self.handling)
 
     def to_central_time(self, now: float, ago: float) -> float:
-        """Return central's time of something *ago* seconds back by the connection's clock.
+        """Return central's time of an event that was *ago* seconds ago by the connection's clock.
 
         The result is between ``known_until`` and *now*.
         """
@@ -183,7 +183,7 @@ class Slot(Asker):
 
 
 class Connection(Slot):
-    """One socket of a module, with all its concerns, and what it may reach directly."""
+    """One socket of a module, with its identity, requests and slot, and its direct routes."""
 
     __slots__ = ("entrance", "licence", "routes", "watchers", "watches")
 
@@ -192,7 +192,7 @@ class Connection(Slot):
     ) -> None:
         Slot.__init__(self, connection_id, session, module, number)
         self.entrance: Entrance | None = None  #: the address for direct messages to this slot
-        self.licence = 0  #: the number that allows it to send directly (0: none)
+        self.licence = 0  #: the number of its licence to send directly (0: none)
         self.routes: dict[MessageType, None] = {}  #: messages of whose routes it is informed
         self.watches: dict[Connection, None] = {}  #: slots of whose end it is informed
         self.watchers: dict[Connection, None] = {}  #: connections informed of the end of this slot
@@ -267,18 +267,18 @@ class Handler(Stored):
         self.module = module
         self.resource = resource
         self.pool = declared.pool  #: handlers of one pool share the messages
-        #: Number of messages that may wait for it (0: no limit). Only the newest value of a
-        #: variable is useful.
+        #: Number of messages that may wait for it (0: no limit). It is 1 for a variable, of which
+        #: only the newest value is useful.
         self.pending = 1 if message.message_class.keeps_value else declared.pending
-        self.direct = declared.direct  #: senders may bypass central, if nothing else prevents it
-        self.accepts = declared.accepts  #: it accepts tasks explicitly
+        self.direct = declared.direct  #: whether it accepts messages that bypass central
+        self.accepts = declared.accepts  #: whether it accepts each task with a call
         self.takes = tuple(declared.takes)  #: transitions of clients that it decides about
         self.refuses = tuple(declared.refuses)  #: transitions that central refuses for it
-        self.busy = declared.busy  #: what happens to a task that must wait for it
+        self.busy = declared.busy  #: what happens to a task that must wait for this handler
 
     @property
     def is_custom(self) -> bool:
-        """Whether it changes the usual life cycle of tasks."""
+        """Whether it differs from a usual handler in the life cycle or the queue of its tasks."""
         return self.accepts or bool(self.takes or self.refuses) or self.busy is not Busy.QUEUE
 
 
@@ -305,7 +305,7 @@ class Declared(Stored):
         self.declarers: dict[str, None] = {}  #: incarnations of the modules that declared it
 
     def redefine(self, declared: MessageFormat, by: str) -> None:
-        """Replace the format: the modules that declared the old one have disconnected."""
+        """Replace the format. All modules that declared the old format have disconnected."""
         self.format = declared
         self.name = declared.name
         self.parts = declared.parts
@@ -320,7 +320,7 @@ class Declared(Stored):
 
     @property
     def title(self) -> str:
-        """A name for texts: "goal 'walk'"."""
+        """The class and name for use in texts, such as "goal 'walk'"."""
         return f"{self.message_class} '{self.name}'"
 
     @property
@@ -330,7 +330,7 @@ class Declared(Stored):
 
 
 class Served(Declared):
-    """A declared message with its handlers, the deliveries that wait for one, and counts."""
+    """A declared message with its handlers, the deliveries that wait for a handler, and counts."""
 
     __slots__ = (
         "awaited_by",
@@ -353,13 +353,13 @@ class Served(Declared):
         self.custom_handlers = 0  #: number of handlers with ``is_custom``
         #: By id, oldest first: deliveries for which there is no handler.
         self.waiting: dict[int, Delivery] = {}
-        self.awaited_by: dict[PresenceWait, None] = {}  #: waits until it is handled
+        self.awaited_by: dict[PresenceWait, None] = {}  #: waits until the message has a handler
         self.delivered = 0  #: number of deliveries to handlers
         self.failed = 0  #: number of failures
         self.dropped = 0  #: number of messages, and of copies for one receiver, that were dropped
 
     def add_handler(self, handler: "Handler") -> None:
-        """Add a handler; it is the newest."""
+        """Add a handler, the newest one."""
         self.handlers.append(handler)
         self.custom_handlers += handler.is_custom
         self._find_candidates()
@@ -391,7 +391,7 @@ class MessageType(Served):
 
 
 class PresenceWait(Stored):
-    """A connection's wait until several messages are handled at the same time."""
+    """A connection's wait until several messages have handlers at the same time."""
 
     __slots__ = ("connection", "messages", "missing", "number", "origin", "promised")
 
@@ -402,14 +402,14 @@ class PresenceWait(Stored):
         #: Messages that its module will handle when the wait is over.
         self.promised = tuple(header.promised)
         self.messages = tuple(messages)
-        #: Messages without a handler.
+        #: Number of messages without a handler that has a slot.
         self.missing = sum(not message.serving for message in self.messages)
         for message in self.messages:
             message.awaited_by[self] = None
 
     @property
     def size(self) -> int:
-        """The bytes that it holds."""
+        """The bytes that the wait holds."""
         return presence_size(self.messages)
 
     def end(self) -> None:
@@ -424,7 +424,7 @@ def presence_size(messages: Sequence[MessageType]) -> int:
 
 
 class Attachable(Protocol):
-    """A task or a message type: exception handlers and wiretaps are attached to it."""
+    """A task or message type, to which exception handlers and wiretaps are attached."""
 
     @property
     def attached(self) -> "list[AttachedHandler]":
@@ -463,14 +463,14 @@ class AttachedHandler(Stored):
         self.maximum = maximum  #: number of calls allowed per task; 0: any number
         self.place = place  #: the task or message that it is attached to
         self.by = by  #: own name of the module that attached it
-        #: By name: the run that attached it, and earlier copies of it that had.
+        #: By name: the run that attached it last, and copies that had attached the same before.
         self.holders: dict[str, Holder] = {}
 
 
 class Wiretap(Stored):
     """A wiretap: it sends its listener at an event, or before a moment of the tapped task.
 
-    It holds such a moment back until the listener is done.
+    Such a moment is held until the listener has ended the same interval.
     """
 
     __slots__ = (
@@ -493,7 +493,7 @@ class Wiretap(Stored):
         self.listener = listener
         self.place = place  #: the task or message that it taps
         self.held_moment = 0  #: the moment of the tapped task that it holds back (0: none)
-        self.at = 0  #: the event, or moment that it does not hold, at which the listener is sent
+        self.at = 0  #: the event or moment at which the listener is sent, if it holds no moment
         self.has_fired = False  #: of a task's own wiretap: whether it has sent its listener
         self.watch: WatchOptions | None = None  #: options of a listener that is a monitor
         #: By name: the modules that added it and have not removed it.
@@ -501,7 +501,7 @@ class Wiretap(Stored):
 
     @property
     def is_heard(self) -> bool:
-        """Whether its listener is sent: it has a handler, or it is a monitor, which needs none."""
+        """Whether its listener can be sent: it has a handler, or is a monitor and needs none."""
         return bool(self.listener.handlers) or self.listener.message_class.is_monitor
 
 
@@ -520,11 +520,11 @@ class Queued(Stored):
 
     def __init__(self) -> None:
         self.priority = 0
-        self.arrival = 0  #: rank among equal priorities; a message that is queued again keeps it
-        #: Since when it waits (for its start, for a slot or for a handler), or is handled.
+        self.arrival = 0  #: rank among equal priorities, also after it is queued again
+        #: When its present wait (for its start, a slot or a handler) or its handling began.
         self.since = 0.0
         self.ticket = 0  #: queue entries with another ticket are void
-        #: Where it waits: resources, () for any handler, None: in no queue.
+        #: The resources in whose queues it waits; () if it waits for any handler; else None.
         self.queues: tuple[ModuleResource, ...] | None = None
         self.slot: Connection | None = None  #: the connection whose thread handles it
         self.nested = False  #: whether it is handled inside a wait of its slot, beyond the capacity
@@ -558,21 +558,19 @@ class Delivery(Queued):
         # The three ids are one number, except for copies and retries.
         self.id = delivery_id
         self.handling_id = delivery_id  #: in packets to and from handlers; a retry gets a new one
-        self.message_id = delivery_id  #: all copies of one message, each for one receiver, share it
+        self.message_id = delivery_id  #: the same for all copies, one for each receiver
         self.message = message
         self.body = body
         self.role = Role.NONE  #: why central made it; NONE if a module sent it
         self.context: Context | None = None  #: the details of that reason
-        self.sender = sender  #: the receiver of the answer; None when it has disconnected
+        self.sender = sender  #: the connection that gets the answer; None if there is none
+        #: The module that sent it. For a message that central made about another message: the
+        #: module that sent the other message, or None.
         self.sent_by: object = sender.module if sender is not None else None
-        """The module that sent it.
-
-        If central made it: the sender of the message that it was made for, or None.
-        """
         self.tap_depth = 0  #: number of wiretaps' listeners among its causes, itself included
         #: The delivery whose handler sent it (0: none, or unknown); not set for tasks.
         self.origin = 0
-        self.number = 0  #: the sender's request (0: no answer wanted)
+        self.number = 0  #: the number of the sender's request (0: no answer wanted)
         self.refused = NOTHING_REFUSED  #: refusals of unconfirmed tasks that its handler sent
 
     def __repr__(self) -> str:
@@ -580,7 +578,7 @@ class Delivery(Queued):
 
     @property
     def copy_of(self) -> int:
-        """The message that it is a copy of, for one receiver; 0 if it is the original."""
+        """The id of the message of which this is one receiver's copy; 0 for the original."""
         return self.message_id if self.message_id != self.id else 0
 
     @property

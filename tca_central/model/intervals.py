@@ -1,6 +1,7 @@
 """The moments of a task as nodes in the graph of constraints.
 
-Some are reached together: one of them stands for both.
+The first delivery of a task reaches two starts together: the start of handling, and the start of
+planning (goal) or of achieving (other tasks). The second of them stands for both.
 """
 
 from tca_central.errors import RequestError
@@ -25,9 +26,10 @@ def delivered_at(is_goal: bool) -> int:
 
 
 def unified(is_goal: bool, moment: int) -> int:
-    """Return the moment that stands for all those reached together with *moment*.
+    """Return the moment that stands for *moment* in the graph.
 
-    A constraint on any of them holds all.
+    Only the start of handling has another moment to stand for it (``delivered_at``). A constraint
+    on either of these two starts holds both.
     """
     return delivered_at(is_goal) if moment == START_HANDLING else moment
 
@@ -37,9 +39,9 @@ PREVIOUS = {
     for is_goal in (True, False)
     for moment, before in RULES[is_goal].order
 }
-"""By (is goal, moment): the moments of the task that come directly before it.
+"""By (is goal, moment): the moments of the same task that come directly before that moment.
 
-Moments that none precedes have no row.
+A moment without earlier moments has no row.
 """
 
 NEXT = {
@@ -51,4 +53,4 @@ NEXT = {
     for is_goal in (True, False)
     for moment in SINGLE_MOMENTS
 }
-"""By (is goal, moment): the moments that come directly after it."""
+"""By (is goal, moment): the moments of the same task that come directly after that moment."""

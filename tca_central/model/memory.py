@@ -17,20 +17,21 @@ class Memory(Stored):
     __slots__ = ("forgotten", "kept", "kept_bytes", "outcome_bytes", "outcomes", "promises")
 
     def __init__(self) -> None:
-        #: By task id, oldest first: outcomes that are more than "done".
+        #: By task id, oldest first: all outcomes but "done" without a result.
         self.outcomes: dict[int, TaskOutcome] = {}
         self.outcome_bytes = 0  #: bytes of all outcomes
         self.forgotten = 0  #: the highest id of a task whose outcome was forgotten
         #: By task id, oldest first: records that modules retain.
         self.kept: dict[int, TaskRecord] = {}
         self.kept_bytes = 0  #: bytes of all records
-        #: Sum over all modules: number of tasks, living or ended, that each retains.
+        #: Number of tasks, living or ended, that modules retain. A task that two modules retain
+        #: counts twice.
         self.promises = 0
 
     def outcome_of(self, task_id: int) -> TaskOutcome | None:
         """Return the outcome of an ended task; None if it was forgotten.
 
-        A task that is simply done needs no entry.
+        A task without an entry was done without a result, if its id is above ``forgotten``.
         """
         if (record := self.kept.get(task_id)) is not None:
             return record.outcome
@@ -47,7 +48,7 @@ class Memory(Stored):
         )
 
     def remember(self, task_id: int, outcome: TaskOutcome, most_bytes: int) -> list[int]:
-        """Store an outcome other than "done". Return the tasks whose outcomes it displaces."""
+        """Store an outcome. Return the ids of tasks whose outcomes were forgotten to make room."""
         self.outcomes[task_id] = outcome
         self.outcome_bytes += _size(outcome)
         displaced = []

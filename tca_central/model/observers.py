@@ -10,14 +10,15 @@ from tca_wire.points import TaskId
 from tca_wire.waits import WaitKind
 
 OTHERS = ""
-"""The key of the group of observations of a subtree or of all tasks.
+"""The key of one group: the observations of a subtree or of all tasks.
 
-The keys of the other groups are the id of a task or the name of a message.
+Each other group has observations of one task or of one message. Its key is the task's id or the
+message's name.
 """
 
 
 class Observation(Stored):
-    """A connection observes the states of one task, a message's tasks, a subtree, or all tasks."""
+    """A connection's request to observe states: of a task, a message, a subtree, or all tasks."""
 
     __slots__ = (
         "below",
@@ -42,7 +43,7 @@ class Observation(Stored):
 
     @property
     def subject(self) -> str:
-        """What it observes, in words such as "any move leg"; "" for one task."""
+        """The observed tasks in words, such as "any move leg"; "" for one task."""
         under = f" under {{{self.below}}}" if self.below else ""
         return "" if self.task_id else f"any {self.message or 'task'}{under}"
 
@@ -53,7 +54,7 @@ class Observation(Stored):
         return module, self.origin, self.task_id, 0, WaitKind.CHANGE, self.subject
 
     def wants(self, task: Task) -> bool:
-        """Whether an observation that names no task includes this one."""
+        """Whether *task* is observed. The observation is of a subtree, or of all tasks."""
         is_below = not self.below or (
             task.parent is not None and task.parent.find_above(self.below) is not None
         )

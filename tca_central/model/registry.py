@@ -19,10 +19,10 @@ from tca_wire.packets.parts import MessageFormat
 from tca_wire.vocabulary import Refusal
 
 REMEMBERED_CONNECTIONS = 256
-"""Lost connections that may come back."""
+"""The number of lost connections that may come back."""
 
 MESSAGES = 10_000
-"""Names of messages that may be known at the same time."""
+"""The number of messages that may be known at the same time."""
 
 
 class Registry(Stored):
@@ -44,7 +44,7 @@ class Registry(Stored):
         self.connections: dict[ConnectionId, Connection] = {}
         self.modules: dict[str, Module] = {}  #: by incarnation
         self.messages: dict[str, MessageType] = {}
-        #: By session: connections lost lately, which may come back and repeat requests.
+        #: By session: the newest lost connections. They may come back and repeat requests.
         self.lost: dict[str, Connection] = {}
         self.permissions = Permissions()
         self.bytes = 0  #: bytes of declared messages and resources
@@ -58,7 +58,7 @@ class Registry(Stored):
     ) -> tuple[Module, bool]:
         """Return the module of an incarnation, and whether it is new.
 
-        A name in use gets a number: "legs#2".
+        If *name* is in use, the new module's name gets a number: "legs#2".
         """
         if known := self.modules.get(incarnation):
             return known, False
@@ -72,8 +72,8 @@ class Registry(Stored):
     def resource(self, module: Module, name: str) -> ModuleResource:
         """Return a module's resource, creating it at its first use.
 
-        It joins the same resource in other copies of the program, so that a lock holds in all
-        copies.
+        Other copies of the program may have a resource of that name. The new resource joins them,
+        so that a lock holds in all copies.
         """
         if name not in module.resources:
             module.resources[name] = resource = ModuleResource(module.name, name)
@@ -85,13 +85,13 @@ class Registry(Stored):
         return module.resources[name]
 
     def ready_programs(self) -> set[str]:
-        """Return the programs whose attachments a connected run has made at its start."""
+        """Return the programs with a connected module that has made its first attachments."""
         return {module.called for module in self.modules.values() if module.is_ready}
 
     def forget_connection(self, connection: Connection) -> Connection | None:
-        """Remove a connection. Its requests and answers are retained for a while.
+        """Remove a connection, but keep its requests and answers for a while.
 
-        Returns the connection whose requests and answers are no longer retained.
+        Returns an older connection whose requests and answers can be forgotten now, if any.
         """
         del self.connections[connection.id]
         del connection.module.connections[connection.session]
@@ -113,10 +113,13 @@ class Registry(Stored):
         self._names.pop(module.name, None)
         for message in self.messages.values():
             message.declarers.pop(module.incarnation, None)
-        self.next_search = 0  # its messages may be forgotten: a search makes sense again
+        self.next_search = 0  # a search may find messages of this module that can be forgotten
 
     def check(self, declared: MessageFormat, module: Module) -> None:
-        """Raise RequestError if the name is known with another format or class."""
+        """Raise RequestError if a declaration is invalid, or another one contradicts it.
+
+        If no module that declared the message is connected, only the class must stay.
+        """
         known = self.messages.get(declared.name)
         check_name("message", declared.name)
         if declared.name.startswith(PREFIX):
@@ -130,9 +133,9 @@ class Registry(Stored):
         _refuse_difference(declared, module, known.format, f"module '{known.first_declared_by}'")
 
     def declare(self, declared: MessageFormat, module: Module) -> tuple[MessageType, bool]:
-        """Return the message of that name, and whether it or its format is new.
+        """Declare a message. Return the message, and whether the message or its format is new.
 
-        ``check`` has passed.
+        ``check`` must have passed.
         """
         message = self.messages.get(declared.name)
         is_new = message is None or not (message.declarers or message.format == declared)
@@ -173,7 +176,7 @@ def _check_life_cycle(declared: MessageFormat) -> None:
 
 
 def _check_notice(declared: MessageFormat, module: Module) -> None:
-    """Raise RequestError unless a declaration with a reserved name is one of central's notices."""
+    """Raise RequestError unless the declaration is equal to a notice of central with that name."""
     notice = NOTICES.get(declared.name)
     if notice is None:
         text = (
@@ -187,7 +190,7 @@ def _check_notice(declared: MessageFormat, module: Module) -> None:
 def _refuse_difference(
     declared: MessageFormat, module: Module, known: MessageFormat, there: str
 ) -> None:
-    """Raise RequestError if a declaration differs from the one known *there*."""
+    """Raise RequestError if *declared* differs from *known*, the declaration made *there*."""
     if known.message_class != declared.message_class:
         difference = f"a {declared.message_class} here, a {known.message_class} there"
     else:
@@ -230,7 +233,7 @@ class Variables(Stored):
         self.bytes = 0  #: size of all values
 
     def check_room(self, name: str, body: bytes, most: int) -> None:
-        """Raise RequestError if all values would hold more than *most* bytes with this one."""
+        """Raise RequestError if all values would hold more than *most* bytes with this new one."""
         known = self.values.get(name)
         size = self.bytes + len(body) - (len(known.body) if known else 0)
         if size > most:
@@ -241,7 +244,7 @@ class Variables(Stored):
             raise RequestError(Refusal.OVERLOAD, text)
 
     def set(self, name: str, value: Value) -> None:
-        """Replace a variable's value. ``check_room`` has passed."""
+        """Replace a variable's value. ``check_room`` must have passed."""
         self.forget(name)
         self.values[name] = value
         self.bytes += len(value.body)

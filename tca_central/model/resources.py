@@ -1,18 +1,20 @@
-"""Resources: the slots of a part of a module, the queue for them, and locks.
+"""Resources: the slots of a part of a module, the queue for these slots, and locks.
 
-Knows capacity and order, but no constraints, messages' meaning or sockets (TCA 8.5: res.c).
-Capacity is the number of messages delivered and not yet completed; it is not the length of a queue.
+Knows capacity and order, but no constraints, messages' meaning or sockets (TCA 8.5: res.c). The
+capacity limits the messages that are delivered and not completed, not the length of the queue.
 
 Theory of operation. Messages and claims (requests to lock or reserve) wait in one order: higher
-priority first, then arrival. A claim whose turn has come holds back everything behind it until the
-resource is empty; then it is granted. A lock admits nothing. A reservation admits only what its
-owner sends. If a program runs in several copies, each has its own slots and queue. A claim is for
-all of them and waits in each queue. It is granted when its turn has come in each and all are empty.
+priority first, then arrival. A claim that is first in the queue holds back all entries behind it.
+When the resource is empty, the claim is granted. A lock admits nothing. A reservation admits only
+messages of its owner. If a program runs in several copies, each copy of the resource has its own
+slots and queue. A claim is for all copies, and waits in the queue of each. It is granted when it is
+first in every queue and all copies are empty.
 
-A resource with a single slot may *prefetch*: the slot gets messages before it is free, which saves
-the wait for the next one. They still wait, before all others in the queue, in ``prefetched``, and
-nothing may overtake them. If something that goes first arrives, they are recalled. Nothing is
-admitted then until the slot has said which of them it had not begun.
+A resource with a single slot may *prefetch*. The slot then gets messages before it is free, and
+need not wait for its next message. Prefetched messages (``prefetched``) still count as waiting, in
+front of the queue. If an entry arrives that must go before one of them, central recalls the
+prefetched messages. Central then admits nothing until the slot has reported which prefetched
+messages it had not begun.
 """
 
 import heapq
@@ -36,7 +38,7 @@ class Queueable(Protocol):
 
     @property
     def sent_by(self) -> object:
-        """The sender, as reservations compare it."""
+        """The sender. A reservation admits the messages whose sender is the reservation's owner."""
 
 
 def rank(entry: Queueable) -> tuple[int, int]:
@@ -76,8 +78,8 @@ class PendingLimit(Stored, Generic[Q]):
 class Queue(Stored, Generic[Q]):
     """Waiting messages and claims: higher priority first, then arrival.
 
-    Removing an entry from the middle of a heap is expensive. Instead, a new ticket of its message
-    makes it void, and it is dropped when it reaches the front.
+    Removing an entry from the middle of a heap is expensive. Instead, the message gets a new
+    ticket, which makes the old entry void. A void entry is dropped when it reaches the front.
     """
 
     __slots__ = ("_heap", "waiting")
@@ -93,7 +95,7 @@ class Queue(Stored, Generic[Q]):
         heapq.heappush(self._heap, (-entry.priority, entry.arrival, entry.ticket, entry))
 
     def mark_void(self) -> None:
-        """Count one more void entry. The heap is rebuilt when more than half of it is void."""
+        """Count one more void entry. Rebuild the heap when most entries are void."""
         self.waiting -= 1
         if not self.waiting:
             self._heap.clear()
@@ -102,7 +104,7 @@ class Queue(Stored, Generic[Q]):
             heapq.heapify(self._heap)
 
     def first(self) -> Q | None:
-        """Return the next in line. It stays until it is withdrawn."""
+        """Return the next valid entry, which stays in the queue; None if the queue is empty."""
         while self._heap:
             _, _, ticket, entry = self._heap[0]
             if entry.ticket == ticket:
@@ -142,7 +144,7 @@ class Claim(Stored, Generic[S, Q]):
         self.slot = slot  #: its sender; the claim does not wait for this slot to be free
         self.owner = owner  #: the sender whose messages a reservation admits
         self.admits_owner = admits_owner  #: whether it is a reservation
-        #: The delivery at whose end it ends; None: it ends with its connection.
+        #: The delivery at whose end the claim ends; None if it ends with its connection.
         self.holder: Q | None = None
         self.id = 0
         self.number = 0  #: the number of the request
@@ -154,12 +156,12 @@ class Claim(Stored, Generic[S, Q]):
 
     @property
     def sent_by(self) -> object:
-        """The claim itself: no reservation admits a claim."""
+        """The claim itself, which is no reservation's owner: no reservation admits a claim."""
         return self
 
     @property
     def is_granted(self) -> bool:
-        """Whether it has the resource."""
+        """Whether the claim is in force."""
         return self.resource.held_by is self
 
 
@@ -192,17 +194,18 @@ class Resource(Stored, Generic[S, Q]):
         self.numbers: dict[S, int] = {}  #: by slot, from 1; a new slot gets the lowest free number
         self.held_by: Claim[S, Q] | None = None  #: the lock or reservation in force
         self.claims: dict[Claim[S, Q], None] = {}  #: waiting claims, oldest first
-        #: By query that a slot of this resource waits for, and that a lock keeps out: that slot.
+        #: By query that a lock keeps out: the slot of this resource that waits for the reply.
         self.locked_out_queries: dict[Q, S] = {}
         self.prefetched: dict[Q, tuple[Fact, ...] | None] = {}
         """Messages that its only slot has prefetched and, as far as central knows, not begun.
 
-        The value is None, or the facts of a drop: the message was dropped in the meantime, and the
-        facts are recorded when the slot has returned or begun it.
+        The value is None, unless the message was dropped in the meantime. Then the value is the
+        facts of the drop. They are recorded when the slot has returned or begun the message.
         """
         #: The slot that has, or had, the prefetched messages.
         self.prefetching_slot: S | None = None
-        self.is_recalling = False  #: whether the slot has yet to return those it has not begun
+        #: Whether the slot has yet to return the prefetched messages that it has not begun.
+        self.is_recalling = False
         self._free: dict[S, None] = {}
         self._queue: Queue[Q | Claim[S, Q]] = Queue()
         #: The queue split by sender; built at the first reservation.
@@ -210,12 +213,12 @@ class Resource(Stored, Generic[S, Q]):
 
     @property
     def waiting(self) -> int:
-        """The number of messages that wait."""
+        """The number of messages that wait, including prefetched ones."""
         return self._queue.waiting - len(self.claims) + len(self.prefetched)
 
     @property
     def capacity(self) -> int:
-        """The number of messages that it handles at a time."""
+        """The number of messages that the resource can handle at a time."""
         return len(self.slots)
 
     @property
@@ -238,7 +241,7 @@ class Resource(Stored, Generic[S, Q]):
 
     @property
     def is_locked(self) -> bool:
-        """Whether a lock admits nothing."""
+        """Whether a lock is in force."""
         return self.held_by is not None and not self.held_by.admits_owner
 
     def is_free(self, slot: S) -> bool:
@@ -267,7 +270,7 @@ class Resource(Stored, Generic[S, Q]):
         return first is not None and rank(first) < rank(message)
 
     def acquire_slot(self) -> S:
-        """Take the slot that has been free longest, or that has prefetched the next message."""
+        """Take the slot that has prefetched messages, or else the slot that was free longest."""
         slot = self.prefetching_slot if self.prefetched else None
         if slot is None:
             slot = next(iter(self._free))
@@ -295,7 +298,7 @@ class Resource(Stored, Generic[S, Q]):
         sent_by[sender].add(message)
 
     def leave_queue(self, message: Q) -> None:
-        """Remove a message: its entries have become void."""
+        """Remove a message whose entry in the queue has become void."""
         if self.locked_out_queries:
             self.locked_out_queries.pop(message, None)
         if message in self.prefetched:
@@ -315,7 +318,7 @@ class Resource(Stored, Generic[S, Q]):
         )
 
     def first_message(self) -> Q | None:
-        """Return the first waiting message, whatever claims precede it."""
+        """Return the first waiting message; if a claim is first in the queue, any message in it."""
         self._queue.first()  # drops void entries at the front
         return next(self.queued(), None)
 
@@ -324,7 +327,7 @@ class Resource(Stored, Generic[S, Q]):
         return [*self.prefetched, *sorted(self._queue, key=rank)]
 
     def next_queued(self) -> Q | Claim[S, Q] | None:
-        """Return what may be admitted next: a message, or a claim to grant now."""
+        """Return the message to admit next, or the claim to grant now; None if there is neither."""
         if self.is_recalling:
             return None
         first = self._first_in_line()
@@ -333,7 +336,7 @@ class Resource(Stored, Generic[S, Q]):
         return first
 
     def next_non_task(self) -> Q | None:
-        """Return the next message to admit while tasks may not start; None behind a claim."""
+        """Return the next message to admit while tasks may not start; None if a claim is first."""
         others = [
             entry
             for entry in self._queue
@@ -345,7 +348,7 @@ class Resource(Stored, Generic[S, Q]):
     # --- prefetched messages ----------------------------------------------------------------------
 
     def next_to_prefetch(self) -> Q | None:
-        """Return the message that may be prefetched next; None if something may overtake one."""
+        """Return the message to prefetch next; None if something may overtake this message."""
         if (
             self.is_recalling
             or self.claims
@@ -373,13 +376,13 @@ class Resource(Stored, Generic[S, Q]):
         return self.prefetched.pop(message)
 
     def is_overtaken_by(self, newest: "Q | Claim[S, Q]") -> bool:
-        """Whether what has just arrived goes before a prefetched message."""
+        """Whether *newest*, which has just arrived, goes before a prefetched message."""
         if not self.prefetched:
             return False
         return rank(newest) < rank(next(reversed(self.prefetched)))
 
     def _first_in_line(self) -> Q | Claim[S, Q] | None:
-        """Return the next in line among those that the lock or reservation admits."""
+        """Return the first of the entries that no lock or reservation in force keeps out."""
         if self.prefetched:
             return next(iter(self.prefetched))
         if self.held_by is None:
@@ -396,7 +399,7 @@ class Resource(Stored, Generic[S, Q]):
     # --- claims -----------------------------------------------------------------------------------
 
     def join_copies(self, other: "Resource[S, Q]") -> None:
-        """Become a copy of another resource: its locks and claims cover this one too."""
+        """Become a copy of *other*, so that its locks and claims are for this resource too."""
         self.copies = other.copies
         self.copies.append(self)
         self.held_by = other.held_by
@@ -404,7 +407,7 @@ class Resource(Stored, Generic[S, Q]):
             self._queue_claim(claim)
 
     def leave_copies(self) -> "Resource[S, Q] | None":
-        """Leave the copies. Return one that remains, which inherits the claims; else None."""
+        """Leave the copies. Return the copy that inherits the claims; None if no copy remains."""
         self.copies.remove(self)
         if not self.copies:
             self.copies = [self]
@@ -417,7 +420,7 @@ class Resource(Stored, Generic[S, Q]):
         return newest
 
     def _can_be_granted(self, claim: Claim[S, Q]) -> bool:
-        """Whether a claim is first in all copies, and all are empty apart from the claimant."""
+        """Whether a claim is first in every copy's queue, and only the claimant's slot is busy."""
         if any(copy._first_in_line() is not claim for copy in self.copies):  # noqa: SLF001
             return False
         inside = [slot for copy in self.copies for slot in copy.slots if not copy.is_free(slot)]
@@ -426,8 +429,8 @@ class Resource(Stored, Generic[S, Q]):
     def add_claim(self, claim: Claim[S, Q]) -> None:
         """Queue a claim.
 
-        A claim by a handler of the resource goes first. Its slot is busy until that handler
-        returns, so a claim before it could never be granted.
+        A claim by a handler of the resource goes first. The handler's slot is busy until the
+        handler returns. Until then no other claim could be granted.
         """
         if any(claim.slot in copy.slots and not copy.is_free(claim.slot) for copy in self.copies):
             claim.priority = INSIDE
@@ -448,7 +451,7 @@ class Resource(Stored, Generic[S, Q]):
             copy.held_by = None
 
     def grant(self, claim: Claim[S, Q]) -> None:
-        """Grant a claim: it excludes all others from now on."""
+        """Grant a claim. From now on the claim excludes all other claims."""
         self._leave_queues(claim)
         for copy in self.copies:
             copy.held_by = claim

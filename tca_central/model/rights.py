@@ -8,14 +8,14 @@ from tca_central.model.stored import Stored
 from tca_wire.vocabulary import Permission
 
 OWNER = "owner"
-"""The name by which permissions call central's own user."""
+"""The name of central's own user in the permissions file."""
 
 MOST_LICENCES = 10_000
-"""Valid licences: one for each sender of direct messages, connected or not."""
+"""The number of valid licences. Each sender of direct messages needs one."""
 MOST_BARRED = 10_000
-"""Revoked licences that are remembered, the newest."""
+"""The number of revoked licences that are remembered, the newest."""
 
-_REMEMBERED = 4096  # decisions per connection
+_REMEMBERED = 4096  # cached decisions per connection
 
 
 class Rights(Stored):
@@ -28,7 +28,7 @@ class Rights(Stored):
         self.known: dict[tuple[Permission, str], bool] = {}
 
     def allow(self, permission: Permission, name: str) -> bool:
-        """Whether the permission includes that name."""
+        """Whether *permission* includes *name*, the name of a message or a request."""
         asked = permission, name
         allowed = self.known.get(asked)
         if allowed is None:
@@ -46,7 +46,7 @@ class Permissions(Stored):
 
     def __init__(self) -> None:
         self.rules: tuple[AccessRule, ...] | None = None  #: None: all users may do everything
-        #: By ended task with a stored outcome: the principal that sent it.
+        #: By ended task with a stored outcome: the principal that sent the task.
         self.outcome_owners: dict[int, str] = {}
         #: By number, oldest first: the owner of each valid licence.
         self.licences: dict[int, str] = {}
@@ -72,7 +72,7 @@ def matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 def rights_of(rules: Iterable[AccessRule], principal: str, module: str) -> Rights | None:
-    """Return the rights of a principal as a module of that name. None: no rule admits it."""
+    """Return a principal's rights in a module of that name; None if no rule admits the module."""
     owner = principal or OWNER
     found = [rule for rule in rules if matches(owner, rule.keys) and matches(module, rule.modules)]
     if not found:

@@ -8,8 +8,9 @@ class Stored:
     """A part of the state. An image holds the attributes in ``__slots__``, and no others.
 
     When an image is read, objects are made without ``__init__`` and filled afterwards. Machine code
-    allows this only for classes that are declared serializable. Only machine code can then create
-    them normally (mypyc 2.4): central creates all of them itself.
+    allows this only for classes that are declared serializable. With mypyc
+    2.4, only machine code can then create such objects normally. That is enough, because central
+    creates all of them in machine code.
     """
 
     __slots__ = ()

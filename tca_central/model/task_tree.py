@@ -38,7 +38,8 @@ class TaskTree(Stored):
         self.suspended: dict[int, tuple[float, str, bool]] = {}
         """By id, oldest first: the tasks on which suspend was called.
 
-        Each value is the time, the module that suspended it, and whether it was created suspended.
+        Each value is the time, the module that suspended the task, and whether the task was created
+        suspended.
         """
         #: Tasks from which constraints lead to tasks that are not siblings (cycles.py)
         self.across: dict[Task, None] = {}
@@ -61,9 +62,10 @@ class TaskTree(Stored):
         return task
 
     def last_sibling(self, parent: Task, sender: Module | None) -> Task | None:
-        """Return the task that the constraint flags of a new child refer to.
+        """Return the task to which the constraint flags of a new child refer; None if it has ended.
 
-        Under the root each module has its own sequence: it does not know the tasks of others.
+        Under the root each module has a sequence of its own, because modules do not know the tasks
+        of other modules.
         """
         last = self.last_of_module.get(sender) if parent is self.root else parent.last_child
         return last if last is not None and last.reached != ALL_MOMENTS else None
@@ -83,7 +85,7 @@ class TaskTree(Stored):
             Recovery.of(parent).foreign_monitors += 1
 
     def become_last(self, task: Task, parent: Task, sender: Module | None) -> None:
-        """Let flags of the next sibling refer to a task, unless it is outside the sequence.
+        """Let flags of the next sibling refer to a task, unless the task is outside the sequence.
 
         This is separate from ``attach``, because a task may still be refused between the two.
         """
@@ -100,7 +102,7 @@ class TaskTree(Stored):
                 parent.sequence[task.id] = task
 
     def grow(self, task: Task, size: int) -> None:
-        """Change the size of a task by *size* bytes."""
+        """Add *size* bytes to the size of a task. *size* may be negative."""
         task.size += size
         if task.id in self.tasks:
             self.bytes += size
@@ -131,7 +133,7 @@ class TaskTree(Stored):
         return asked
 
     def set_failure(self, task: Task, failure: Failure | None) -> None:
-        """Set or clear the failure of a task. A new one is not resolved yet."""
+        """Set or clear the failure of a task. A new failure is not resolved yet."""
         if failure is None and task.recovery is None:
             return
         recovery = Recovery.of(task)
@@ -165,7 +167,7 @@ class TaskTree(Stored):
     def _detach_top(self, task: Task, sender: Module | None) -> None:
         """Remove an ended top-level task.
 
-        If it was killed, flags refer to the living task that its module sent before it.
+        If the task was killed, flags now refer to the newest living task of the same module.
         """
         others = self.top_of_module.get(sender)
         if others is None or others.pop(task.id, None) is None:
@@ -178,15 +180,15 @@ class TaskTree(Stored):
             del self.top_of_module[sender]
 
     def forget_module(self, sender: Module) -> None:
-        """Forget the sequence of a disconnected module. A later module of its name has another."""
+        """Forget the sequence of a disconnected module. A later module has its own sequence."""
         self.last_of_module.pop(sender, None)
 
     @staticmethod
     def subtree(task: Task, *, doomed: bool = False) -> Iterator[Task]:
         """Yield *task* and its descendants, parents first.
 
-        With *doomed*, only those that are killed with the task. The tree must not change during
-        the walk.
+        With *doomed*, only the descendants that are killed with *task*. The tree must not change
+        during the walk.
         """
         stack = [task]
         while stack:
@@ -208,7 +210,8 @@ def failure_size(failure: Failure | None) -> int:
 def taps_of(delivery: Delivery) -> list[Wiretap]:
     """Return the wiretaps of a task and of its message.
 
-    A listener has none: else wiretaps could call each other for ever.
+    A listener has none, nor has a message of a monitor that listens. Otherwise wiretaps could call
+    each other for ever.
     """
     taps = delivery.message.taps
     if isinstance(delivery, Task) and delivery.tapping is not None and delivery.tapping.taps:
@@ -222,7 +225,8 @@ def taps_of(delivery: Delivery) -> list[Wiretap]:
 def first_moments(task: Task) -> int:
     """Return the moments that a task reaches at its delivery.
 
-    A task that is handled again has reached them before: only its handling starts again.
+    A task that is handled again has reached its other starts already. Only its handling starts
+    again.
     """
     if task.reached & START_HANDLING:
         return START_HANDLING
@@ -232,7 +236,7 @@ def first_moments(task: Task) -> int:
 def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
     """Return the wiretaps to fire before *moments*.
 
-    A wiretap whose listener had no handler fires again once there is one.
+    A wiretap whose listener had no handler fires again once the listener has one.
     """
     fired = task.tapping.fired if task.tapping is not None else {}
     return [
@@ -244,12 +248,12 @@ def to_be_fired(task: Task, moments: int) -> list[Wiretap]:
 
 
 def is_outside_sequence(task: Task) -> bool:
-    """Whether a task is outside the sequence of its siblings: flags never refer to it."""
+    """Whether a task is outside the sequence of its siblings, so that flags never refer to it."""
     return bool(task.role) or task.message.is_outside_sequence
 
 
 def _newest_child(parent: Task) -> Task | None:
-    """Return the child that flags refer to after the last child was killed: the newest one left."""
+    """Return the newest child left. Flags refer to this child after the last child was killed."""
     if parent.sequence is None:
         children = (parent.children or {}).items()
         parent.sequence = {
@@ -259,7 +263,7 @@ def _newest_child(parent: Task) -> Task | None:
 
 
 def _newest(siblings: dict[int, Task]) -> Task:
-    """Return the sibling that came last.
+    """Return the newest sibling.
 
     ``popitem`` also frees the places of later siblings that were deleted. ``reversed`` would walk
     over these places each time.
@@ -270,8 +274,8 @@ def _newest(siblings: dict[int, Task]) -> Task:
 
 
 def sending_module(task: Task) -> Module | None:
-    """Return the module that sent a task, None for central.
+    """Return the module that sent a task; None for central.
 
-    The module may have disconnected. A later module of the same name is another one.
+    The module may have disconnected. A later module of the same name does not count as this one.
     """
     return task.sender.module if task.sender else None

@@ -1,8 +1,8 @@
-"""Tasks: the nodes of the tree, and the parts that only some of them have.
+"""Tasks: the nodes of the tree, and the parts that only some tasks have.
 
 Each class of the chain adds one concern: ``Queued`` and ``Delivery`` (deliveries.py), then
-``Node``, ``Ordered`` and ``Task``. Parts such as ``Recovery`` are created on first use: most tasks
-have none, and there may be hundreds of thousands of tasks.
+``Node``, ``Ordered`` and ``Task``. Parts such as ``Recovery`` are created on first use. Most tasks
+have no parts, which saves much memory where there are hundreds of thousands of tasks.
 """
 
 from collections.abc import Iterable, Iterator
@@ -51,20 +51,21 @@ class Node(Delivery):
         self, task_id: TaskId, message: MessageType, body: bytes, sender: Connection | None
     ) -> None:
         Delivery.__init__(self, task_id, message, body, sender)
-        self.parent: Task | None = None  #: none: it is the root
-        self.depth = 0  #: number of tasks from the top of the tree to this one, both included
-        #: A monitor that its parent does not wait for. It is ended when the parent's handler has
-        #: returned and only such monitors are left under it.
+        self.parent: Task | None = None  #: None for the root
+        #: 1 for a top-level task, 2 for its children, and so on; 0 for the root.
+        self.depth = 0
+        #: Whether this is a monitor that its parent does not wait for. Such a monitor is ended when
+        #: the parent's handler has returned and only such monitors are left under the parent.
         self.is_background = False
         #: By id: the children that have not ended, oldest first.
         self.children: dict[int, Task] | None = None
         #: By id: the children that are background monitors.
         self.background_monitors: dict[int, Task] | None = None
         self.unplanned = 0  #: number of children whose planning has not ended
-        #: The child behind which the next child is put by its constraint flags.
+        #: The child to which the constraint flags of the next child refer.
         self.last_child: Task | None = None
-        #: By id: the children from which ``last_child`` is chosen. Built when it was killed, and
-        #: the child before it takes its place; None until then.
+        #: By id: the living children to which flags may refer. Built when a ``last_child`` is
+        #: killed for the first time, to find the child before it; None until then.
         self.sequence: dict[int, Task] | None = None
 
 
@@ -81,21 +82,21 @@ class Ordered(Node):
         #: Whether planning starts only when achieving does (DELAY_PLANNING).
         self.planning_delayed = False
         self.held = 0  #: number of unmet constraints per moment, packed into one integer (holds.py)
-        #: The points that constraints hold until a moment of this task:
-        #: (its own moment, follower, the follower's moment, delay)
+        #: The points that constraints hold until this task reaches a moment:
+        #: (this task's moment, follower, the follower's moment, delay)
         self.followers: list[tuple[int, Task, int, float]] | None = None
-        #: What this task waits for: (its own moment, id of the leader, the leader's moment)
+        #: The points that this task waits for: (this task's moment, leader's id, leader's moment)
         self.leaders: list[tuple[int, int, int]] | None = None
-        #: By waiter, oldest first: the moment at which a connection is answered, a task is killed
-        #: or a monitor is ended.
+        #: By waiter, oldest first: the moment of this task that the waiter waits for. Then a
+        #: connection is answered, a task is killed or a monitor is ended.
         self.waiters: dict[Stored, int] | None = None
 
 
 class Task(Ordered):
     """A task from its arrival to its end.
 
-    Its progress is not stored as one value: it follows from ``reached``, ``returned`` and
-    ``killed``.
+    The progress of a task is not stored as one value. The progress follows from ``reached``,
+    ``returned`` and ``killed``.
     """
 
     is_task = True
@@ -126,14 +127,14 @@ class Task(Ordered):
     ) -> None:
         Ordered.__init__(self, task_id, message, body, sender)
         self.is_goal = message.is_goal
-        #: Of its life cycle; observers learn the final one when the task has ended.
+        #: The task's state in its life cycle. Observers get the final state after the task's end.
         self.state = message.initial_state
-        self.serial = 0  #: number of changes of that state
-        #: Whether it was passed on for delivery, because its start conditions were met. It is in
-        #: ``Agenda.startable``, in a queue, or with a handler.
+        self.serial = 0  #: number of changes of ``state``
+        #: Whether the task was passed on for delivery, because its start conditions were met. It is
+        #: then in ``Agenda.startable``, in a queue, or with a handler.
         self.start_granted = False
         self.suspended = False
-        self.retry_pending = False  #: it is handled again once everything under it has ended
+        self.retry_pending = False  #: whether it is handled again when all under it has ended
         self.returned = False  #: whether its handler has returned, or will never be called
         self.killed = ""  #: why it was killed and by which module; "" if it was not
         self.result = b""  #: the result of its handler
@@ -141,7 +142,7 @@ class Task(Ordered):
         self.recovery: Recovery | None = None
         self.tapping: Tapping | None = None
         self.scheduled: Scheduled | None = None
-        self.watch: Watch | None = None  #: of a monitor only
+        self.watch: Watch | None = None  #: set for monitors only
         self.clients: Clients | None = None
         self.retention: Retention | None = None
 
@@ -150,7 +151,7 @@ class Task(Ordered):
 
     @property
     def has_parts(self) -> bool:
-        """Whether it has any of the optional parts."""
+        """Whether the task has any of the optional parts."""
         first_three = self.recovery or self.tapping or self.scheduled
         return bool(first_three or self.watch or self.clients or self.retention)
 
@@ -166,32 +167,32 @@ class Task(Ordered):
 
     @property
     def failure(self) -> Failure | None:
-        """The failure that was raised on it last."""
+        """The failure that was raised on the task last; None if there was none."""
         return self.recovery.failure if self.recovery is not None else None
 
     @property
     def is_dealt_with(self) -> bool:
-        """Whether an exception handler has resolved that failure."""
+        """Whether an exception handler has resolved ``failure``."""
         return self.recovery is not None and self.recovery.is_dealt_with
 
     @property
     def is_foreign_monitor(self) -> bool:
-        """Whether it is a monitor that was not sent by the handling of its parent.
+        """Whether this is a monitor that the handling of its parent has not sent.
 
-        A retry of the parent does not end it.
+        A retry of the parent does not end such a monitor.
         """
         return self.watch is not None and self.watch.is_foreign_monitor
 
     @property
     def ignores_parent(self) -> bool:
-        """Whether it may start before its parent, as tasks that central makes may."""
+        """Whether the task may start before its parent. Only tasks that central makes may."""
         return bool(self.role)
 
     @property
     def has_unprocessed_decisions(self) -> bool:
-        """Whether central has yet to process decisions of its exception handlers that have ended.
+        """Whether exception handlers of this task have ended with decisions not processed yet.
 
-        Until then it may fail again.
+        The task may fail again until central has processed these decisions.
         """
         return self.recovery is not None and self.recovery.unprocessed_decisions > 0
 
@@ -199,8 +200,8 @@ class Task(Ordered):
     def may_be_handled_again(self) -> bool:
         """Whether a retry may start.
 
-        It waits for the current handler, for all children but foreign monitors, and for the
-        exception handlers that asked for the retry.
+        The retry waits for the current handler, and for all children except foreign monitors. It
+        also waits for the exception handlers that asked for it, and for unprocessed decisions.
         """
         recovery, children = self.recovery, len(self.children or ())
         if recovery is None:
@@ -212,19 +213,22 @@ class Task(Ordered):
 
     @property
     def has_only_background_left(self) -> bool:
-        """Whether its handler has returned and only background monitors are left under it."""
+        """Whether only background monitors are left under a task whose handler has returned.
+
+        False while a decision of an exception handler is unprocessed.
+        """
         if self.has_unprocessed_decisions:
             return False
         return self.returned and len(self.children or ()) == len(self.background_monitors or ()) > 0
 
     @property
     def is_running(self) -> bool:
-        """Whether a handler has it."""
+        """Whether a handler has the task."""
         return self.slot is not None
 
     @property
     def handler(self) -> Handler | None:
-        """The handler that has it; None if no handler does."""
+        """The handler that has the task; None if no handler has it."""
         return self.slot.module.handlers.get(self.message.name) if self.slot is not None else None
 
     def exception_handlers_up(self) -> "list[Task]":
@@ -245,9 +249,9 @@ class Task(Ordered):
             task = task.parent
 
     def find_above(self, number: int) -> "Task | None":
-        """Return the task with that id if it is this task or an ancestor; else None.
+        """Return the task with the id *number* if it is this task or an ancestor; else None.
 
-        The walk stops at the first older task, because a parent is always older than its children.
+        A parent always has a lower id than its children, so the walk stops at the first lower id.
         """
         task: Task | None = self
         while task is not None and task.id > number:
@@ -277,17 +281,17 @@ class Recovery(Stored):
         self.attached: list[AttachedHandler] = []  #: newest last
         #: By attachment id: how often that exception handler was called for this task.
         self.invocations: dict[int, int] = {}
-        self.failure: Failure | None = None  #: the one raised last
-        self.is_dealt_with = False  #: whether an exception handler has resolved it
+        self.failure: Failure | None = None  #: the failure raised last
+        self.is_dealt_with = False  #: whether an exception handler has resolved ``failure``
         #: The exception handler that is to decide about the failure.
         self.exception_handler: Task | None = None
-        self.attempts = 1  #: number of times that the task has been handled, with the present one
+        self.attempts = 1  #: number of handlings of the task so far, including the present one
         #: Exception handlers that want a retry and have not ended.
         self.retry_requesters: dict[Task, None] = {}
-        #: Number of foreign monitors under the task: a retry does not end them.
+        #: Number of foreign monitors under the task. A retry does not end them.
         self.foreign_monitors = 0
         #: Number of exception handlers of the task that have ended, and whose decisions are not
-        #: processed yet. Until then the task may not end: it may fail again.
+        #: processed yet. Until then the task must not end, because it may still fail again.
         self.unprocessed_decisions = 0
 
     @staticmethod
@@ -299,16 +303,19 @@ class Recovery(Stored):
 
 
 class Tapping(Stored):
-    """The wiretaps of one task, and which wiretaps, its own or its message's, have fired for it."""
+    """The wiretaps of one task, and the wiretaps that have fired for it.
+
+    Wiretaps of the task's message fire for the task too.
+    """
 
     __slots__ = ("fired", "is_firing", "listeners", "taps")
 
     def __init__(self) -> None:
         self.taps: list[Wiretap] = []  #: of this task alone, oldest first
-        #: By id of each wiretap that fired before a moment of the task: whether its listener had a
-        #: handler.
+        #: By id, the wiretaps that have fired before a moment of the task: whether the listener had
+        #: a handler.
         self.fired: dict[int, bool] = {}
-        #: Whether wiretaps are about to fire: until then the task reaches no moment.
+        #: Whether wiretaps are about to fire. The task reaches no moment before they have fired.
         self.is_firing = False
         self.listeners: list[Task] = []  #: listeners that are killed with the task
 
@@ -331,7 +338,7 @@ class Scheduled(Stored):
     __slots__ = ("pending", "termination_messages")
 
     def __init__(self) -> None:
-        #: By scheduled event: the timer, or the task whose moment it waits for.
+        #: By scheduled event: the timer, or the task whose moment the event waits for.
         self.pending: dict[Stored, Timer | Task] = {}
         #: Messages to send when the task is killed, with their data.
         self.termination_messages: list[tuple[MessageType, bytes]] = []
@@ -348,12 +355,12 @@ class ClientRequest(NamedTuple):
     """A change of a task's state that a client has requested."""
 
     name: str
-    source: str  #: the state of the task before
+    source: str  #: the state of the task before the change
     serial: int  #: the serial number of the change, as it was sent to the handler
-    module: str  #: the client's
+    module: str  #: the name of the client
     text: str
     body: bytes  #: the new goal of an update
-    needs_decision: bool  #: the handler decides about it
+    needs_decision: bool  #: whether the handler decides about the request
 
 
 class Clients(Stored):
@@ -381,7 +388,7 @@ class Retention(Stored):
     __slots__ = ("by", "records")
 
     def __init__(self) -> None:
-        self.by: dict[Module, None] = {}  #: the modules that want it retained
+        self.by: dict[Module, None] = {}  #: the modules that want the task retained
         #: By id: records of ended children, in the order of their ends.
         self.records: dict[int, TaskRecord] = {}
 
@@ -395,7 +402,7 @@ class Retention(Stored):
 
 
 class TaskRecord(Stored):
-    """The record of an ended task that a module retains."""
+    """The record of an ended task, retained for a module."""
 
     __slots__ = ("body", "id", "message", "outcome", "parent", "retention", "role")
 
@@ -409,7 +416,7 @@ class TaskRecord(Stored):
 
     @property
     def size(self) -> int:
-        """The bytes of modules' data that it holds."""
+        """The number of bytes of data, result and failure text in the record."""
         return len(self.body) + len(self.outcome[2]) + len(self.outcome[3])
 
     @property
@@ -455,20 +462,20 @@ class Watch(Stored):
     ) -> None:
         self.task = task
         self.options = options
-        #: Condition and action. Of a monitor that modules fire (*demon monitor*): set-up, action
-        #: and cancel.
+        #: The messages that the monitor sends: condition and action. A monitor that modules fire
+        #: (*demon monitor*) sends other ones: set-up, action and cancel.
         self.parts = parts
-        #: Whether something else than the handling of its parent has sent it (watches.py).
+        #: Whether the monitor was not sent by the handling of its parent (watches.py).
         self.is_foreign_monitor = is_foreign_monitor
-        self.watching_since: float | None = None  #: when it began to watch
-        self.periods_from = 0.0  #: the moment from which its periods count
-        self.tests_owed = 0  #: number of tests still to make because it was fired
-        self.condition: Delivery | None = None  #: the test under way
+        self.watching_since: float | None = None  #: when it began to watch; None: not yet
+        self.periods_from = 0.0  #: the time from which its periods are counted
+        self.tests_owed = 0  #: number of tests that modules have asked for, not yet made
+        self.condition: Delivery | None = None  #: the query of the present test
         self.last_result: bool | None = None  #: result of the last test
         self.times_met = 0  #: how often its condition held, or it was fired
         self.actions_sent = 0  #: number of actions sent
         self.timers: dict[Due, Timer] = {}
-        self.waits_for: Task | None = None  #: the task whose moment ends it
+        self.waits_for: Task | None = None  #: the task whose moment ends the monitor
         self.is_over = False
 
     @property
@@ -478,7 +485,7 @@ class Watch(Stored):
 
     @property
     def header(self) -> Watching:
-        """The context that its messages carry: the monitor, and the message that fires it."""
+        """The context of its messages: the monitor, and the name of a demon monitor's action."""
         action = None if self.task.message.message_class.has_condition else self.parts[_ACTION]
         return Watching(involved(self.task), action.name if action is not None else "")
 
@@ -490,13 +497,16 @@ class Verdict(NamedTuple):
     """The reason why a task is killed."""
 
     why: str
-    by: str = CENTRAL  #: the module that wants it, or central
-    origin: int = 0  #: the delivery whose handler asked for it (0: none)
-    failed: TaskId = ROOT  #: the task whose unhandled failure is the reason, if it is one
+    by: str = CENTRAL  #: the module that wants the kill, or central
+    origin: int = 0  #: the delivery whose handler asked for the kill (0: none)
+    failed: TaskId = ROOT  #: if the reason is an unhandled failure: the failing task
 
 
 def involved(delivery: Delivery) -> Involved:
-    """Describe a message for other modules; the id is 0 if it is no task, or the root."""
+    """Return a message's id and name for other modules.
+
+    The id is 0 for the root, and for messages that are not tasks.
+    """
     if not isinstance(delivery, Task):
         return Involved(ROOT, delivery.message.name)
     return Involved(delivery.id, delivery.message.name if delivery.id else "")

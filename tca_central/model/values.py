@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 
 class Blocking(NamedTuple):
-    """A wait: a connection or a coroutine does nothing until its request is answered."""
+    """A wait of a connection or coroutine, which does nothing until a request is answered."""
 
     origin: int  #: the delivery whose handler waits (0: none)
     since: int  #: the event in which the wait began
     at: float  #: the time of that event
-    #: A wait for several requests: all of them; one answer is enough.
+    #: The numbers of all requests, if the wait is for several. One answer ends the wait.
     together: tuple[int, ...] = ()
     is_coroutine: bool = False
 
@@ -19,7 +19,7 @@ class Refusals(NamedTuple):
 
     delivery: int = 0
     number: int = 0
-    text: str = ""  #: of the last refusal
+    text: str = ""  #: the text of the last refusal
 
 
 NOTHING_REFUSED = Refusals()

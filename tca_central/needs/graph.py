@@ -1,13 +1,13 @@
 """The graph of needs: what each handler, message, resource, claim and point of a task waits for.
 
-``needs`` returns the needs of a node as groups of nodes. One node of each group is enough. A node
-without groups comes about without help, as far as central knows. A running handler may return, a
-module may start to handle a message, a suspended task may be resumed, time passes. The graph
+``needs`` returns the needs of a node as groups of nodes. The node comes about when one node of each
+group has come about. A node without groups comes about without help, as far as central knows. For
+example, a running handler may return, a suspended task may be resumed, or time passes. The graph
 therefore never shows an endless wait where there may be an end.
 
-Groups are generated one by one, so that a search can stop at any time: a node may need a million
-others. None is generated for each edge that was checked and holds nothing back, so that each step
-takes little time.
+Groups are yielded one by one, so that a search can stop at any time. A node may need a million
+other nodes. For each edge that was checked and holds nothing back, ``None`` is yielded, so that
+each step takes little time.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +34,7 @@ from tca_wire.points import (
 )
 
 MOST_OBSERVED = 1000
-"""Tasks checked per observation. With more, the next change counts as coming without help."""
+"""Tasks checked per observation. With more, the next change counts as one without needs."""
 
 
 class Waiting(NamedTuple):
@@ -54,7 +54,7 @@ class Turn(NamedTuple):
     """The turn of a delivery in its queues."""
 
     delivery: Delivery
-    kind: str = "turn"  #: makes its key differ from that of ``Returning``
+    kind: str = "turn"  #: makes the tuple differ from a ``Returning`` of the same delivery
 
 
 class TurnAt(NamedTuple):
@@ -65,7 +65,7 @@ class TurnAt(NamedTuple):
 
 
 class Freeing(NamedTuple):
-    """The release of a slot of a resource whose slots are all busy."""
+    """The event that a slot becomes free in a resource whose slots are all busy."""
 
     resource: ModuleResource
 
@@ -74,7 +74,7 @@ class Granting(NamedTuple):
     """The granting of a claim."""
 
     claim: ModuleClaim
-    kind: str = "granting"  #: makes its key differ from that of ``Releasing``
+    kind: str = "granting"  #: makes the tuple differ from a ``Releasing`` of the same claim
 
 
 class Releasing(NamedTuple):
@@ -89,7 +89,7 @@ Groups = Iterator[Group | None]
 
 
 def needs(central: State, node: Node, each: Each = iter) -> Groups:
-    """Yield the needs of a node as groups. None between them stands for an edge that holds nothing.
+    """Yield the needs of a node as groups, and None for each edge that holds nothing back.
 
     Use ``list`` for *each* if central may change during the walk.
     """
@@ -97,11 +97,11 @@ def needs(central: State, node: Node, each: Each = iter) -> Groups:
 
 
 def still_needs(central: State, node: Node, group: Group) -> bool:
-    """Whether a node still waits for a group that it waited for before."""
+    """Whether a node still needs *group*, which the node needed before."""
     first, tasks = group[0], central.tree.tasks
     if isinstance(node, Place) and isinstance(first, Place) and first.task.parent is node.task:
         (task, moment), (child, its_moment) = node, first
-        # A shortcut: a walk over the children would take too long, there may be a million.
+        # This is a shortcut. There may be a million children: a walk over them takes too long.
         if moment == its_moment and moment in (END_PLANNING, END_ACHIEVING):
             is_there = tasks.get(child.id) is child and tasks.get(task.id) is task
             return is_there and not (task.reached | child.reached) & moment
@@ -124,17 +124,20 @@ def _needs_of_wait(central: State, node: Waiting, _: Each) -> Groups:
 
 
 def _current_node(delivery: Delivery) -> Returning | Turn | None:
-    """Return the next node of a delivery that is with a handler or in a queue; else None."""
+    """Return the node that a delivery needs next: its handler's return, or its turn in a queue.
+
+    Returns None if the delivery is with no handler and in no queue.
+    """
     if delivery.slot is not None:
         return Returning(delivery)
     return Turn(delivery) if delivery.queues else None
 
 
 def _next_changes(central: State, observation: Observation) -> list[Node]:
-    """Return the nodes that may bring the next change of observed tasks; [] if something else may.
+    """Return the nodes that may bring the next change of observed tasks.
 
-    A new task, a monitor's timer or a retry are something else. Requests of clients and kills are
-    not: they may never come.
+    Returns [] if a new task, a monitor's timer or a retry may bring the change, since these are not
+    nodes. Kills and requests of clients are ignored, because they may never come.
     """
     tree, number = central.tree, observation.task_id or observation.below
     top = tree.tasks.get(number)
@@ -155,10 +158,10 @@ def _next_change(task: Task) -> Node:
 
 
 def _needs_of_handler(_: State, node: Returning, each: Each) -> Groups:
-    """Yield the needs of a handler: its own waits, and those of handlers nested in it.
+    """Yield the needs of a handler: its own waits, and the waits of handlers nested in it.
 
-    One answer is enough for a coroutine. A callback of the slot that waits does not hold back a
-    prefetched delivery that may not have begun.
+    A coroutine needs only one of the answers that it waits for. A callback of the slot may wait
+    too. Its wait does not hold back a prefetched delivery that may not have begun.
     """
     delivery, slot = node.delivery, node.delivery.slot
     if slot is None:
@@ -190,7 +193,7 @@ def _needs_of_turn_at(_: State, node: TurnAt, each: Each) -> Groups:
         yield [Releasing(held_by)]
     if held_by is None and resource.claims:
         yield from _claims_before(delivery, resource, each)
-    # A query of the resource's own slot needs no free slot: the slot handles it in its wait.
+    # A query that a slot of this resource waits for needs no free slot: that slot handles it.
     if resource.slots and not resource.free and delivery not in resource.locked_out_queries:
         yield [Freeing(resource)]
 
@@ -232,8 +235,8 @@ def _claims_before(
 def _needs_of_release(central: State, node: Releasing, each: Each) -> Groups:
     """Yield the needs of a granted claim's end.
 
-    Its handler may release it. If the handler has returned, the claim ends with the task, or with
-    the start of a retry.
+    The claim's handler may release the claim. If that handler has returned, the claim ends with the
+    handler's task, or when that task is retried.
     """
     claim = node.claim
     holder = claim.holder
@@ -275,7 +278,7 @@ def _needs_of_point(central: State, place: Place, each: Each) -> Groups:
 def is_only_queued(task: Task) -> bool:
     """Whether a task is in a queue, and nothing else holds any of its points.
 
-    This is a shortcut: most subtasks of a large goal are in this state.
+    The graph has a shortcut for such tasks, since most subtasks of a large goal are in this state.
     """
     has_more = task.leaders or task.children or task.retry_pending or task.has_parts
     if not task.queues or has_more or task.reached & START_HANDLING or task.suspended:
@@ -287,8 +290,9 @@ def is_only_queued(task: Task) -> bool:
 def _needs_of_test(monitor: Task) -> Groups:
     """Yield the needs of a monitor that ends after its next test or action.
 
-    Other monitors end by time or by request. A background monitor also ends when everything else
-    under its parent has ended. The oldest of the other children stands for all of them.
+    Other monitors end by time or by request, and have no needs here. A background monitor also ends
+    when only such monitors are left under its parent. The oldest of the parent's other children
+    stands for all other children.
     """
     watch = monitor.watch
     if watch is None or watch.condition is None or watch.options.duration:
@@ -308,18 +312,18 @@ def _needs_of_test(monitor: Task) -> Groups:
 
 
 def _needs_of_execution(task: Task, moment: int) -> Groups:
-    """Yield what a point needs of its task's handler, queue or delivery."""
+    """Yield the needs of a point that concern the handler, queue or delivery of its task."""
     starts = STARTS if task.planning_delayed else START_HANDLING | delivered_at(task.is_goal)
     if task.slot is not None and moment & ENDS:
         yield [Returning(task)]
     elif task.queues and (moment & starts or task.reached & START_HANDLING):
-        yield [Turn(task)]  # also where it is to be handled again
+        yield [Turn(task)]  # also if the task is handled again
     elif moment == START_HANDLING:
         yield [Place(task, delivered_at(task.is_goal))]
 
 
 def reached_together(place: Place) -> int:
-    """Return a point's moment and those reached with it, as bits.
+    """Return a point's moment and the moments that are reached with it, as bits.
 
     If planning is delayed, planning and achieving start together.
     """
@@ -329,7 +333,9 @@ def reached_together(place: Place) -> int:
 
 
 def _needs_by_order(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Yield what a point needs by constraints, by the order within its task, and by relatives.
+    """Yield the points that must come before a point.
+
+    Reasons are constraints, the order within a task, and the rules for parents and children.
 
     Starts that are reached together count as one point.
     """
@@ -347,9 +353,9 @@ def _needs_by_order(central: State, task: Task, moment: int, each: Each) -> Grou
 
 
 def only_watches(central: State, child: Task) -> bool:
-    """Whether a monitor ends when everything else under its parent has ended.
+    """Whether a monitor ends when only background monitors are left under its parent.
 
-    The parent then waits for what the monitor has sent, but not for the monitor.
+    If so, the parent waits for the tasks that the monitor has sent, but not for the monitor.
     """
     if not child.is_background or child.parent is None or child.parent.id == ROOT:
         return False
@@ -362,9 +368,9 @@ def only_watches(central: State, child: Task) -> bool:
 
 
 def _needs_of_actions(central: State, monitor: Task) -> Groups:
-    """Yield the needs for what a monitor has sent, oldest first.
+    """Yield the ends of the tasks that a monitor has sent, oldest first.
 
-    A monitor among that is replaced by what it has sent, if it ends with everything else.
+    If one of these tasks is a monitor that ``only_watches``, the tasks that it has sent replace it.
     """
     rest = [monitor]
     while rest:
@@ -377,7 +383,7 @@ def _needs_of_actions(central: State, monitor: Task) -> Groups:
 
 
 def _needs_of_killed(central: State, task: Task, moment: int, each: Each) -> Groups:
-    """Yield the needs of a killed task's end: what still runs, and what survives the kill."""
+    """Yield the needs of a killed task's end: its running handler, and the children not ended."""
     if task.slot is not None:
         yield [Returning(task)]
     if moment in (END_PLANNING, END_ACHIEVING):

@@ -1,4 +1,4 @@
-"""Answers for waiters that give up or are refused: their waits in words."""
+"""Answers for modules that give up a wait, or whose requests are refused: the waits in words."""
 
 from tca_central.model.deliveries import (
     Connection,
@@ -28,9 +28,9 @@ AnswerWithBody = tuple[Answer, bytes]
 def end_of_wait(
     central: State, connection: Connection, number: int, answer_to: int
 ) -> AnswerWithBody:
-    """Return the answer for a waiter that gives up: why it had no answer yet.
+    """Return the answer for a waiter that gives up. Its text says why there was no answer before.
 
-    For a multi-query it contains the failures so far.
+    For a multi-query the text contains the failures so far.
     """
     due, text = connection.outstanding.get(number), ""
     if isinstance(due, Collector):
@@ -45,9 +45,9 @@ def end_of_wait(
 
 
 def end_of_multi_query(central: State, collector: Collector, number: int) -> AnswerWithBody:
-    """Return the final answer of a multi-query: done, or the first failure if none replied.
+    """Return the final answer of a multi-query: "done", or the first failure if no module replied.
 
-    The text contains all failures.
+    The text contains the first ``_FAILURES`` failures, and the number of further ones.
     """
     answer, body = collector.end or (Answer(number), b"")
     text = _why_not_replied(central, collector)
@@ -77,7 +77,7 @@ def why_not_granted(central: State, claim: ModuleClaim) -> str:
 
 
 def why_full(central: State, message: MessageType, *targets: ModuleResource) -> str:
-    """Return why a queue for a message, or for *targets* only, accepts no more."""
+    """Return why the queues for a message are full. With *targets*, these are the only queues."""
     if not targets and not message.handlers:
         number, admitted = len(message.waiting), "no more"
         first = next(iter(message.waiting.values()), None)

@@ -1,6 +1,6 @@
 """Waits as data for people (``WaitFor``), read from the graph of needs. Changes nothing.
 
-Large numbers are cut short: the first few are reported, with the number of the others.
+Long lists are cut short: the first few waits are reported, with the number of the other waits.
 """
 
 from collections.abc import Iterable, Iterator
@@ -45,12 +45,15 @@ from tca_wire.waits import NAMED, WaitFor, WaitKind, first_ones
 from tca_wire.waits import ends as walker
 
 _ORDER = {WaitKind.RECOVERY: 0, WaitKind.PARENT: 2}
-"""Exception handlers that decide are reported first, the start of the parent last."""
+"""Sort keys: exception handlers that decide are reported first, the parent last (others: 1)."""
 _MOST_GROUPS = 10_000
-"""Groups of needs per node that are checked."""
+"""The number of groups of needs that are checked per node."""
 _GOAL = (START_PLANNING, END_HANDLING, END_PLANNING, START_ACHIEVING)
 _OTHERS = (START_ACHIEVING, END_HANDLING, END_ACHIEVING)
-"""A task's moments in the order in which it reaches them; ``_GOAL`` until a goal is achieved."""
+"""A task's moments in the order in which they are reached.
+
+``_GOAL`` is for a goal that has not reached its start of achieving, ``_OTHERS`` for all others.
+"""
 
 
 def next_of(task: Task) -> Place:
@@ -102,7 +105,7 @@ def _wait_at(
 
 
 def _compact(waits: Iterable[WaitFor]) -> list[WaitFor]:
-    """Return the first wait of each kind and moment, with the number of the others."""
+    """Return the first few waits of each kind and moment, with the number of the other waits."""
     groups: dict[object, list[WaitFor]] = {}
     for wait in dict.fromkeys(waits):
         groups.setdefault((wait.kind, wait.moment), []).append(wait)
@@ -140,7 +143,7 @@ def _waits_of_place(central: State, place: Place) -> Iterator[WaitFor]:
 
 
 def _count_children(place: Place) -> int:
-    """Return the number of subtasks that must end planning, or achieving, before a point."""
+    """Return the number of subtasks that must end the same interval before a point is reached."""
     task = place.task
     if place.moment == END_PLANNING:
         return task.unplanned
@@ -148,7 +151,7 @@ def _count_children(place: Place) -> int:
 
 
 def _deciding(task: Task) -> list[Task]:
-    """Return the exception handlers that hold a task: the deciding one, and retry requesters."""
+    """Return the exception handlers that a task waits for: they decide, or asked for a retry."""
     if task.recovery is None or task.killed:
         return []
     known = [task.recovery.exception_handler, *task.recovery.retry_requesters]
@@ -175,7 +178,7 @@ def _waits_without_node(central: State, place: Place) -> Iterator[WaitFor]:
 
 
 def _wait_for_resume(central: State, task: Task) -> WaitFor:
-    """Return the wait until a task, or the ancestor that was suspended, is resumed."""
+    """Return the wait for a resume of a suspended task, or of the ancestor that was suspended."""
     for above in task.lineage():
         if (how := central.tree.suspended.get(above.id)) is not None:
             since, by, since_birth = how
@@ -230,7 +233,7 @@ def _kind(node: Place, other: Task, moment: int) -> WaitKind:
 
 
 def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
-    """Yield the waits for which a delivery's handler blocks, with those nested in it."""
+    """Yield the waits in which a delivery's handler blocks, and those of handlers nested in it."""
     slot = delivery.slot
     if slot is None:
         return
@@ -244,7 +247,10 @@ def _waits_of_handler(central: State, delivery: Delivery) -> Iterator[WaitFor]:
 def _waits_of_request(
     central: State, connection: Connection, number: int, *, is_first: bool = True
 ) -> Iterator[WaitFor]:
-    """Yield the wait for an answer. If it *is first*, its reasons are included."""
+    """Yield the wait for the answer to a request.
+
+    With *is_first*, the wait for a reply includes the place where the message waits.
+    """
     due = connection.outstanding.get(number)
     match due:
         case Delivery():
@@ -267,7 +273,7 @@ def _waits_of_request(
 
 
 def replies_to(central: State, collector: Collector) -> WaitFor:
-    """Return the wait of a multi-query for the copies that were not answered."""
+    """Return the wait of a multi-query for the replies to its unanswered copies."""
     copies, name = collector.pending.values(), collector.message.name
     because = tuple(_location_of(central, one, is_first=False) for one in copies)
     reply = WaitFor(WaitKind.REPLY, collector.id, name, because=because)
@@ -277,7 +283,7 @@ def replies_to(central: State, collector: Collector) -> WaitFor:
 def _location_of(central: State, delivery: Delivery, *, is_first: bool = True) -> WaitFor:
     """Return where a message waits: with a handler, in a queue, or for want of a handler.
 
-    If it *is first*, the waits of its handler are included.
+    With *is_first*, the waits of its handler are included.
     """
     if delivery.slot is not None and (resource := delivery.slot.resource) is not None:
         waits = _waits_of_handler(central, delivery) if is_first else ()
@@ -294,7 +300,7 @@ def _location_of(central: State, delivery: Delivery, *, is_first: bool = True) -
 def wait_for_resource(
     central: State, resource: Resource[Connection, Delivery], node: Node, more: int = 0
 ) -> WaitFor:
-    """Return the wait of a node for a resource, or for one of *more* others."""
+    """Return the wait of a node for a resource. *more* other resources would do as well."""
     because = _blockers(central, node) if resource.slots else [WaitFor(WaitKind.HANDLER)]
     return replace(_wait_at(WaitKind.RESOURCE, resource, because), more=more)
 
@@ -306,7 +312,7 @@ def _wait_of_claim(central: State, claim: ModuleClaim) -> WaitFor:
 
 
 def _blockers(central: State, node: Node) -> list[WaitFor]:
-    """Return the waits for everything that is in a resource, holds it, or claims it first."""
+    """Return the waits for a resource's messages, its lock or reservation, and earlier claims."""
     found = []
     groups = islice(needs(central, node), _MOST_GROUPS)
     for needed in chain.from_iterable(group or () for group in groups):
@@ -323,7 +329,7 @@ def _blockers(central: State, node: Node) -> list[WaitFor]:
 
 
 def _claim_wait(claim: ModuleClaim, kind: WaitKind) -> WaitFor:
-    """Return the wait of others for a claim."""
+    """Return the wait of a message or later claim for *claim*."""
     module = claim.slot.module.name
     return WaitFor(kind, 0, _claim_noun(claim), module=module, because=_purpose_of(claim))
 
@@ -345,7 +351,7 @@ def _claim_noun(claim: ModuleClaim) -> str:
 
 
 def _start_of(node: Node) -> Node:
-    """Return the start of a task that has not started; any other node as it is."""
+    """Return the task's start for a point of a task that has not started; else the node itself."""
     if not isinstance(node, Place) or node.task.reached & START_HANDLING or node.task.killed:
         return node
     return next_of(node.task)
@@ -354,7 +360,7 @@ def _start_of(node: Node) -> Node:
 class Ends:
     """Final waits, found by following the first wait of each node.
 
-    All searches of an object together visit at most *edges* edges.
+    All searches of one ``Ends`` object together visit at most *edges* edges.
     """
 
     def __init__(self, central: State, edges: int) -> None:
@@ -370,7 +376,7 @@ class Ends:
             return None
 
     def steps(self, node: Node) -> tuple[list[Node], list[WaitFor]]:
-        """Return the next node after a node, or else its final wait; for the walk."""
+        """Return the node that *node* needs first. If there is none, return its final wait."""
         for group in needs(self._central, node):
             self._count_edge()
             if group is not None:
@@ -384,7 +390,7 @@ class Ends:
         self.edges -= 1
 
     def circle(self, nodes: list[Node]) -> WaitFor:
-        """Return the wait for a cycle of nodes; the oldest task among them stands for it."""
+        """Return the wait for a cycle of nodes, named after the oldest task in the cycle."""
         tasks = [one.task for one in nodes if isinstance(one, Place)]
         first = min(tasks, key=attrgetter("id"), default=None)
         return _wait_for(WaitKind.CIRCLE, first) if first else WaitFor(WaitKind.CIRCLE)

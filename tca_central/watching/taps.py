@@ -1,10 +1,11 @@
 """Wiretaps: central sends a listener when something happens to messages (TCA 8.5: msgTap.c).
 
-Theory of operation. A tap fires before a moment or at an event. Before a moment, it holds the
-moment back until its listener's interval of the same kind has ended. A listener that holds the
-tapped task, or checks its work, is a child of the task. The listener's failure is handled there,
-and it is killed with the task. A listener that holds nothing is a child of the root: its failure is
-not the tapped task's. Messages that central sends for a tap are not tapped themselves.
+Theory of operation. A tap fires before a moment or at an event. A tap that fires before a start
+holds this start back until the listener's interval of the same kind has ended. A listener that
+holds the tapped task, or checks its work, is a child of the tapped task. The listener's failure is
+handled there, and the listener is killed with the task. A listener that holds nothing is a child of
+the root, so that its failure is not the tapped task's failure. A monitor that watches the tapped
+task is an exception: it is a child of that task. Messages sent for a tap are not tapped themselves.
 """
 
 from collections.abc import Iterable
@@ -61,7 +62,10 @@ _HELD_PLANNING = {
     Condition.BEFORE_PLANNING: "'before handling' also holds a goal's planning until it is handled",
     Condition.WHEN_PLANNED: "'after planned' sends it then, too",
 }
-"""Conditions that hold a goal until its listener is planned: advice, if the listener is no goal."""
+"""Conditions that hold a goal until the listener is planned, with advice.
+
+The advice is for listeners that are tasks but not goals: they have nothing to plan.
+"""
 
 
 # --- adding and removing --------------------------------------------------------------------------
@@ -87,7 +91,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
     tap.holders[module.name] = module.holder
     for other in [one for one in place.taps if one is not tap and module.name in one.holders]:
         if (other.condition, other.listener) == (tap.condition, listener):
-            remove(central, other, module)  # replaced: it has other watch options
+            remove(central, other, module)  # the new tap replaces it: only the watch options differ
     _apply_to_waiting(central, tap)
     if is_due and isinstance(place, Task) and not tap.has_fired:
         _fire(central, tap, place, place.body)
@@ -95,7 +99,7 @@ def on_tap(central: State, connection: Connection, header: headers.Tap, _: bytes
 
 
 def _tapped_place(central: State, header: headers.Tap) -> Task | MessageType:
-    """Return the message or task to tap; with ``at_once`` a stand-in for a task that has ended."""
+    """Return the message or task to tap. With ``at_once``, make a stand-in for an ended task."""
     if not header.message:
         task = central.tree.task(header.task)
         if task is None and header.at_once:
@@ -147,10 +151,10 @@ def _check(condition: Condition, tapped: MessageType, listener: MessageType) -> 
 
 
 def _is_due(header: headers.Tap, task: Task) -> bool:
-    """Whether to send the listener now, for a condition that has come true.
+    """Whether to send the listener now, because the condition has already come true.
 
     Raises RequestError if the condition can't come true any more, and the listener can't be sent
-    now. A task's handling may start again with a retry.
+    now. A start of handling can still come true: a retry starts the handling again.
     """
     condition, rule = header.condition, CONDITIONS[header.condition]
     if header.at_once:
@@ -184,7 +188,7 @@ def _check_at_once(condition: Condition) -> None:
 
 
 def _has_happened(condition: Condition, task: Task) -> bool:
-    """Whether a condition has come true for a task; a *while* condition must still hold."""
+    """Whether a condition has come true for a task. A "while" condition must hold now."""
     rule = CONDITIONS[condition]
     if condition is Condition.WHEN_SENT:
         return True
@@ -261,7 +265,7 @@ def _add(
     tapped: MessageType,
     place: Task | MessageType,
 ) -> Wiretap:
-    """Add a tap and return it, or return an equal one. With other watch options it is not equal."""
+    """Add a tap and return it. If there is an equal tap, with equal options, return that tap."""
     condition = header.condition
     others = Tapping.of(place).taps if isinstance(place, Task) else place.taps
     for other in others:
@@ -292,7 +296,8 @@ def _add(
 def remove(central: State, tap: Wiretap, by: Module, *, for_all: bool = False) -> None:
     """Remove a module from the holders of a tap.
 
-    The tap is removed with the last living program that holds it, or at once with *for_all*.
+    The tap stays while another program, or a connected copy of the same program, holds it. With
+    *for_all* the tap is removed at once.
     """
     tap.holders.pop(by.name, None)
     others = () if for_all else tap.holders.values()
@@ -326,7 +331,7 @@ def _apply_to_waiting(central: State, tap: Wiretap) -> None:
 
 
 def on_listeners_added(central: State, names: Iterable[str]) -> None:
-    """Apply taps to the tasks that wait, if their listeners, of these names, had no handler yet."""
+    """Apply taps to waiting tasks when the listeners, called *names*, get their first handler."""
     added = [central.registry.messages[name] for name in names]
     new = {message for message in added if not message.handlers}
     for tap in central.taps.values() if new else ():
@@ -347,7 +352,7 @@ def _queued_tasks(central: State, tap: Wiretap) -> list[Task]:
 
 
 def _requeue(central: State, task: Task) -> None:
-    """Reconsider a task that waits for a handler; it keeps its place in the queue."""
+    """Reconsider a task that waits for a handler. The task keeps its place in the queue."""
     central.dispatcher.withdraw(task, keep_place=True)
     central.agenda.recheck_start(task)
 
@@ -356,7 +361,10 @@ def _requeue(central: State, task: Task) -> None:
 
 
 def fire_after(central: State, tapped: Delivery, events: int, body: bytes | None = None) -> None:
-    """Fire the taps for events of a message, with *body* or the message's own data."""
+    """Fire the taps of a message for *events*, with the message's data.
+
+    With *body*, the reply, fire only the taps that listen for a reply.
+    """
     if not central.taps:
         return
     for tap in taps_of(tapped):
@@ -372,12 +380,12 @@ def fire_before(central: State, task: Task, taps: list[Wiretap]) -> None:
         if tap.id not in central.taps:
             continue
         listener = _fire(central, tap, task, task.body)
-        # False: it fires again when the listener has a handler.
+        # False means that the tap fires again when the listener has a handler.
         Tapping.of(task).fired[tap.id] = listener is not None or bool(tap.listener.handlers)
         end = CONDITIONS[tap.condition].holds_until
         if not isinstance(listener, Task) or not end or listener.reached & end:
             continue
-        # A retried task has reached all moments of its start: only its next handling can be held.
+        # A retried task has reached all its starts. Only its next handling can be held.
         is_retried = tap.held_moment == START_HANDLING and bool(task.reached & START_HANDLING)
         moment = START_HANDLING if is_retried else unified(task.is_goal, tap.held_moment)
         if is_retried or not task.reached & moment:
@@ -410,7 +418,7 @@ def _refuse_listener(central: State, tap: Wiretap, tapped: Delivery, body: bytes
     Returns whether it was refused.
     """
     message = tap.listener
-    # This is rare: the request that starts such a chain is usually refused.
+    # A refusal here is rare: usually the request that starts such a chain is refused.
     if max(tapped.tap_depth, central.tap_depth) >= central.budget.tap_depth:
         message.dropped += 1
         central.facts.append(
@@ -467,7 +475,7 @@ def _make_task(central: State, tap: Wiretap, tapped: Delivery, body: bytes) -> T
 
 
 def _end_earlier_monitors(central: State, tap: Wiretap, tapped: Task) -> None:
-    """End the monitors that a wiretap has sent for a task, which is now handled again."""
+    """End the monitors that a wiretap has sent for earlier handlings of a task."""
     tapping = Tapping.of(tapped)
     tapping.listeners = [one for one in tapping.listeners if one.reached != ALL_MOMENTS]
     for other in tapping.listeners:

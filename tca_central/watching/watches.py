@@ -1,4 +1,4 @@
-"""Watches: how monitors start, and how they stop. monitors.py has their rules."""
+"""The start and the end of monitors. control/monitors.py has the rules for their watching."""
 
 from tca_central.errors import RequestError
 from tca_central.model.clock import checked_seconds
@@ -45,7 +45,7 @@ def check_options(central: State, message: MessageType, options: WatchOptions) -
 
 
 def ends_by_itself(message: MessageType, options: WatchOptions) -> bool:
-    """Whether a monitor has an end of its own. A point monitor tests only once."""
+    """Whether a monitor has an end of its own. A point monitor has, since it tests only once."""
     is_bounded = options.maximum or options.duration or options.until is not None
     return bool(is_bounded) or not message.is_outside_sequence
 
@@ -60,20 +60,21 @@ def become_monitor(
 
 
 def enlist_monitor(central: State, task: Task) -> None:
-    """List a new monitor that is in the tree now, if it lives."""
+    """Add a new monitor, now in the tree, to the list of monitors. Leave out a killed monitor."""
     if task.watch is not None and not task.killed:
         central.watches[task.id] = task.watch
 
 
 def is_foreign(central: State, parent: Task, origin: int) -> bool:
-    """Whether a monitor under *parent* was sent by something else than the handling of *parent*.
+    """Whether a monitor under *parent* was not sent by the handling of *parent*.
 
-    A retry of *parent* does not end such a monitor: the handling would not send it again. *origin*
-    is the delivery whose handler sends the monitor (0: none).
+    A retry of *parent* does not end such a monitor, because the next handling would not send the
+    monitor again. *origin* is the delivery whose handler sends the monitor (0: none).
 
-    The search follows the causes of that delivery back to *parent*. Exception handlers, messages of
-    foreign monitors, and listeners that a retry does not send again do not belong to the handling.
-    Each step leads to an older delivery, so the search ends at one that is older than *parent*.
+    The search follows the causes of *origin* back to *parent*. Three kinds of messages are not part
+    of the handling: exception handlers, messages of foreign monitors, and listeners that a retry
+    does not send again. Each step leads to an older delivery. The search ends at *parent*, or at a
+    delivery that is older than *parent*.
     """
     cause = central.dispatcher.running.get(origin)
     is_own = origin == parent.handling_id
@@ -90,7 +91,7 @@ def is_foreign(central: State, parent: Task, origin: int) -> bool:
             cause = (
                 None if cause.role is Role.EXCEPTION or cause.is_foreign_monitor else cause.parent
             )
-        else:  # only older causes count, so that the search ends whatever origins modules claim
+        else:  # only older causes count: modules may report wrong origins, and the search must end
             is_own = cause.origin == parent.handling_id
             cause = (
                 central.dispatcher.running.get(cause.origin) if cause.origin < cause.id else None
@@ -127,7 +128,7 @@ def stop_watching(central: State, watch: Watch, why: str) -> None:
 
 
 def end_monitor(central: State, watch: Watch, why: str) -> None:
-    """Complete a monitor. If it has not started, it never will, and the journal has the reason."""
+    """Complete a monitor, and record why. A monitor that has not started yet never starts."""
     if not watch.is_over:
         if watch.watching_since is None:
             central.facts.append(facts.MonitorEnded(watch.task.id, why))
