@@ -39,7 +39,7 @@ from tca_wire.vocabulary import DISK_FULL
 log = logging.getLogger("tca.central")
 
 LONGEST_PATH = 100
-"""Bytes in the path of a Unix socket; systems differ between 103 and 107."""
+"""Bytes in the path of a Unix socket. The limits of systems are between 103 and 107."""
 
 INSECURE = (
     "every program of this computer can connect, and do everything (--insecure): "
@@ -65,7 +65,7 @@ def _checked_lost_after(_context: click.Context, _option: click.Parameter, secon
 
 
 def _unfinished_at(address: str, *, is_fresh: bool, accept: bool) -> Path | None:
-    """Return the journal of an address's last central if its run is unfinished and continues.
+    """Return the journal of an address's last central, if its run is unfinished and continues.
 
     Return None otherwise. Raises CentralError.
     """

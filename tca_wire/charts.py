@@ -1,7 +1,7 @@
 """State machines as data: what a running machine reports to its observers.
 
 A machine is a task. Its structure is the data of that task, and its progress names the active
-states. A late observer and the journal therefore have both.
+states. A late observer and the journal therefore have the structure and the progress.
 """
 
 from enum import StrEnum
@@ -135,7 +135,7 @@ class ActiveStates(msgspec.Struct, frozen=True):
     running: list[str]
     """The labels of the states whose tasks run."""
     after: str
-    """The event that led to them: "GoTo has completed"."""
+    """The event that led to these states: "GoTo has completed"."""
     active: list[int]
     """The numbers of all active states."""
 

@@ -13,7 +13,7 @@ _START_ACHIEVING, _END_ACHIEVING = Moment.START_ACHIEVING, Moment.END_ACHIEVING
 class Flags(IntFlag):
     """Constraints of a new task relative to its last sibling (*last*) or to itself (*this*).
 
-    After the ``tplConstr`` bit mask of TCA 8.5.
+    They follow the bit mask ``tplConstr`` of TCA 8.5.
     """
 
     NONE = 0
@@ -28,8 +28,8 @@ class Constraint(
 ):
     """Point *after* is reached no earlier than *delay* seconds after point *before*.
 
-    With a point of the root as *before*, the delay counts from the time at which central accepts
-    the constraint; in the journal, from time 0.
+    If *before* is a point of the root, the delay counts from the time at which central accepts the
+    constraint. In the journal such a delay counts from time 0.
     """
 
     before: Point
@@ -43,7 +43,7 @@ class Constraint(
 
 
 def sequential_achievement(first: TaskId, second: TaskId) -> Constraint:
-    """Achieve *second* only after *first* has been achieved. It may be planned before."""
+    """Achieve *second* only after *first* has been achieved. Planning may come before."""
     return Constraint(Point(first, _END_ACHIEVING), Point(second, _START_ACHIEVING))
 
 

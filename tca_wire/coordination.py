@@ -28,15 +28,15 @@ class Reason(StrEnum):
     NOT_FORESEEN = "not foreseen"
     """Its state is no longer on the preview list."""
     REPEATED = "repeated"
-    """Its state is also the current one, or stands earlier in the list: the machine comes back."""
+    """Its state is also the current one, or also comes earlier: the machine returns to it."""
     NEEDS = "needs"
     """A fact that it needs does not hold, or holds only because of early work at risk."""
     CONFLICT = "conflict"
-    """An earlier or running activity makes or needs the same fact, or its last tasks have not
-    ended.
+    """An earlier or running activity makes or needs the same fact; or its own last start is not
+    stopped or undone yet.
     """
     BRANCH = "branch"
-    """A state on another branch may need what it changes, and it can't be undone."""
+    """A state on another branch may need a fact that it changes, and the change can't be undone."""
     AGENT = "agent"
     """One of its agents can take no more tasks."""
     UTILITY = "utility"
@@ -57,8 +57,8 @@ class Objection(msgspec.Struct, frozen=True, omit_defaults=True):
     other: int = -1
     """The other state.
 
-    For CONFLICT it has the conflicting activity, for BRANCH the branch begins there, and for
-    UTILITY its progress counts.
+    For CONFLICT it is the state with the conflicting activity. For BRANCH it is the first state of
+    the branch, for UTILITY the state whose progress counts.
     """
 
 
@@ -96,7 +96,7 @@ class CoordinationReport(msgspec.Struct, frozen=True):
     taken: str = ""
     """The symbol of the transition taken just now; "" if the state has not changed."""
     before: int = -1
-    """The state that this transition left."""
+    """The state that the transition *taken* left."""
     preview: list[Foreseen] = []
     """The states that are likely to follow, the next one first."""
     news: list[RoleChange] = []

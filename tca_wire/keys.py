@@ -19,7 +19,7 @@ DEFAULT = "default"
 """The key of programs that name none."""
 NO_KEY = "none"
 OWNER = "owner"
-"""The user of central: over its Unix socket, or where central asks for no keys."""
+"""The word for central's user in permissions. With --insecure every program counts as that user."""
 SUFFIX = ".key"
 FOLDER_VARIABLE = "TCA_KEYS"
 
@@ -77,7 +77,7 @@ def _is_key(text: object) -> bool:
 def read_secret(path: Path, *names: str) -> dict[str, str]:
     """Return the texts of a secret file by their names. Raises KeyRefused if a key is missing.
 
-    *names* are those of the keys that it must have.
+    *names* are the keys that the file must have.
     """
     try:
         with path.open("rb") as file:
@@ -109,8 +109,9 @@ def read_client_key(path: Path) -> ClientKey:
 def client_key(address: str) -> ClientKey | None:
     """Return the key to show the central at an address. Raises KeyRefused.
 
-    ``$TCA_KEY`` names it: a file, or a name in the folder of keys. Without it the key is 'default',
-    if that exists. The result is None over Unix sockets, where the kernel identifies the client.
+    ``$TCA_KEY`` names the key: a file, a name in the folder of keys, or 'none'. Without the
+    variable the key is 'default', if it exists. Over Unix sockets the result is None: the kernel
+    identifies the client.
     """
     if not address.startswith("tcp://"):
         return None

@@ -47,7 +47,7 @@ class LifeCycle:
         transitions: the rows of the table. Parties: client, server or both.
         initial: the state of a task before a handler has accepted it.
         done: the final state of a task that has completed.
-        cancelled: the final state of a task that has not.
+        cancelled: the final state of a task that has ended without completion.
 
     Raises:
         BadFormat: the table is not usable: a state can't be reached, or can't reach an end.
@@ -250,9 +250,9 @@ def _reachable(start: list[str], arrows: list[tuple[str, str]]) -> set[str]:
 
 
 def ending(*states: str, done: str = "done", cancelled: str = "cancelled") -> list[Transition]:
-    """Return the rows by which the server ends a task in any of some states.
+    """Return the rows by which the server ends a task in any of *states*.
 
-    Its completion leads to *done*, its failure to *cancelled*.
+    Completion leads to *done*, failure to *cancelled*.
     """
     return [
         row

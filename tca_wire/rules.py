@@ -1,6 +1,6 @@
 """The rules of moments and wiretaps, as tables.
 
-Central applies them; the tools explain and check by them.
+Central applies these rules. The tools use them to explain and check runs.
 
 Theory of operation (TCA 8.5 and TCM: intra-node rules). A goal's handling and planning start
 together, as soon as planning may start. Its achievement may still be held back then: this is
@@ -39,9 +39,9 @@ class TaskRules(NamedTuple):
     delivery: int
     """The moments that it reaches together when a handler gets it."""
     order: Order
-    """Pairs: a moment, and the moments directly before it. Each moment comes after those."""
+    """Pairs of a moment and the moments directly before it."""
     up_to: dict[int, int]
-    """For each moment, the bits of those that come with or before it; 0 if reached at creation."""
+    """By moment: all moments up to it, itself included, as bits; 0 if it is reached at creation."""
 
 
 def _rules(*, at_birth: int, delivery: int, order: Order) -> TaskRules:
@@ -87,7 +87,7 @@ RULES = (NO_GOAL, GOAL)
 # --- parents and children -------------------------------------------------------------------------
 
 PARENT_FIRST = START_PLANNING | START_ACHIEVING
-"""The moments that a task reaches only after its parent has.
+"""The moments that a task reaches only after its parent has reached the same moment.
 
 Messages that central makes (with a role) are exempt.
 """
@@ -111,11 +111,11 @@ class TapRule(NamedTuple):
     classes: frozenset[MessageClass]
     """The message classes that can be tapped with this condition."""
     held_moment: int = 0
-    """The moment of the tapped task that waits until the listener has been sent."""
+    """The moment of the tapped task before which the listener is sent (0: none)."""
     at: int = 0
     """The event at which the listener is sent: a moment, or an event such as ``SENT``."""
     holds_until: int = 0
-    """The listener's moment that the tapped task's moment waits for."""
+    """The moment of the listener until which *held_moment* stays held (0: none)."""
     is_child: bool = False
     """The listener is a child of the tapped task: it fails and is killed like other children."""
     lasts_until: int = 0
@@ -125,8 +125,8 @@ class TapRule(NamedTuple):
     def is_before_end(self) -> bool:
         """Whether the listener is sent before the tapped task ends.
 
-        A polling or demon monitor as listener becomes a child of the tapped task, which must
-        therefore still live.
+        A listener that is a polling or demon monitor becomes a child of the tapped task. That task
+        must therefore still live.
         """
         return self.is_child or bool(self.lasts_until) or self.at == SENT
 
@@ -159,7 +159,8 @@ CONDITIONS = {
 }
 """One row per condition.
 
-A condition before an end needs no ``holds_until``: a task ends only after its children.
+A condition that holds an end, such as WHEN_PLANNED, needs no ``holds_until``. Its listener is a
+child of the tapped task, and a task ends only after its children.
 """
 
 LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_monitor)
@@ -167,7 +168,7 @@ LISTENERS = frozenset(one for one in MessageClass if one.may_react or one.is_mon
 
 
 def recurs_on_retry(condition: Condition) -> bool:
-    """Whether a condition is met again each time that the message is retried."""
+    """Whether a condition is met again each time that the tapped task is retried."""
     rule = CONDITIONS[condition]
     return bool(
         (rule.held_moment | rule.at) & (START_HANDLING | DELIVERED | RETURNED | SUCCESS | FAILURE)

@@ -136,8 +136,9 @@ class Dropping(StrEnum):
 class Condition(StrEnum):
     """The event at which a wiretap sends its listener (TCA 8.5: msgTap.c).
 
-    *Before* holds the start of the tapped task's interval until the listener's interval has ended;
-    *when* holds its end. *While* and *after* hold nothing.
+    *Before* holds the start of the tapped task's interval until the same interval of the listener
+    has ended. *When planned* and *when achieved* hold the end of the tapped task's interval. The
+    other conditions hold no moment.
     """
 
     WHEN_SENT = "when sent"
@@ -216,7 +217,7 @@ CENTRAL = "central"
 DISK_FULL = 75
 """The exit code of a central that ran out of disk space.
 
-Started again when there is space, it continues.
+Its run continues when central is started again and there is space.
 """
 
 LONGEST_TIME = 3.2e8

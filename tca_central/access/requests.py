@@ -1,9 +1,9 @@
 """The permissions that requests need: a row for each message of the protocol.
 
-They are checked only if there are rules. A principal needs no permission for tasks that it has sent
-or handles. Answers need none, since they count only from the slot that was given the message.
-Requests that end a connection's own waits need none. A request that names something that does not
-exist passes here: the function that carries out the request refuses it.
+Permissions are checked only if there are rules. A principal needs no permission for tasks that it
+has sent or handles. A handler's answer needs none: it counts only from the slot that has the
+message. A request that ends a wait of its own connection needs none. A request about something that
+does not exist passes this check: the function that carries out the request refuses it.
 """
 
 from collections.abc import Callable, Iterable
@@ -44,7 +44,7 @@ def forbidden(connection: Connection, what: str) -> RequestError:
 
 
 def _need(connection: Connection, permission: Permission, name: str) -> None:
-    """Raise RequestError if a permission does not include a name; "" needs none."""
+    """Raise RequestError if a permission does not include a name; the name "" always passes."""
     if name and not _may(connection, permission, name):
         raise forbidden(connection, f"{permission} '{name}'")
 
@@ -71,7 +71,7 @@ def _is_own(connection: Connection, task: Task) -> bool:
 
 
 def _decides_for(central: State, connection: Connection, task: Task) -> bool:
-    """Whether the asking handler handles a failure of that task, or of one under it."""
+    """Whether an exception handler asks, for a failure of *task* or of a task under it."""
     asking: Delivery | None = central.dispatcher.running.get(central.origin)
     if (
         not isinstance(asking, Task)
@@ -97,7 +97,7 @@ def _check_control(central: State, connection: Connection, number: TaskId, what:
 
 
 def _check_see(central: State, connection: Connection, number: TaskId) -> None:
-    """Raise RequestError if a connection may not see what a task does, and did."""
+    """Raise RequestError if a connection may not see the work or the outcome of a task."""
     task = central.tree.tasks.get(number)
     if task is not None:
         may_see = _is_own(connection, task) or _may_any(connection, (TAP, KILL), task.message.name)
@@ -117,7 +117,10 @@ def _check_see(central: State, connection: Connection, number: TaskId) -> None:
 
 
 def _may_see_record(connection: Connection, record: TaskRecord) -> bool:
-    """Whether a connection may see the record of an ended task: its principal retains it, too."""
+    """Whether a connection may see the record of an ended task.
+
+    It may if a module of its principal retains the task, or if it has a permission for the message.
+    """
     is_own = any(module.principal == connection.principal for module in record.retention.by)
     return is_own or _may_any(connection, (TAP, KILL), record.message.name)
 
@@ -247,7 +250,7 @@ def _noted(_: State, connection: Connection, header: Noted) -> None:
 
 
 def _controls(what: str, number: Callable[[H], TaskId]) -> Callable[[State, Connection, H], None]:
-    """Return the check of a request that does *what* to the task that *number* reads from it."""
+    """Return the check of a request that does *what* to a task, which *number* gets from it."""
     return lambda central, connection, header: _check_control(
         central, connection, number(header), what
     )

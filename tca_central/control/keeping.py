@@ -1,9 +1,10 @@
 """Records of ended tasks that modules retain: data, outcome and place in the tree.
 
-A retained task leaves a record when it ends, under the living parent, the root, or its parent's
-record. A record is dropped when no module retains it any more; a module that leaves retains
-nothing. A record is also dropped when the task above it ends without being retained, or when the
-record above it is dropped. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its
+A retained task leaves a record when it ends. The record stands under the task's parent or, if the
+parent has ended, under the parent's record. A record is dropped when no module retains it any more;
+a module that leaves retains nothing. A record is also dropped when the task above it ends without
+being retained, or when the record above it is dropped. When all records take too much memory, the
+oldest is dropped. (TCM: SetPersistence; TDL: PERSISTENT; TCA 8.5 kept every node until its
 references were released.)
 """
 
@@ -21,7 +22,7 @@ MOST_RETAINED = 10_000
 
 
 def on_keep(central: State, connection: Connection, header: headers.Keep, _: bytes) -> None:
-    """Retain a task for a module from now on, or release it. A second release is allowed."""
+    """Retain a task for a module from now on, or release the task. A second release is allowed."""
     task = central.tree.task(header.task) or central.memory.kept.get(header.task)
     if header.release:
         release(central, header.task, connection.module)

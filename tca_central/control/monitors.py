@@ -8,8 +8,9 @@ When a condition holds, or a demon monitor is fired, the monitor sends its actio
 action's data are the condition's reply or, if the reply is just true, the monitor's own data. An
 action that is declared without data gets none.
 
-A polling or demon monitor ends after a number of actions, after some seconds, or at a point. It
-ends at the latest when its parent waits for nothing else, unless it was sent to be waited for.
+A polling or demon monitor ends after a number of actions, after some seconds, or at a point. A
+*background monitor*, for which its parent does not wait, ends at the latest when only such monitors
+are left under the parent.
 """
 
 from tca_central.errors import RequestError
@@ -40,7 +41,10 @@ _ALL_ELSE = "all else under its parent has ended"
 
 
 def check_parts(central: State, declared: MessageFormat, new: dict[str, MessageClass]) -> None:
-    """Raise RequestError if a monitor's parts don't fit it; *new* are messages declared with it."""
+    """Raise RequestError if a declared message does not have the parts that its class needs.
+
+    *new* has the classes of the messages that the same request declares.
+    """
     message_class = declared.message_class
     wanted = 0
     if message_class.is_monitor:
@@ -105,7 +109,7 @@ def _watch_of(task: Task) -> Watch:
 
 
 def _register_end_point(central: State, watch: Watch, until: Point) -> bool:
-    """Register a monitor's end point. Return False if it is reached, which ends the monitor."""
+    """Register a monitor's end point. If it is reached already, end the monitor; return False."""
     awaited = central.tree.tasks.get(until.task)
     if awaited is None or awaited.reached & int(until.moment):
         end_monitor(central, watch, "its end point is reached")
@@ -119,7 +123,8 @@ def _test_later(central: State, watch: Watch) -> None:
     """Schedule a test for the next multiple of the period. Missed tests are not made up for."""
     period = watch.options.period
     wait = period - (central.clock.now - watch.periods_from) % period
-    # A short wait is a rounding error: now is the multiple. A wait of 0 would repeat for ever.
+    # A very short wait is a rounding error: now is the multiple, and the next one counts. A wait of
+    # 0 would repeat for ever.
     if wait < period / 1000:
         wait += period
     central.clock.cancel(watch.timers.get(Due.TEST))
@@ -127,7 +132,10 @@ def _test_later(central: State, watch: Watch) -> None:
 
 
 def on_test(central: State, watch: Watch) -> None:
-    """Test a polling monitor whose period is over, unless it is suspended."""
+    """Test a polling monitor whose period is over.
+
+    No test is made while the monitor is suspended, or while its condition is being asked.
+    """
     if not watch.is_on:
         return
     if watch.condition is not None or watch.task.suspended:
@@ -137,10 +145,10 @@ def on_test(central: State, watch: Watch) -> None:
 
 
 def _test_if_owed(central: State, watch: Watch) -> bool:
-    """Make a test that is owed because a module fired the monitor. Return whether one was owed.
+    """Make a test that is owed because a module fired the monitor. Return whether it was made now.
 
-    The monitor's period starts again. A suspended polling monitor delays the test until it is
-    resumed. A polling monitor whose condition can't be asked delays it until the next period.
+    The test starts the monitor's period again. A suspended polling monitor makes the test when it
+    is resumed. If the condition can't be asked, the next period makes the test.
     """
     if not watch.tests_owed or (watch.task.message.is_outside_sequence and watch.task.suspended):
         return False
@@ -180,7 +188,7 @@ def _test(central: State, watch: Watch) -> None:
 def on_condition_answered(
     central: State, watch: Watch, answer: Answer, body: bytes, kinds: tuple[str, ...]
 ) -> None:
-    """Act on a condition's answer; None and False mean that it does not hold.
+    """Act on the answer of a condition. The replies None and False mean: it does not hold.
 
     A failure of the condition is the monitor's failure.
     """
@@ -205,7 +213,7 @@ def on_condition_answered(
 
 
 def _fire(central: State, watch: Watch, body: bytes) -> None:
-    """Send a monitor's action, at each ``fire_every``-th call. End the monitor after the last."""
+    """Send a monitor's action at each ``fire_every``-th call. After the last action, end it."""
     options = watch.options
     watch.times_met += 1
     if watch.times_met % options.fire_every:
@@ -248,7 +256,7 @@ def on_fire(central: State, connection: Connection, header: headers.Fire, body: 
     for watch in watching:
         if not watch.task.message.message_class.has_condition:
             _fire(central, watch, body)
-        elif watch.is_on:  # the failure of an earlier one may have ended this one
+        elif watch.is_on:  # the failure of an earlier monitor may have ended this one
             watch.tests_owed += 1
             if watch.condition is None:
                 _test_if_owed(central, watch)
@@ -266,7 +274,7 @@ def _watches_of(central: State, name: str) -> list[Watch]:
 
 
 def _check_fire(watch: Watch, wanted: str, body: bytes) -> None:
-    """Raise RequestError if a monitor's action is not *wanted*, or does not accept such data."""
+    """Raise RequestError if a monitor can't be fired with action *wanted* ("": any) and *body*."""
     task, action = watch.task, watch.parts[_ACTION]
     if task.message.message_class.has_condition:
         if not wanted:

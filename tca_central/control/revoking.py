@@ -1,8 +1,8 @@
 """Revokes locks and reservations for operators or to end deadlocks, and warns their holders.
 
-A handler that still runs is notified in the code that made the lock. It fails with "lock lost"
-unless it catches that. If the handler has returned, the failure is raised on the task for which the
-lock lasts.
+If the handler that made the lock still runs, it is notified. It fails with "lock lost" unless it
+catches this failure. If the handler has returned, the failure is raised on the task that keeps the
+lock.
 """
 
 from tca_central.failing.failures import raise_failure
@@ -25,14 +25,14 @@ def on_unlock(central: State, connection: Connection, header: headers.Unlock, _:
 
 
 def revoke_and_warn(central: State, claim: ModuleClaim, why: str, failure: str, text: str) -> None:
-    """Revoke a claim. If its handler has returned, raise *failure* on the task."""
+    """Revoke a claim. If the handler that made it has returned, raise *failure* on the task."""
     revoke(central, claim, why, text)
     if (task := task_holding(claim)) is not None:
         _raise_loss(central, task, failure, f"'{claim.resource.name}' was taken from it: {text}")
 
 
 def warn_of_losses(central: State, slot: Connection, task: Task) -> None:
-    """Fail a task whose handler returned without noticing that it had lost the task's lock."""
+    """Fail a task whose handler returned without noticing the loss of a lock."""
     if text := pop_losses(slot, task):
         _raise_loss(central, task, LOCK_LOST, text)
 

@@ -28,14 +28,14 @@ MOST_PENDING = 1000
 """Kills, deadlines and delays that may be pending for one task."""
 
 LONGEST_PLANNED = 200
-"""Characters of a planned kill's reason. It is short, because the budget does not count it."""
+"""Characters of a planned kill's reason. Few, because the budget does not count them."""
 
 MOST_TERMINATION_MESSAGES = 100
 """Messages to send on the termination of one task."""
 
 
 def _check_pending(central: State, task: Task) -> None:
-    """Raise RequestError if no more may be pending for a task."""
+    """Raise RequestError if no more kills, deadlines and delays may be pending for a task."""
     central.check_declared(TIMER_BYTES + WAIT_BYTES)
     if task.scheduled is not None and len(task.scheduled.pending) >= MOST_PENDING:
         raise RequestError(
@@ -66,7 +66,7 @@ class PendingKill(Stored):
         self.task, self.scope, self.delay, self.verdict = task, scope, delay, verdict
 
     def proceed(self, central: State) -> None:
-        """Kill at once, or after the delay: the point is reached."""
+        """Kill at once, or start the delay: the point is reached, or there is none."""
         if not self.delay:
             self.carry_out(central)
         elif self._is_alive(central):
@@ -101,7 +101,7 @@ def on_kill(central: State, connection: Connection, header: headers.Kill, _: byt
     """Kill a task, its descendants or its siblings for a module: now, later, or after a point."""
     if header.task < THIS:
         header = msgspec.structs.replace(header, task=connection.tasks.get(-header.task, ROOT))
-        if not header.task:  # refused, or never sent: its request would have arrived before
+        if not header.task:  # central refused the task, or never got it: requests come in order
             central.accept(connection, header.number)
             return
     checked_seconds(header.delay, f"a kill of task {header.task} with a delay")

@@ -3,9 +3,9 @@
     tca image 2 of 0.1.0
     length u64, CRC-32 u32, then a MessagePack list of tables, one per class
 
-A *thing* is a plain value in a mixed column, an object, or a value (shapes.py). Things are numbered
-in the order in which they appear: first plain values, then objects, then values, each after the
-values that it contains. A column of references holds such numbers.
+A *thing* is a plain value in a mixed column (encoder.py), an object, or a value (shapes.py). Things
+are numbered in this order. A value comes after the values that it contains. A column of references
+holds numbers of things.
 """
 
 import struct
@@ -36,7 +36,7 @@ class Column(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
     refers: bool = False
     """Whether the values are numbers of things."""
     is_common: bool = False
-    """Whether the single value is that of each object of the table."""
+    """Whether all objects of the table have the same value, which is then written once."""
 
 
 class ClassTable(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
@@ -89,7 +89,7 @@ def plain_column(values: list[Any], count: int) -> Column:
         has_long = int in kinds and any(type(one) is int and _is_long(one) for one in values)
     if has_long:
         values = [_long(one) if type(one) is int and _is_long(one) else one for one in values]
-    # Not for floats: 0.0 equals -0.0, and is another value.
+    # Floats are always written one by one: 0.0 and -0.0 are equal, but differ.
     is_common = len(kinds) == 1 and float not in kinds and _are_all_the_same(values, count)
     return Column(values[:1] if is_common else values, is_common=is_common)
 

@@ -61,7 +61,7 @@ def _central_of(tables: list[ClassTable], size: int) -> Central:
 
 
 def _shape_of(table: ClassTable) -> Shape:
-    """Return the shape of a table's class. Raise ImageError if their attributes differ."""
+    """Return the shape of a table's class. Raise ImageError if the table has other attributes."""
     shape, name = shape_named(table.name), table.name.rpartition(".")[2]
     if shape is None:
         raise ImageError(

@@ -1,9 +1,9 @@
 """Encodes central's state as bytes.
 
-The encoder finds all objects in rounds, starting with central, and group by group. It reads the
-attributes of new objects into columns. Objects in the columns that it has not met are the new ones
-of the next round. Nothing recurses, however deep the tree is, and the order depends on the state
-alone. A *mixed* column has objects or long values, and is written as numbers of things
+The encoder works in rounds, and starts with central. Each round reads the attributes of new objects
+into columns, group by group. Objects that appear in these columns for the first time are the new
+objects of the next round. Nothing recurses, however deep the tree is. The order depends on the
+state alone. A *mixed* column has objects or long values, and is written as numbers of things
 (container.py). Other columns are written as they are.
 """
 
@@ -19,7 +19,7 @@ from tca_central.image.container import PLAIN, ClassTable, plain_column, referen
 from tca_central.image.shapes import Shape, ValueShape, group_key, shape_of
 
 LONG = 200
-"""Characters or bytes: longer values are written once, however many objects share them."""
+"""Values of more characters or bytes are written once, however many objects share them."""
 
 _TO_NUMBER = frozenset((int, float, str, bytes))
 """Plain values that get numbers in mixed columns; None, False and True have fixed numbers."""
@@ -31,7 +31,7 @@ def can_encode(central: Central) -> bool:
 
 
 def encode(central: Central) -> bytes:
-    """Return an image of the whole state, which stays unchanged.
+    """Return an image of the whole state. The state stays unchanged.
 
     Raise ImageError if an image can't hold the state.
     """
@@ -102,7 +102,7 @@ class _Encoding:
                 group.things.append(thing)
 
     def _new_group(self, thing: object) -> _Group:
-        """Return a new group for a thing and others like it. Raise ImageError if no image can."""
+        """Return a new group for things like *thing*. Raise ImageError if no image can hold it."""
         shape = shape_of(thing)
         if shape is None:
             kind = type(thing).__qualname__

@@ -6,8 +6,8 @@ cycles and shared objects. A *value* never changes: it is made complete, after t
 contains.
 
 An object has the attributes in its class's ``__slots__``, a value its declared fields. An image
-names classes of this program. Only classes of the state that are loaded already are found by such a
-name: nothing is imported, and nothing in the bytes is run.
+names classes of this program. The decoder looks these names up among the classes that are loaded
+already. It imports nothing, and runs nothing that the bytes contain.
 """
 
 import sys
@@ -29,13 +29,14 @@ Columns = list[list[Any]]
 Read = Callable[[list[Any]], Columns]
 
 NOT_STORED = {"__dict__", "_output_queues", "_outputs", "is_task"}
-"""Attributes that ``Central.connect_outputs`` recreates, or that belong to the class.
+"""Attributes that no image contains.
 
-Machine code lists the latter as attributes, too, and gives generic classes an empty ``__dict__``.
+``Central.connect_outputs`` recreates the outputs. The others belong to the class: compiled classes
+list ``is_task`` as an attribute, too, and compiled generic classes have an empty ``__dict__``.
 """
 
 LONGEST_RECORD = 8
-"""Items of a tuple that is written with one column per item. Longer ones are written like lists."""
+"""The longest tuple that is written with one column per item. Longer ones are like lists."""
 
 _OURS = ("tca_central.", "tca_wire.")
 _ITEMS = "length", "item"
@@ -94,9 +95,10 @@ def shape_named(name: str) -> Shape | None:
 
 
 def group_key(thing: Any) -> object:
-    """Return the key that a thing shares with those that are written in its table.
+    """Return a thing's key. Things with the same key are written in one table.
 
-    For containers it includes the classes of their contents, so that most columns hold one class.
+    The key of a container includes the class of its first item, so that most columns hold one
+    class. The key of a short tuple includes the classes of all items.
     """
     kind = type(thing)
     if kind is tuple:
@@ -207,7 +209,7 @@ def _of_tuples(length: int) -> ValueShape:
 
 
 def _long_tuples(_: int, columns: Columns) -> list[Any]:
-    """Return tuples, each of its own length."""
+    """Return tuples of different lengths."""
     lengths, items = columns
     left = iter(items)
     return [tuple(islice(left, length)) for length in lengths]

@@ -1,11 +1,11 @@
 """Locks and reservations: a module has a resource to itself for a while.
 
-A claim waits in the resource's queue like a message, until the resource is empty; resources.py
-defines the order. A claim ends when its module releases it, and when its task or message ends,
-fails, is killed or is retried. It also ends with its connection, and when it is revoked for an
-operator or to end a deadlock. A claim is *kept* once the handler that made it has returned: it then
-lasts until its task ends. That may be a deadlock, because the task may need other claims that wait
-for this one. (TCA 8.5: LockResource, ReserveResource.)
+A claim waits in the resource's queue like a message, until the resource is empty. resources.py
+defines the order of the queue. A claim ends when its module releases it, and when its task or
+message ends, fails, is killed or is retried. A claim also ends with its connection, and when it is
+revoked for an operator or to end a deadlock. A claim is *kept* when the handler that made it has
+returned and its task has not ended. A kept claim may cause a deadlock: its task may need another
+claim, which waits for the kept one. (TCA 8.5: LockResource, ReserveResource.)
 """
 
 from tca_central.errors import RequestError
@@ -63,10 +63,10 @@ def on_lock(central: State, connection: Connection, header: headers.Lock, _: byt
 def find_resource(central: State, name: str, module: str) -> ModuleResource:
     """Return the resource of that name and *module* ("": any module).
 
-    Raise RequestError if there is none, or if several modules have one.
+    Raise RequestError if no module has such a resource, or if several do.
     """
     modules = [one for one in central.registry.modules.values() if name in one.resources]
-    # One per program: that of its newest run, or of the run with exactly that name.
+    # The copies of a program count as one: the newest copy, or the one with exactly that name.
     found = {one.called: one.resources[name] for one in modules if module in ("", one.called)}
     found |= {one.called: one.resources[name] for one in modules if module == one.name}
     if not found:
@@ -82,7 +82,10 @@ def find_resource(central: State, name: str, module: str) -> ModuleResource:
 
 
 def _checked_holder(central: State, connection: Connection, origin: int) -> Delivery | None:
-    """Return the delivery that a claim ends with (None: none). Raise RequestError if it is over."""
+    """Return delivery *origin*, with whose end a claim ends; None for origin 0.
+
+    Raise RequestError if the connection does not handle that delivery.
+    """
     if not origin:
         return None
     delivery = central.dispatcher.running.get(origin)
@@ -142,7 +145,7 @@ def _fail(central: State, claim: ModuleClaim, why: str, answer: ToModule) -> Non
 
 
 def release_claim(central: State, connection: Connection, number: int, why: str) -> None:
-    """End a claim that its module releases, or waits for no longer."""
+    """End a claim that its module releases, or for which its module no longer waits."""
     if (claim := central.claims.get((connection, number))) is not None:
         _end(central, claim, "released" if claim.is_granted else why)
 
@@ -159,7 +162,7 @@ def end_claims_of(central: State, delivery: Delivery, why: str) -> None:
 def end_claims_of_killed(central: State, task: Delivery) -> None:
     """End a killed task's claims.
 
-    While its handler runs it keeps granted claims: termination messages may need them.
+    While its handler runs, the task keeps its granted claims: termination messages may need them.
     """
     for claim in list(central.claimed_for.get(task, ())):
         if not claim.is_granted:
@@ -196,7 +199,7 @@ def pop_losses(slot: Connection, delivery: Delivery) -> str:
 
 
 def suspect_kept_claims(central: State, delivery: Delivery) -> None:
-    """Suspect the claims that a returned handler has kept of a deadlock."""
+    """Have the claims that a returned handler has kept checked for a deadlock."""
     if central.claimed_for:
         central.suspects.extend(
             claim for claim in central.claimed_for.get(delivery, ()) if claim.is_granted
@@ -212,7 +215,10 @@ def end_claims_of_connection(central: State, connection: Connection) -> None:
 
 
 def end_claims_on_module(central: State, module: Module, why: str) -> None:
-    """End the claims on a disconnected module's resources, except on those with other copies."""
+    """End the claims on the resources of a disconnected module.
+
+    If another copy of the program has the resource, that copy inherits the claims.
+    """
     for resource in module.resources.values():
         if (copy := resource.leave_copies()) is not None:
             central.dispatcher.to_refill.append((copy, None))

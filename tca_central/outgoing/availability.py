@@ -1,4 +1,4 @@
-"""Ends waits until messages are handled, and sends notices when handlers come or go.
+"""Ends the waits of modules for handlers of messages. Sends notices when handlers come or go.
 
 A message is handled as long as one of its handlers has a slot. ``MessageType.serving`` counts these
 handlers.
@@ -20,7 +20,7 @@ from tca_wire.vocabulary import Refusal
 from tca_wire.waits import WaitKind
 
 MOST_AWAITED = 1000
-"""Messages in one request."""
+"""The limit for messages in one wait."""
 
 
 def on_wait_until_handled(
@@ -46,7 +46,7 @@ def on_wait_until_handled(
     central.budget.awaited += wait.size
     connection.outstanding[header.number] = wait
     central.facts.append(facts.WaitBegan(*_fact_fields(wait)))
-    # Brief, because it is no deadlock: another module may still join.
+    # A *brief* wait is not checked for a deadlock: another module may still join.
     central.block(connection, header.number, header.origin, brief=True)
     if wait.promised:
         _warn_of_cycle(central, wait)
@@ -64,7 +64,8 @@ def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
     for wait in remaining:
         for name in wait.promised:
             promisers.setdefault(name, []).append(wait)
-    # Narrow the waits down to those whose messages only other modules with such waits will handle.
+    # Keep the waits with a message that only other waits in the set promise to handle. Repeat until
+    # the set no longer shrinks.
     while len(
         stuck := {wait: by for wait in remaining if (by := _promiser(wait, promisers, remaining))}
     ) < len(remaining):
@@ -84,9 +85,9 @@ def _warn_of_cycle(central: State, newest: PresenceWait) -> None:
 def _promiser(
     wait: PresenceWait, promisers: dict[str, list[PresenceWait]], waits: Iterable[PresenceWait]
 ) -> tuple[str, PresenceWait] | None:
-    """Return a message that a wait lacks and only *waits* promise to handle later, and one of them.
+    """Return a message that a wait lacks, and one of the waits that promise to handle it later.
 
-    Return None if there is no such message.
+    All waits that promise the message must be in *waits*. Return None if there is no such message.
     """
     for message in wait.messages:
         others = promisers.get(message.name, ())

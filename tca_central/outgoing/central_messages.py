@@ -116,10 +116,10 @@ def make_task(
         message: The task's message.
         body: The task's data.
         parent: The task above it.
-        role: Why central makes it.
-        about: The delivery for which it is sent (default: *parent*).
-        context: The details of its role.
-        prepare: Called with the task before it is in the tree.
+        role: The reason why central makes the task.
+        about: The delivery for which central makes the task (default: *parent*).
+        context: The details of the role.
+        prepare: Called with the task before the task is added to the tree.
     """
     about = about or parent
     task = Task(TaskId(central.new_id()), message, body, None)
@@ -138,9 +138,10 @@ def make_task(
 
 
 def _tap_depth(central: State, about: Delivery, role: Role) -> int:
-    """Return the tap depth of a message that central sends for *about*.
+    """Return the tap depth of a message for *about*: the number of listeners in its chain.
 
-    It is not below that of the handler whose request central carries out.
+    Two chains may lead to the message: that of *about*, and that of the handler whose request
+    central carries out. The longer one counts.
     """
     return max(about.tap_depth, central.tap_depth) + (role is Role.LISTENER)
 
@@ -207,7 +208,7 @@ def data_for(message: MessageType, body: bytes) -> bytes:
 
 
 def birth_facts(task: Task) -> list[facts.Fact]:
-    """Return facts about a new task: that it outlives retries, is waited for, reached moments."""
+    """Return ``OutlivesRetry``, ``WaitedFor`` and ``Reached`` of a new task, where they apply."""
     if task.is_goal:
         return []
     found: list[facts.Fact] = [facts.OutlivesRetry(task.id)] if task.is_foreign_monitor else []

@@ -2,13 +2,13 @@
 
 An *entrance* is the address of a slot for direct messages. A *route* is the set of entrances of the
 slots that may get a message directly. A module that sends such a message through central gets the
-route, and from then on every change of it. A message has a route if its newest handler wants that
-and nothing requires central. A wiretap, a pending limit, a lock, or another handler in a pool
-requires central.
+route, and from then on every change of the route. A message has a route if its newest handler wants
+direct messages and nothing requires central. A wiretap, a pending limit, a lock, or another handler
+in a pool requires central.
 
 A route is only a permission: a sender may use central at any time, and does so until it has reached
-an entrance. The *licence* in a route is the number by which slots know the sender. Central revokes
-it when the sender loses its rights.
+an entrance. Each route contains a *licence*, which proves to the slots that the sender may send.
+Central revokes the licence when the sender loses its rights.
 """
 
 import math
@@ -47,9 +47,10 @@ def check_entrance(entrance: Entrance) -> None:
 
 
 def own_entrance(central: State, header: Hello) -> Entrance | None:
-    """Return the entrance that a new slot names; None if it names none or that of another slot.
+    """Return the entrance that a new slot names; None if it names none.
 
-    Else the loss of one slot would be reported to the senders as that of the other.
+    The entrance of another slot counts as none. Otherwise the loss of one slot would be reported to
+    senders as the loss of the other.
     """
     wanted = header.entrance
     return None if wanted is None or _slot_at(central, wanted.endpoint) is not None else wanted
@@ -76,7 +77,7 @@ def check_handler(handled: HandlerFormat, message_class: MessageClass) -> None:
 
 
 def route_of(message: MessageType) -> tuple[Connection, ...]:
-    """Return the slots that may be sent a message directly; none if it has to pass central."""
+    """Return the slots that may get a message directly; none if the message has to pass central."""
     if not message.handlers or message.taps:
         return ()
     newest = message.handlers[-1]
@@ -111,7 +112,7 @@ def review_copies(central: State, resource: Resource[Connection, Delivery]) -> N
 
 
 def offer_route(central: State, connection: Connection, message: MessageType) -> None:
-    """Send a message's route to a connection that sends the message, unless it has the route."""
+    """Send a message's route to a sender of the message, unless the sender has the route."""
     if connection not in message.informed_senders:
         message.informed_senders[connection] = None
         connection.routes[message] = None
@@ -119,9 +120,12 @@ def offer_route(central: State, connection: Connection, message: MessageType) ->
 
 
 def _send_route(central: State, connection: Connection, message: MessageType) -> None:
-    """Send a connection a message's route, with its licence; an empty one if it needs central."""
+    """Send a message's route to a connection, with the connection's licence.
+
+    The route is empty if the connection must send the message through central.
+    """
     own, route = connection.resource, message.route
-    # A slot handles a query of its own resource during its wait: that needs central.
+    # A slot that waits must handle queries from its own resource: these need central.
     if any(own is slot.resource or not _may_reach(connection, slot) for slot in route):
         route = ()
     for slot in route:
@@ -152,14 +156,17 @@ def forget_sender(connection: Connection) -> None:
 
 
 def _may_reach(connection: Connection, slot: Connection) -> bool:
-    """Whether a connection may send all that a slot accepts directly: slots check no rights."""
+    """Whether a connection may send every message that a slot accepts directly.
+
+    It must have the right to all of them, because slots check no rights.
+    """
     rights, handlers = connection.rights, slot.module.handlers.values()
     names = [one.message.name for one in handlers if one.direct and one.resource is slot.resource]
     return rights is None or all(rights.allow(Permission.SEND, name) for name in names)
 
 
 def _licensed(central: State, connection: Connection, entrance: Entrance) -> Entrance:
-    """Return an entrance with the key for one sender, which gets a licence if it has none."""
+    """Return *entrance* with a sender's licence as its key. Give the sender one if it has none."""
     permissions = central.registry.permissions
     if not connection.licence:
         connection.licence = permissions.new_licence(connection.principal)
@@ -198,7 +205,7 @@ def send_invalid_licences(central: State, slot: Connection) -> None:
 
 
 def invalidate_licences_of(central: State, principals: Iterable[str]) -> None:
-    """Invalidate the licences of revoked keys. Their connections end next, and get nothing more."""
+    """Invalidate the licences of revoked keys. Their connections end next: none is renewed."""
     revoked = dict.fromkeys(principals)
     numbers = [
         number
@@ -222,9 +229,9 @@ def review_licences(central: State) -> None:
 
 
 def report_closed_slot(central: State, slot: Connection, why: str, *, lost: bool) -> None:
-    """Report a closed slot to senders that may have sent it queries: it will answer none.
+    """Report a closed slot to the senders that may have sent queries to it.
 
-    The routes must have been reviewed before.
+    Call ``review_slots`` first.
     """
     if slot.entrance is not None:
         notice = EntranceGone(
@@ -239,8 +246,8 @@ def report_closed_slot(central: State, slot: Connection, why: str, *, lost: bool
 def on_watch_entrance(
     central: State, connection: Connection, header: WatchEntrance, _: bytes
 ) -> None:
-    """Notify a sender that has reconnected of the end of a slot that it has sent queries to."""
-    # Rare: once per entrance after a reconnection.
+    """Have a reconnected sender notified when a slot ends to which it has sent queries."""
+    # This search is slow, but rare: once per entrance after a reconnect.
     if (slot := _slot_at(central, header.endpoint)) is not None:
         _watch(connection, slot)
     else:

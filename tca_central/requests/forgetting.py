@@ -14,16 +14,19 @@ from tca_wire.journal import facts
 from tca_wire.vocabulary import Dropping, Refusal
 
 AT_ONCE = 1000
-"""Messages forgotten together, if enough are unused. The search is expensive, so it is rare."""
+"""The least number of messages that a search forgets, if as many are unused.
+
+Searches are expensive, so each makes much room.
+"""
 
 STEPS = 50
-"""Objects checked in a search per event before the next search, if little was found."""
+"""The delay after a search that found little: one event for each STEPS objects that it checked."""
 
 
 def make_room(central: State, new: list[str], size: int, needed: Iterable[str]) -> None:
     """Forget unused messages to make room for new names and *size* more bytes.
 
-    Names in *needed* stay. Raises RequestError if there is still too little room.
+    Names in *needed* stay. Raises RequestError if there is too little room afterwards.
     """
     known = central.registry
     if _fits(central, new, size):
@@ -57,7 +60,8 @@ def _forget_unused(central: State, new: list[str], size: int, needed: set[str]) 
     needed.update(part for message in used for part in message.parts)
     unused = [one for one in known.messages.values() if one not in used and one.name not in needed]
     values = central.variables.values
-    # Messages whose loss matters least come first, then the oldest.
+    # First come messages without a value, those with the fewest waiting informs first. Among equals
+    # the oldest comes first.
     unused.sort(key=lambda one: (one.name in values, len(one.waiting)))
     freed = 0
     for message in unused:
@@ -88,7 +92,7 @@ def _forget(central: State, message: MessageType) -> None:
 def _used(central: State) -> Iterator[MessageType]:
     """Yield the messages that are in use: declared, handled, awaited, on their way, or attached.
 
-    Informs without a handler do not count.
+    A message is not in use if only informs without a handler wait.
     """
     for message in central.registry.messages.values():
         if (

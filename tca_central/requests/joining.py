@@ -1,6 +1,6 @@
 """Connects and disconnects modules, and registers their messages and handlers.
 
-One function per message; HANDLERS in core.py lists them.
+HANDLERS in core.py has the function for each header.
 """
 
 from tca_central.control.keeping import release_all
@@ -43,9 +43,12 @@ from tca_wire.rules import FAILURE, RETURNED
 from tca_wire.vocabulary import Limit, Outcome, Refusal
 
 MOST_AHEAD = 64
-"""Messages that a slot may prefetch, even if it asks for more."""
+"""The greatest number of messages that a slot may prefetch, even if it asks for more."""
 MOST_LATE = MOST_AHEAD + 8
-"""Late answers expected from a lost connection: for prefetched and nested messages."""
+"""Deliveries of a lost connection whose late answers central recognises.
+
+They are prefetched and nested messages.
+"""
 
 
 def greet(
@@ -75,7 +78,8 @@ def greet(
         connection.entrance = (
             direct_routes.own_entrance(central, header) if header.resource else None
         )
-        if connection.entrance is None:  # else a direct message could overtake prefetched ones
+        # A slot with an entrance prefetches nothing: direct messages could overtake such messages.
+        if connection.entrance is None:
             connection.prefetch = max(0, min(header.prefetch, MOST_AHEAD))
         connection.hung_after = header.hung_after if header.resource else 0.0
         _join(central, connection, header.resource)
@@ -142,7 +146,7 @@ def _check_hello(header: headers.Hello) -> None:
 
 
 def _check_owner(central: State, header: headers.Hello, session: str, principal: str) -> None:
-    """Raise RequestError if another user owns a module or lost connection with these names.
+    """Raise RequestError if another user owns the incarnation, or a lost connection of *session*.
 
     Also raise it for a slot that was given up because its handler hung.
     """
@@ -177,7 +181,10 @@ def _rights(central: State, header: headers.Hello, principal: str) -> Rights | N
 
 
 def _join(central: State, connection: Connection, resource_name: str) -> None:
-    """Add a connection to its module. It inherits from a lost connection of the same session."""
+    """Add a connection to its module.
+
+    The connection inherits the requests and answers of a lost connection of the same session.
+    """
     module = connection.module
     if lost := central.registry.lost.pop(connection.session, None):
         central.answers.transfer(lost, connection)
@@ -196,7 +203,7 @@ def _join(central: State, connection: Connection, resource_name: str) -> None:
 
 
 def on_hello_again(central: State, connection: Connection, header: headers.Hello, _: bytes) -> None:
-    """Welcome a known connection that asks whether central still knows it."""
+    """Welcome a connection: a new one, or one that asks whether central still knows it."""
     direct_routes.forget_sender(connection)
     welcome = headers.Welcome(
         header.number, PROTOCOL_VERSION, connection.module.name, central.epoch
@@ -211,12 +218,17 @@ def on_bye(central: State, connection: Connection, _header: headers.Bye, _: byte
 
 
 def disconnect(central: State, connection: Connection, why: str, *, lost: bool) -> None:
-    """Remove a connection. Its unfinished messages fail if it was *lost*, else go elsewhere."""
+    """Remove a connection.
+
+    If it was *lost*, its unfinished deliveries fail. Otherwise other handlers get them, except for
+    copies and killed tasks, which end.
+    """
     module = connection.module
     central.unconfirmed.pop(connection, None)
     is_uncertain = connection in central.restart_pause.awaited
     central.restart_pause.awaited.pop(connection, None)
-    # The answers of lost connections stay, because these may come back; except of the oldest ones.
+    # A lost connection may come back, so answers to it stay. If too many connections are lost, the
+    # answers to the oldest one are forgotten.
     oldest_lost = central.registry.forget_connection(connection)
     for one in (oldest_lost, None if lost else connection):
         central.answers.forget_all(one)
@@ -226,8 +238,8 @@ def disconnect(central: State, connection: Connection, why: str, *, lost: bool) 
     claims.end_claims_of_connection(central, connection)
     if connection.resource is None:
         remove_handlers(central, list(module.handlers.values()))
-        # The module's other connections close next. Exception handlers that the module alone
-        # handled are skipped with the last of them.
+        # The module's other connections close next. When the last one closes, exception handlers
+        # that only this module handled are skipped.
         if module.connections:
             central.dispatcher.stranded.clear()
     orphans = central.dispatcher.remove_slot(connection)
@@ -256,7 +268,7 @@ def on_grace_over(central: State, _: None) -> None:
 
 
 def on_hung(central: State, delivery: Delivery) -> None:
-    """Give up a slot whose handler has not returned in time, although it is no longer needed.
+    """Give up a slot whose handler is no longer needed, and has not returned in time.
 
     Ask its module to replace the slot.
     """
@@ -281,7 +293,7 @@ def on_hung(central: State, delivery: Delivery) -> None:
 
 
 def _remember_orphan(connection: Connection, delivery: Delivery, why: str) -> None:
-    """Remember a delivery of a lost connection: after a reconnect it may still be answered."""
+    """Remember a delivery of a lost connection, which may answer it after a reconnect."""
     name = str(delivery) if isinstance(delivery, Task) else delivery.message.title
     connection.orphans.append(delivery.handling_id)
     connection.late[delivery.handling_id] = (
@@ -308,7 +320,7 @@ def _forget_if_gone(central: State, module: Module, why: str, *, lost: bool) -> 
 
 
 def _announce(central: State, module: Module, notice: Notice[D], data: D) -> None:
-    """Broadcast that a module joined or left, unless it is a command that people type."""
+    """Broadcast that a module joined or left, unless it is a command such as ``tca top``."""
     if not module.name.startswith(COMMANDS):
         broadcast_notice(central, notice, data)
 
@@ -333,11 +345,11 @@ def _fail_or_drop(
 
 
 def _reassign(central: State, delivery: Delivery) -> None:
-    """Give a delivery that its module had not begun to another handler."""
+    """Route a delivery again whose module has left without beginning it."""
     if not isinstance(delivery, Task):
         central.dispatcher.route(delivery)
         return
-    # The task may be held or killed before it is queued again, so it leaves its queue first.
+    # Record that the task is in no queue: it may be held or killed before it is queued again.
     central.facts.append(facts.Unqueued(delivery.handling_id))
     restart(central, delivery)
     if not delivery.killed:
@@ -350,7 +362,7 @@ def _reassign(central: State, delivery: Delivery) -> None:
 def on_register(central: State, connection: Connection, header: headers.Register, _: bytes) -> None:
     """Declare messages and handlers: all of them or none.
 
-    A module also reports here when it has made the attachments of its start (``is_ready``).
+    With ``is_ready`` the module reports that it has made the attachments of its start.
     """
     module, registry = connection.module, central.registry
     new = {declared.name: declared for declared in header.messages}
@@ -414,7 +426,7 @@ def _make_room(central: State, header: headers.Register) -> None:
 
 
 def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None:
-    """Add a handler. It replaces the module's own handler of the same message."""
+    """Add a handler. It replaces the module's earlier handler of the same message."""
     if handled.message in module.handlers:
         remove_handlers(central, [module.handlers[handled.message]])
     resource = central.registry.resource(module, handled.resource)
@@ -431,7 +443,7 @@ def _add_handler(central: State, module: Module, handled: HandlerFormat) -> None
 def on_unregister(
     central: State, connection: Connection, header: headers.Unregister, _: bytes
 ) -> None:
-    """Remove a module's handlers. Those that run continue to their ends."""
+    """Remove a module's handlers. Running handlers continue to their ends."""
     handlers = connection.module.handlers
     names = header.messages or list(handlers)
     remove_handlers(central, [handlers[name] for name in dict.fromkeys(names) if name in handlers])
@@ -441,7 +453,7 @@ def on_unregister(
 
 
 def on_recalled(central: State, connection: Connection, header: headers.Recalled, _: bytes) -> None:
-    """Take back prefetched messages of a slot. Those that it may no longer handle go elsewhere."""
+    """Take back prefetched messages of a slot. Messages that belong elsewhere by now go there."""
     moved = central.dispatcher.requeue_returned(
         connection, header.deliveries, is_answer=header.is_answer
     )
@@ -459,7 +471,7 @@ def remove_handlers(central: State, handlers: list[Handler]) -> None:
 def _send_elsewhere(central: State, queued: list[Delivery], module: str) -> None:
     """Route messages again that a module no longer handles.
 
-    Copies for that module alone fail or are dropped.
+    Copies of broadcasts and multi-queries were for that module only: they fail or are dropped.
     """
     _route_again(central, [delivery for delivery in queued if not delivery.message.fans_out])
     for delivery in queued:

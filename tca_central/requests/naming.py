@@ -1,6 +1,6 @@
 """Finds the ids of tasks that a module names by the requests that sent them.
 
-A sender does so until it knows the id. The request with number 7 is named -7.
+Until a sender learns the id of its new task, it names the request: -7 is the task of request 7.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ from tca_wire.vocabulary import Refusal
 
 
 def with_ids(connection: Connection, header: Any) -> Any:
-    """Return the header with all tasks named by id. Raise RequestError if one is unknown."""
+    """Return *header* with the ids of all tasks in it. Raise RequestError if one is unknown."""
     changes = {}
     for field, resolve in NAMING[type(header)]:
         named = getattr(header, field)
@@ -67,12 +67,12 @@ def _task(connection: Connection, task: TaskId) -> TaskId:
 
 
 def _point(connection: Connection, point: Point) -> Point:
-    """Return a point with its task named by id."""
+    """Return a point with the id of its task."""
     return point if point.task >= THIS else Point(_task(connection, point.task), point.moment)
 
 
 def _constraints(connection: Connection, constraints: list[Constraint]) -> list[Constraint]:
-    """Return constraints with their tasks named by id; the same list if they are already."""
+    """Return constraints with the ids of their tasks; the same list if all are ids already."""
     if all(one.before.task >= THIS and one.after.task >= THIS for one in constraints):
         return constraints
     return [
@@ -82,7 +82,7 @@ def _constraints(connection: Connection, constraints: list[Constraint]) -> list[
 
 
 def _watch(connection: Connection, watch: WatchOptions) -> WatchOptions:
-    """Return a monitor's options with the task of its end point named by id."""
+    """Return a monitor's options with the id of the task of its end point."""
     until = _point(connection, watch.until) if watch.until is not None else None
     return watch if until is watch.until else msgspec.structs.replace(watch, until=until)
 
@@ -100,7 +100,7 @@ def _naming(header: type) -> tuple[tuple[str, Callable[[Connection, Any], Any]],
     """Return the fields of a class of headers that name tasks, each with its resolver."""
     fields = get_type_hints(header).items()
     found = tuple((name, _RESOLVERS[hint]) for name, hint in fields if hint in _RESOLVERS)
-    # ``on_kill`` itself handles a task that was never created: it has nothing to kill.
+    # ``on_kill`` finds the task itself: it accepts the kill of a task that was never created.
     return found if header is not headers.Kill else tuple(one for one in found if one[0] != "task")
 
 

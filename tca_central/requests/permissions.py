@@ -51,7 +51,7 @@ def _remove_forbidden(central: State, module: Module, rights: Rights) -> None:
 
 
 def _may_tap(tap: Wiretap, rights: Rights) -> bool:
-    """Whether a module may keep a wiretap. That of a task ends with the task, so it stays."""
+    """Whether a module may keep a wiretap. A wiretap of a task may stay: it ends with the task."""
     place = place_of(tap)
     if isinstance(place, Task):
         return True

@@ -23,13 +23,14 @@ _LONGEST_TEXT = 200
 """Characters of each failure's text in the answer to a multi-query."""
 
 _SMALL = 1000
-"""Bytes of a result that are always accepted, even if memory is full."""
+"""A result of at most this number of bytes is accepted even if memory is full."""
 
 
 def _running_delivery(central: State, connection: Connection, delivery_id: int) -> Delivery | None:
     """Return the delivery that a handler answers; None if the answer is late or a repetition.
 
-    Notify the handler of a late answer. Raise RequestError if the delivery is not the handler's.
+    Refuse a late answer; ignore a repetition. Raise RequestError if the slot never had the
+    delivery, or has answered it.
     """
     delivery = central.dispatcher.running.get(delivery_id)
     if delivery is None:
@@ -87,7 +88,8 @@ def _complete(
 ) -> None:
     """Complete the delivery of that number, whose handler has returned *ago* seconds ago.
 
-    It fails if tasks of the handler were refused that *refusals* does not count.
+    *refusals* is the number of refused *quiet* tasks that the handler knows of. If central has
+    refused more, the delivery fails.
     """
     delivery = _running_delivery(central, connection, number)
     if delivery is None:
@@ -117,7 +119,7 @@ def _complete(
         else:
             suspect_kept_claims(central, delivery)
     else:
-        # The result of a task that has failed is stored even if it is None.
+        # A result of None is stored as no bytes; for a task that has failed, as the bytes of None.
         result = b"" if body == NIL and delivery.failure is None else body
         central.tree.grow(delivery, len(result) - len(delivery.result))
         delivery.result = result
@@ -137,7 +139,7 @@ def _why_not_stored(central: State, delivery: Delivery, body: bytes) -> str:
 
 
 def on_fail(central: State, connection: Connection, header: headers.Fail, body: bytes) -> None:
-    """Complete a delivery whose handler has failed, or reissues the failure it was called for."""
+    """Complete a delivery whose handler fails or, as an exception handler, reissues its failure."""
     delivery = _running_delivery(central, connection, header.delivery)
     if delivery is None:
         return
@@ -161,7 +163,7 @@ def on_fail(central: State, connection: Connection, header: headers.Fail, body: 
 
 
 def refuse_body(central: State, connection: Connection, header: ToCentral, size: int) -> None:
-    """Refuse a body that is too long. A handler that has answered with it fails."""
+    """Refuse a body that is too long. If it is a handler's answer, the delivery fails."""
     text = (
         f"a body of {size:,} bytes; at most {Limit.BODY:,} are allowed: "
         "send a reference to the data instead"
@@ -185,7 +187,7 @@ def fail_delivery(central: State, delivery: Delivery, failure: RaisedFailure) ->
 
 
 def report_displaced(central: State, delivery: Delivery, why: str) -> None:
-    """End a waiting delivery that gave way to a newer one of its message."""
+    """End a waiting delivery that a newer delivery of the same message has displaced."""
     if isinstance(delivery, Task):
         kill(central, delivery, Verdict(f"{OVERLOAD}: {why}"))
     elif delivery.message.message_class.has_reply:
@@ -197,7 +199,7 @@ def report_displaced(central: State, delivery: Delivery, why: str) -> None:
 def _answer_query(
     central: State, delivery: Delivery, answer: Answer, body: bytes, kinds: tuple[str, ...] = ()
 ) -> None:
-    """Pass an answer on to the sender of a query, its monitor, or its multi-query."""
+    """Pass an answer on to the module, monitor or multi-query that sent the query."""
     if delivery.number:
         sender = delivery.sender
         if sender is not None and sender.outstanding.pop(delivery.number, None) is not None:
@@ -224,7 +226,8 @@ def _collect(
     else:
         text = answer.text.partition("\n")[0][:_LONGEST_TEXT]
         collector.failures.append(f"{module} failed ({answer.failure}{text and f': {text}'})")
-        if collector.end is None:  # it ends with the first failure, unless a reply comes
+        # Unless a reply comes, the multi-query ends with its first failure.
+        if collector.end is None:
             if len(body) > _SMALL and central.refuse_if_full(len(body)):
                 body = b""
             end = Answer(collector.number, answer.outcome, answer.failure, answer.text)

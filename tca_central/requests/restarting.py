@@ -1,9 +1,9 @@
-"""Awaits all connections after a restart of central with its whole state.
+"""Awaits all known connections after a restart that has recovered central's state.
 
 No task starts before all connections are back or lost, or an operator resumes tasks. A connection
 that says hello continues as after any break. One that does not say hello in time is lost
-(joining.py). Central does not know then whether its handlers did their work, so their tasks fail as
-uncertain.
+(joining.py). Central can't know whether the handlers of a lost connection did their work. Their
+tasks therefore fail with the failure "uncertain".
 """
 
 from tca_central.events import AWAY, ConnectionId, Restarted
@@ -57,7 +57,7 @@ def on_go_on(central: State, connection: Connection, header: headers.GoOn, _: by
 
 
 def _release_tasks(central: State, by: str) -> None:
-    """Let tasks start again, *by* the request of a module ("": when no connection is missing)."""
+    """Let tasks start again, as module *by* requests ("": no connection is awaited any more)."""
     if not central.restart_pause.awaited:
         central.clock.cancel(central.restart_pause.grace)
         central.restart_pause.grace = None

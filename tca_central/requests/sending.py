@@ -1,7 +1,8 @@
 """Carries out modules' requests to send messages, and to add constraints between tasks.
 
-A message is checked and recorded; then its class decides to which handlers it goes, or that it
-becomes a task. A function that raises RequestError has changed nothing.
+``on_send`` checks each message. Then the function for the message's class (``SENDERS``) records the
+message, and sends it to handlers or adds a task to the tree. A function that raises RequestError
+has changed nothing.
 """
 
 from tca_central.control.keeping import check_retained_room, keep
@@ -113,7 +114,7 @@ def _send_one_way(
 def _send_query(
     central: State, connection: Connection, header: Send, message: MessageType, body: bytes
 ) -> None:
-    """Send a query to a handler. Its sender gets the reply as the answer to its request."""
+    """Send a query to a handler. The sender gets the reply as the answer to the request."""
     if central.dispatcher.is_full(message):
         raise RequestError(Refusal.OVERLOAD, f"{why_full(central, message)}: try later")
     central.check_room(len(body))
@@ -182,8 +183,8 @@ def _send_task(
     is_monitor = message.message_class.is_monitor
     if is_monitor:
         _create_watch(central, task, parent, header)
-    # The task's own fact precedes those that ``add`` records, but contains the constraints that
-    # ``add`` returns: it is inserted afterwards.
+    # The fact ``Received`` comes before the facts that ``add`` records. It contains the constraints
+    # that ``add`` returns, and is therefore inserted afterwards.
     index = len(central.facts)
     constraints = central.agenda.add(task, parent, header.flags, header.constraints)
     sender = connection.module.name
@@ -206,8 +207,8 @@ def _send_task(
 def record_refusal(central: State, header: Send, text: str) -> None:
     """Record the refusal of a *quiet* task for the handler that sent it.
 
-    The handler's delivery fails when it returns, unless its reply counts this refusal
-    (``Reply.refusals``): a handler that counts it has dealt with it.
+    The handler's reply has the number of refusals that the handler knows of (``Reply.refusals``).
+    If that number does not include this refusal, the delivery fails.
     """
     delivery = central.dispatcher.running[central.origin]
     before = delivery.refused.number if delivery.refused.delivery == delivery.handling_id else 0
@@ -248,7 +249,7 @@ def _create_watch(central: State, task: Task, parent: Task, header: Send) -> Non
 
 
 def _check_end_point(message: MessageType, parent: Task, options: WatchOptions) -> None:
-    """Raise RequestError if a monitor would watch until the end of a task that waits for it."""
+    """Raise RequestError if a monitor would watch until a task ends that waits for the monitor."""
     until = options.until
     if until is None or until.moment is not Moment.END_ACHIEVING:
         return
@@ -266,7 +267,7 @@ def _check_end_point(message: MessageType, parent: Task, options: WatchOptions) 
 def _refuse_exception_handler(
     _: State, _connection: Connection, _header: Send, message: MessageType, _body: bytes
 ) -> None:
-    """Refuse to send an exception handler: only central does that."""
+    """Refuse to send an exception handler: only central sends such messages."""
     text = (
         f"exception handler '{message.name}' is not sent: attach it to a task, "
         "and raise the failure there"

@@ -1,8 +1,8 @@
 """Sets, reads and exchanges variables (TCA 7.7: SetVar, GetVar, GetSetVar, WatchVar).
 
-A variable is a message of its own class, and its handlers watch it. Each handler gets every new
-value; of several values that wait for it, it gets only the newest. A variable without handlers
-keeps its value for later ones.
+A variable is a message of a class of its own, and its handlers watch it. A handler gets each new
+value. If several values wait for a handler, it gets only the newest. A variable without handlers
+keeps its value for later handlers.
 """
 
 from tca_central.errors import RequestError
@@ -56,7 +56,7 @@ def on_get_variable(
 def on_set_variable(
     central: State, connection: Connection, header: headers.SetVariable, body: bytes
 ) -> None:
-    """Set a variable. The answer to an exchange is the value before."""
+    """Set a variable. The answer to an exchange is the previous value."""
     message = _variable(central, header.variable)
     if header.swap and not header.number:
         raise RequestError(
@@ -75,7 +75,7 @@ def on_set_variable(
     sender = connection.module.name
     central.facts.append(received(delivery, sender, ROOT, [], header.origin))
     central.variables.set(message.name, Value(body, message.format.data, sender, delivery.id))
-    # A handler without slots is included: it gets the newest value when it has one.
+    # A handler without slots is included: it gets the newest value when it has a slot.
     for handler in message.handlers:
         central.dispatcher.route(copy_of(central, delivery), handler.resource)
     if header.swap:
@@ -85,7 +85,7 @@ def on_set_variable(
 
 
 def send_value_to_watcher(central: State, handler: Handler) -> None:
-    """Send a variable's value to a new handler of it, if it has a value."""
+    """Send a new handler the value of its variable, if the variable has one."""
     message = handler.message
     if message.message_class.keeps_value and (value := central.variables.values.get(message.name)):
         copy = Delivery(central.new_id(), message, value.body, None)

@@ -17,7 +17,7 @@ from tca_wire.packets import headers
 from tca_wire.vocabulary import Dropping
 
 Awaited = Delivery | Collector | TaskWait | Observation
-"""The objects on which the answer to a request may depend."""
+"""The kinds of outstanding requests whose answers a sender may await."""
 _WHY_DROPPED = {Dropping.GIVEN_UP: "its sender gave up", Dropping.DEADLOCK: DEADLOCK}
 
 
@@ -48,7 +48,7 @@ def on_await_point(
 def on_await(central: State, connection: Connection, header: headers.Await, _: bytes) -> None:
     """Begin or end a sender's wait for answers.
 
-    Record nothing if an answer is on its way: the sender continues when it arrives.
+    Record nothing if an answer is on its way: the sender continues when that answer arrives.
     """
     numbers = (header.request, *header.others)
     found = (connection.outstanding.get(number) for number in numbers)
@@ -66,10 +66,10 @@ def on_await(central: State, connection: Connection, header: headers.Await, _: b
 def _begin_waits(
     central: State, connection: Connection, header: headers.Await, awaited: list[Awaited]
 ) -> None:
-    """Record the waits for these answers.
+    """Record the waits for the *awaited* answers.
 
-    A wait for a query is brief: it is never searched for deadlocks, because the sender's own
-    resource may answer the query within the wait.
+    A wait for a query is *brief*: central does not check it for a deadlock. The sender's own
+    resource may answer the query while the sender waits.
     """
     for due in awaited:
         if isinstance(due, Delivery | Collector):
@@ -88,7 +88,7 @@ def on_await_any(
 ) -> None:
     """Begin the wait of a handler's coroutine for one of several answers.
 
-    It does not wait if one of them was given.
+    The coroutine does not wait if one of the answers was sent already.
     """
     central.unblock_coroutine(connection, header.delivery)
     numbers = tuple(dict.fromkeys(header.requests))
@@ -99,7 +99,7 @@ def on_await_any(
 
 
 def _may_await(connection: Connection, number: int) -> bool:
-    """Whether a coroutine may wait for a request's answer, which no thread may wait for."""
+    """Whether a coroutine may wait for a request's answer: it is due, and no thread awaits it."""
     due = connection.outstanding.get(number)
     is_due = isinstance(due, Delivery | TaskWait) or (
         isinstance(due, Observation) and due.is_awaited
@@ -111,7 +111,7 @@ def _may_await(connection: Connection, number: int) -> bool:
 
 
 def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _: bytes) -> None:
-    """End a sender's wait for an answer, and answer where the message was."""
+    """End a sender's wait for an answer. If the header has a number, answer why there was none."""
     connection.lost_claims.pop(header.request, None)
     answer, body = end_of_wait(central, connection, header.request, header.number)
     give_up(central, connection, header.request, where=answer.text.partition("\n")[0])
@@ -120,7 +120,7 @@ def on_give_up(central: State, connection: Connection, header: headers.GiveUp, _
 
 
 def on_release(central: State, connection: Connection, header: headers.Release, _: bytes) -> None:
-    """Release a module's lock or reservation. The answer has its id (0: it was not granted)."""
+    """Release a module's lock or reservation. The answer has the claim's id (0: not held)."""
     connection.lost_claims.pop(header.request, None)
     claim = central.claims.get((connection, header.request))
     claim_id = claim.id if claim is not None and claim.is_granted else 0
@@ -137,7 +137,7 @@ def give_up(
 ) -> None:
     """Forget that an answer is due. Drop a query that no handler has yet.
 
-    *where* says in the journal where the query was.
+    *where* is the place of the query, for the journal.
     """
     why = _WHY_DROPPED[dropping]
     due = connection.outstanding.pop(number, None)
@@ -165,7 +165,7 @@ def give_up(
 
 
 def _abandon(central: State, delivery: Delivery, dropped: tuple[facts.Dropped, ...]) -> None:
-    """Drop a query that waits for a handler; expect the handler of one that runs to return soon.
+    """Drop a query that waits for a handler. If a handler has it, the handler should return soon.
 
     *dropped* are the facts to record.
     """

@@ -71,7 +71,7 @@ def own_pair(folder: Path) -> KeyPair:
 
 
 def names_allowed(folder: Path) -> dict[str, str]:
-    """Return the names of programs that may connect, by public key. Log files without a valid key.
+    """Return the names of programs that may connect, by public key. Warn of invalid key files.
 
     If two files have the same key, the first name counts.
     """
@@ -89,17 +89,17 @@ def names_allowed(folder: Path) -> dict[str, str]:
 
 
 class AllowedKeys:
-    """The keys that may connect, as of the last look at the folder."""
+    """The keys that may connect, as of the last ``refresh``."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises KeyRefused."""
+        """Read the keys in *folder*."""
         self._folder = folder
         self._seen = self._folder_state()
         #: By public key. Replaced as a whole, so that another thread may read it.
         self.names = names_allowed(folder)
 
     def _folder_state(self) -> tuple[tuple[str, int, int, int], ...]:
-        """Return a fingerprint of the files; () if the folder can't be read: no key is allowed."""
+        """Return a fingerprint of the files; () if the folder is unreadable: no key is allowed."""
         try:
             with os.scandir(allowed_folder(self._folder)) as entries:
                 files = sorted((entry.name, entry.stat()) for entry in entries)
@@ -108,13 +108,16 @@ class AllowedKeys:
         return tuple((name, st.st_mtime_ns, st.st_size, st.st_ino) for name, st in files)
 
     def is_known(self, key: str) -> bool:
-        """Whether a key is allowed now, also by a new file. Any thread may call this."""
+        """Whether a key is allowed, also by a newer file than those in ``names``.
+
+        Any thread may call this.
+        """
         return key in self.names or key in names_allowed(self._folder)
 
     def refresh(self) -> tuple[list[str], list[str]]:
         """Return the names whose keys were added and removed since the last call.
 
-        A key that was replaced counts as both.
+        A name whose key was replaced is in both lists.
         """
         state = self._folder_state()
         if state == self._seen:

@@ -1,8 +1,9 @@
 """Checks the keys of programs that connect over TCP.
 
-ZeroMQ asks at each handshake whether a key is known (ZAP), and a thread answers. Without an answer
-no program gets in, because the sockets name a domain and enforce it. Else ZeroMQ would let in every
-program. ``try_out`` checks both cases before central listens.
+ZeroMQ asks at each handshake whether a key is known (ZAP), and a thread answers. The sockets name a
+domain and enforce it, so that without an answer no program gets in. Without a domain ZeroMQ would
+let in every program. Before central listens, ``try_out`` checks that a known key gets in and an
+unknown one does not.
 """
 
 import contextlib

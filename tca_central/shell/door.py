@@ -1,13 +1,13 @@
 """The door of central's socket: rejects new connections before file descriptors run out.
 
-libzmq accepts connections in a thread of its own. Without a free descriptor a Unix socket's accept
-ends the process (over TCP it spins), and an unbind would cut all connections (libzmq #3317). A shut
-door therefore replaces the listening descriptor by another socket, to which no program connects.
-The door itself then accepts new connections and closes them.
+libzmq accepts connections in a thread of its own. If no descriptor is free, an accept at a Unix
+socket ends the process, and an accept at a TCP socket spins. An unbind would cut all connections
+(libzmq #3317). A shut door therefore replaces the listening descriptor by another socket, to which
+no program connects. The door itself then accepts new connections and closes them.
 
 A rush of connections can't outrun the door: libzmq stops accepting once a thousand of its events
-are unread. The door shuts while that many descriptors are left, or half of them if the limit is
-low.
+are unread. The door therefore shuts when only a thousand descriptors and a reserve are left. If the
+limit is low, it shuts when half of all descriptors are left.
 """
 
 import contextlib
@@ -57,7 +57,7 @@ class Door:
     """
 
     def __init__(self, socket: "zmq.Socket[bytes]", on_closed: Callable[[int], None]) -> None:
-        """*on_closed* is called in that thread, with the number of connections that have closed."""
+        """The door's thread calls *on_closed* with the number of connections that have closed."""
         soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
         self.limit = MOST_DESCRIPTORS if soft == resource.RLIM_INFINITY else soft
         #: The number of descriptors in use at which it shuts.
@@ -70,8 +70,8 @@ class Door:
         self._monitor.connect(_EVENTS)
         self._is_shut = False
         self._accepting = -1  #: the descriptor from which libzmq accepts
-        self._listener = -1  #: a copy of it as it is while the door is open
-        self._placeholder = -1  #: a socket that no program can reach, for the time when it is shut
+        self._listener = -1  #: a copy of that descriptor for the listening socket
+        self._placeholder = -1  #: a socket that no program can reach, for a shut door
         self._thread = threading.Thread(target=self._watch, name="door", daemon=True)
 
     def open(self) -> None:
@@ -90,7 +90,7 @@ class Door:
             self._thread.join()
         self._monitor.close()
         if self._is_shut:
-            # libzmq ends the process if its listening socket is not where it was.
+            # libzmq ends the process unless its descriptor is the listening socket again.
             self._accept_from(self._listener)
         for file in (self._listener, self._placeholder):
             if file >= 0:
@@ -101,7 +101,7 @@ class Door:
 
         libzmq's epoll still watches the listening socket, which stays open here.
         """
-        if sys.platform == "linux":  # a kqueue would forget it
+        if sys.platform == "linux":  # a kqueue would forget the listening socket
             os.dup2(file, self._accepting, inheritable=False)
         self._is_shut = file == self._placeholder
 

@@ -1,9 +1,9 @@
 """The gate of central's socket: finds the sender of each packet, and rejects unknown programs.
 
 Over a Unix socket the kernel reports the user at the other end. Over TCP the handshake proves a
-key, unless central trusts every program of this computer (--insecure). The gate checks each packet
-rather than each connection, whose routing id may be that of an earlier one. A revoked key therefore
-loses its rights at the next check of the files.
+key, unless central trusts every program of this computer (--insecure). The gate checks each packet,
+not each connection: a new connection may have the routing id of an earlier one. A revoked key
+therefore loses its rights at the next check of the files.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ _KNOWS_USERS = sys.platform == "linux"
 
 
 class Gate:
-    """Lets in this user's programs, over a Unix socket, and those of users in the permissions."""
+    """Lets in, over a Unix socket, programs of this user and of users whom the permissions name."""
 
     #: The reason that rejected programs are given.
     rejection = "central lets in no programs of other users"
@@ -77,12 +77,12 @@ class Gate:
         self._users = {user: f"uid:{user}" for user in users} | {os.getuid(): ""}
         self._principals.clear()
         with contextlib.suppress(OSError):
-            # All users may open the file, because the gate checks each packet. Its folder may still
-            # be closed to them.
+            # If the permissions name other users, all users may open the socket's file: the gate
+            # checks each packet. The folder of the file may still keep them out.
             socket_file.chmod(0o666 if users else 0o700)
 
     def is_first_rejection(self, connection: bytes) -> bool:
-        """Note that a connection was rejected. Return whether for the first time, as remembered."""
+        """Note a connection's rejection. Return False if an earlier rejection is remembered."""
         if connection in self._rejected:
             return False
         if len(self._rejected) >= _REMEMBERED:
@@ -119,7 +119,7 @@ class Gate:
 
 
 class OpenGate(Gate):
-    """Lets in every program: over TCP, where all programs that can reach it are trusted."""
+    """Lets in every program: over TCP, where all programs that can reach the socket are trusted."""
 
     def principal_of(self, _: zmq.Frame) -> str | None:
         """Return "": every program counts as one of central's user."""
@@ -138,7 +138,7 @@ class KeyGate(Gate):
         self._allowed = AllowedKeys(folder)
         self._authenticator: Authenticator | None = None
         self._was_alive = True
-        #: Names of keys that were allowed, and revoked, for which ``changes`` has yielded no event.
+        #: Names of newly allowed and newly revoked keys. ``changes`` has yet to yield their event.
         self._changed_keys: tuple[list[str], list[str]] = ([], [])
         self._is_first_check = True
         self._refused: set[str] = set()  #: keys known not to be allowed
@@ -204,14 +204,14 @@ class KeyGate(Gate):
         key = _frame_property(frame, "User-Id")
         name = self._allowed.names.get(key)
         if name is None and key not in self._refused:
-            self._refresh_keys()  # only the authenticator has seen the newest keys
+            self._refresh_keys()  # the authenticator may have let in a newer key
             if (name := self._allowed.names.get(key)) is None:
                 self._refused.add(key)
         return name
 
 
 def key_owners(central: Central) -> set[str]:
-    """Return the keys whose owners are, or were, connected to central."""
+    """Return the names of keys whose programs are, or were, connected to central."""
     registry = central.registry
     owners = {module.principal for module in registry.modules.values()} | {
         *registry.permissions.licences.values()
@@ -220,7 +220,7 @@ def key_owners(central: Central) -> set[str]:
 
 
 def _frame_property(frame: zmq.Frame, what: str) -> str:
-    """Return a property that ZeroMQ reports of a frame's peer; "" if its ZeroMQ is too old."""
+    """Return a property that ZeroMQ reports of a frame's peer; "" if ZeroMQ reports none."""
     try:
         return str(frame.get(what))
     except zmq.ZMQError:

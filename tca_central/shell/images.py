@@ -20,8 +20,9 @@ from tca_central.shell.log_writer import SEGMENT_BYTES, LogWriter, sync_path
 EVENTS_BETWEEN, MOST_BETWEEN = 10_000, 50_000
 """The least and the greatest number of events between two images.
 
-A replay of ten thousand events takes a second or two, and modules wait longer for central. An image
-of more tasks costs more: then there are as many events as tasks, up to the greatest number.
+A replay of ten thousand events takes a second or two, and modules wait that much longer after a
+restart. An image of many tasks costs more. There are therefore at least as many events between two
+images as tasks, up to the greatest number.
 """
 
 log = logging.getLogger("tca.central")
@@ -33,7 +34,7 @@ class Images:
     Args:
         inputs: The run's log of inputs.
         journal: The run's journal.
-        image_events: The number of events in the newest image.
+        image_events: The number of events that led to the newest image.
         image: The number of the newest image, and of its segment of inputs; 0: none.
     """
 
@@ -41,7 +42,8 @@ class Images:
         self, inputs: InputLog, journal: LogWriter, image_events: int = 0, image: int = 0
     ) -> None:
         self._inputs, self._journal = inputs, journal
-        self._image_events = image_events  #: number of events in the newest image, complete or not
+        #: The number of events that led to the newest image, complete or not.
+        self._image_events = image_events
         self._child = 0  #: the process that writes an image; 0: none
         self._number = 0  #: the number of the image that it writes
         self._path = Path()  #: the file of that image
@@ -65,7 +67,7 @@ class Images:
         # If the image is damaged, the previous one and these inputs lead to the same state.
         inputs = self._inputs.write_now()
         self._number = self._inputs.next_segment(central.clock.now)
-        # No input leads to these facts again once an image of a later state exists.
+        # A replay from the image does not lead to these facts again, so the child syncs them first.
         facts = self._journal.write_now()
         self._path = self._inputs.folder / f"{self._number:08d}{IMAGE_SUFFIX}"
         with warnings.catch_warnings():
@@ -85,7 +87,7 @@ class Images:
             self._reap_child(0)
 
     def _reap_child(self, options: int = os.WNOHANG) -> None:
-        """Remove the files that the child's image replaces, or log its failure, if it has ended."""
+        """If the child has ended, remove the files that its image replaces, or log its failure."""
         try:
             child, status = os.waitpid(self._child, options)
         except ChildProcessError:  # SIGCHLD is ignored, so the exit status is unknown

@@ -1,6 +1,6 @@
 """The log of inputs: what central received, in segments NNNNNNNN.tcai beside the journal's.
 
-An image of the state, NNNNNNNN.tcas, shows the state at the start of the segment of that number.
+An image NNNNNNNN.tcas has the state at the start of the segment with the same number.
 The newest image and the later inputs restore the state (recovery.py).
 """
 
@@ -42,8 +42,8 @@ class Head(msgspec.Struct, frozen=True, array_like=True, tag="inputs"):
 
     version: int
     epoch: str
-    central: str  #: its version
-    is_first: bool  #: whether it is the first segment of its run, before which the state is empty
+    central: str  #: the version of central
+    is_first: bool  #: whether the run starts with this segment, from an empty state
     sync: Sync
     boot: str
     clock: float  #: central's time when the head was written
@@ -106,9 +106,9 @@ class InputLog(LogWriter):
         return self.newest
 
     def remove(self, before: float = math.inf) -> None:
-        """Remove this run's files *before* a number (default: all, so that it can't continue).
+        """Remove this run's files with numbers below *before*. Raises OSError.
 
-        Raises OSError.
+        By default all files are removed, so that the run can't continue.
         """
         for suffix in (IMAGE_SUFFIX, INPUT_SUFFIX):
             for path in files_of(self.folder, suffix):
@@ -127,9 +127,9 @@ class InputSegment:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.number = int(path.stem)
-        self.size = path.stat().st_size  #: of the file
+        self.size = path.stat().st_size  #: the bytes of the file
         self.end = 0  #: the offset after the last sound record that was read
-        self.head: Head | None = None  #: none: it is damaged, or was never written
+        self.head: Head | None = None  #: None: the head is damaged, or missing
         with path.open("rb") as stream, contextlib.suppress(msgspec.MsgspecError):
             for offset, payload in islice(payloads(stream), 1):
                 self.head, self.end = _decode_head(payload), offset
@@ -137,7 +137,7 @@ class InputSegment:
 
     @property
     def is_torn(self) -> bool:
-        """Whether no record follows the last sound one: an interrupted write left bytes, if any."""
+        """Whether at most bytes of an interrupted write follow the last sound record."""
         with self.path.open("rb") as stream:
             stream.seek(self.end)
             return not has_record(stream.read())

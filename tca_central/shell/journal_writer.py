@@ -1,7 +1,7 @@
 """Writes the journal: a run's facts, in segments 00000001.tcaj, 00000002.tcaj, ...
 
-The meaning of the facts does not matter here. In a folder with earlier runs, the numbers continue
-after theirs. Nothing is written to their files.
+The meaning of the facts does not matter here. In a folder with earlier runs, new segments have
+higher numbers. The files of earlier runs stay as they are.
 """
 
 import time

@@ -29,20 +29,21 @@ WRITE_LATER = 256 << 10
 class Sync(StrEnum):
     """When records are safe, and from which failures."""
 
-    # On the disk before central sends the turn's messages: they survive a power cut.
+    # Records are on the disk before central sends the turn's messages, and survive a power cut.
     ALWAYS = "always"
-    # With the kernel by then, on the disk within a second: they survive any crash of central.
+    # Records are with the kernel by then, and on the disk within a second. They survive a crash of
+    # central.
     BATCH = "batch"
-    # Written when many wait: a crash loses the last ones.
+    # Records are written when many wait: a crash loses the last ones.
     NONE = "none"
 
 
 def lock(file: int) -> None:
     """Lock a file until this process ends.
 
-    Wait a moment if it is locked: the child of a killed central that writes an image has the lock a
-    little longer. Raises BlockingIOError if another process keeps the lock, OSError where there are
-    no locks.
+    If the file is locked, wait up to LOCK_PATIENCE: a killed central's child that writes an image
+    has the lock a little longer. Raises BlockingIOError if another process keeps the lock, OSError
+    where there are no locks.
     """
     until = time.monotonic() + LOCK_PATIENCE
     while True:
@@ -59,7 +60,7 @@ def lock(file: int) -> None:
 def lock_folder(folder: Path) -> int:
     """Lock a journal's folder, created if missing. Return the lock's file. Raises CentralError.
 
-    Two running centrals would mix their segments. The lock ends with its process.
+    Two running centrals would mix their segments. The lock ends with this process.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -107,7 +108,8 @@ def append(path: Path, data: bytes) -> None:
 def move_aside(path: Path, begin: int, *later: Path) -> None:
     """Move a log's bytes from *begin* on, and *later* files, to files beside it. Raises OSError.
 
-    The later files move first: after a sound end they would count as its continuation.
+    The later files move before the log is cut. After a log with a sound end they would count as its
+    continuation.
     """
     with path.open("rb") as stream:
         stream.seek(begin)
@@ -149,7 +151,7 @@ def numbers(folder: Path, suffix: str) -> list[int]:
 
 
 class LogWriter:
-    """Writes segments of one suffix. Subclasses define ``head``, the first record of each."""
+    """Writes segments of one suffix. Subclasses define ``head``, a segment's first record."""
 
     longest: float = SEGMENT_BYTES  #: bytes after which another segment starts
 
@@ -208,10 +210,10 @@ class LogWriter:
     def flush(self) -> None:
         """End a turn: write its records, as safely as ``sync`` demands before messages may leave.
 
-        Raises CentralError if that fails, or if earlier records may not be on the disk.
+        Raises CentralError if that fails, or if an earlier write or sync has failed.
         """
         # A first error is final: the kernel discards data that it can't sync, and the next sync
-        # would succeed without them.
+        # would succeed without that data.
         if self._error is not None:
             raise self._central_error(self._error)
         if not self._pending or (self.sync is Sync.NONE and self._pending_bytes < WRITE_LATER):

@@ -1,8 +1,8 @@
 """Outboxes: packets that wait to be sent to their connections, within a bound. Uses no socket.
 
-An *item* is one message, packed. Items of one turn share packets. A connection gets at most WINDOW
-unread bytes and reports what it has read (Receipt). Other packets wait here. When all outboxes
-together exceed the bound, the fullest is dropped.
+An *item* is one message, packed. Items of one turn share packets. A connection reports the bytes
+that it has read (Receipt). While WINDOW sent bytes are unread, further packets wait here. When all
+outboxes together exceed the bound, the fullest is dropped.
 """
 
 from collections import deque

@@ -63,7 +63,7 @@ class PermissionsFile:
 
 
 def users_in(rules: tuple[AccessRule, ...]) -> list[int]:
-    """Return the ids of the users of this computer that rules name. A pattern names none."""
+    """Return the ids of the users of this computer that rules name. A pattern names no user."""
     named = [
         key.removeprefix("uid:") for rule in rules for key in rule.keys if key.startswith("uid:")
     ]
@@ -148,9 +148,10 @@ def _mistake_in_key(key: str) -> str:
 
 
 def _line_of(text: str, table: int, name: str) -> int:
-    """Return the line of an entry in the table of that index (-1: before all), or of its heading.
+    """Return the line of entry *name* ("": of the heading) in the table of that index.
 
-    The entry is *name* ("": the heading). Return 0 if it is not found: TOML has many notations.
+    Index -1 stands for the lines before all tables. Return 0 if the entry is not found: TOML has
+    many notations.
     """
     current = -1
     with contextlib.suppress(re.error):

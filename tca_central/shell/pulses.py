@@ -1,4 +1,4 @@
-"""Pulses: sockets of processes on which ZeroMQ returns central's heartbeats, a sign that they run.
+"""Pulses: a process's socket that returns central's heartbeats, to show that the process runs.
 
 A process without a pulse is not watched. Silence is counted in heartbeats, not in seconds. A
 central that stood still has sent none, so it blames no process for its own pause.
@@ -12,7 +12,7 @@ LATE = 20
 """Extra heartbeats granted to a pulse that was never reached.
 
 After a crash of the previous central's computer, a process notices within 10 s that its connection
-is broken. It then reconnects every 5 s or sooner.
+is broken. Then it tries to reconnect, at least every 5 s.
 """
 _REMEMBERED = 1000
 """The number of closed pulses that are remembered."""
@@ -23,14 +23,15 @@ class Pulses:
 
     def __init__(self, patience: int) -> None:
         """*patience* is the number of unanswered heartbeats after which a pulse is silent."""
-        self.active: set[bytes] = set()  #: routing ids of all packets since the last heartbeat
+        #: Routing ids that have sent packets since the last heartbeat.
+        self.active: set[bytes] = set()
         self._patience = patience
-        #: By pulse: heartbeats since the last sign of life. It is negative while more are granted.
+        #: By pulse: heartbeats since the last sign of life. Below 0 while extra ones are granted.
         self._unanswered: dict[bytes, int] = {}
         self._reached: set[bytes] = set()  #: pulses that a heartbeat has reached
 
     def start_round(self, connections: Iterable[Connection]) -> set[bytes]:
-        """Start the next round of heartbeats. Return the pulses to which one goes."""
+        """Start the next round of heartbeats. Return the pulses that get a heartbeat."""
         connections = list(connections)
         pulses = {connection.pulse for connection in connections if connection.pulse}
         self._unanswered = {
@@ -55,7 +56,11 @@ class Pulses:
         self._unanswered[pulse] = max(self._unanswered.get(pulse, 0), 0)
 
     def mark_closed(self, pulse: bytes) -> None:
-        """Note that a pulse's socket is closed. It may be silent only if it was never reached."""
+        """Note that a pulse's socket is closed.
+
+        A pulse that was reached is no longer watched. One that was never reached gets LATE extra
+        heartbeats, because its process may still reconnect.
+        """
         if pulse in self._reached:
             self._unanswered.pop(pulse, None)
         else:

@@ -1,11 +1,11 @@
 """Recovers an unfinished run by a replay of the inputs since its newest image.
 
 A run is unfinished if it did not end regularly. The recovery compares the facts of the replay with
-those in the journal. If the journal lacks the last facts, they are written again. If it has facts
-beyond the inputs, because the last inputs did not reach the disk, these are moved to files beside
-it, and reported. Any other difference is reported and stops the recovery, unless the user accepts
-it (--resume facts). Then all logs are cut after their last sound record, before anything is written
-(decision 102).
+those in the journal. If the journal lacks the last facts, they are written again. If the last
+inputs did not reach the disk, the journal may have facts to which no input leads. These facts are
+moved to files beside the journal, and reported. Any other difference stops the recovery with an
+error, unless the user accepts the difference (--resume facts). Before anything is written, all logs
+are cut after their last sound record (decision 102).
 """
 
 import logging
@@ -30,10 +30,10 @@ GRACE = 10.0
 """Seconds that modules have to reconnect."""
 
 LONGEST_AWAY = 30 * 86_400.0
-"""The longest absence in seconds after a reboot: the clock may have been wrong before."""
+"""The longest absence (s) to assume after a reboot: the clock may have been wrong before it."""
 
 SKIPPED = 1_000_000
-"""Ids to skip when the last second of inputs may be lost: central may have given them in it."""
+"""Ids to skip when the last inputs may be lost: the lost inputs may have used some of these."""
 
 
 @dataclass
@@ -48,21 +48,21 @@ class UnfinishedRun:
     missing: list[Entry] = field(default_factory=list)  #: entries that the journal lacks
     inputs: int = 0  #: the number of replayed inputs
     may_lack: bool = False  #: whether its last inputs may be missing
-    image_events: int = 0  #: the number of events in the image
+    image_events: int = 0  #: the number of events that led to the image
     image: int = 0  #: the number of the image, and of the first segment after it
     aside: int = 0  #: the number of entries that its journal had beyond the inputs
 
     def restarted(self, *, hold: bool) -> Restarted:
         """Return the event with which it continues."""
         clock = self.central.clock.now
-        # The wall clock may have been set in the meantime, but no absence is longer than the
-        # uptime.
+        # The wall clock may have been set in the meantime. Without a reboot, no absence is longer
+        # than the uptime.
         longest = LONGEST_AWAY if _was_booted(self.head) else time.monotonic()
         away = min(max(0.0, time.time() - self.head.wall - (clock - self.head.clock)), longest)
         return Restarted(clock, away, GRACE, hold, SKIPPED if self.may_lack else 0, self.aside)
 
     def lost_connections(self) -> Iterator[ConnectionLost]:
-        """Yield the losses of connections whose processes, on this computer, have ended."""
+        """Yield the losses of connections from this computer whose processes have ended."""
         here, now = f"{socket.gethostname()}:", self.central.clock.now
         if not Path("/proc/self").exists():
             return
@@ -90,7 +90,7 @@ def _is_running(process: str) -> bool:
 
 
 def unfinished_segments(folder: Path, *, accept: bool = False) -> list[InputSegment]:
-    """Return the segments of inputs of a folder's newest run, oldest first; none if it has ended.
+    """Return the segments of inputs of a folder's newest run, oldest first; none if the run ended.
 
     With *accept*, segments with damaged heads are skipped. Raises CentralError.
     """

@@ -25,7 +25,7 @@ log = logging.getLogger("tca.central")
 
 
 def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
-    """Return the segments of inputs of a folder's newest run, or the run *epoch*, oldest first."""
+    """Return the segments of inputs of a folder's newest run, or of run *epoch*, oldest first."""
     found: list[InputSegment] = []
     for segment in map(InputSegment, reversed(files_of(folder, INPUT_SUFFIX))):
         if segment.head is None:
@@ -47,9 +47,9 @@ def newest_run(folder: Path, epoch: str = "") -> list[InputSegment]:
 
 
 def _is_left_over(segment: InputSegment) -> bool:
-    """Whether a failed start created a segment.
+    """Whether a segment was left by a failed start.
 
-    It does not count: its head names a later boot than that of the run's last input.
+    Such a segment is ignored: its head may name a later boot than that of the run's last input.
     """
     assert segment.head is not None
     is_used = segment.head.is_first or segment.path.with_suffix(IMAGE_SUFFIX).exists()
@@ -85,7 +85,7 @@ class InputReplay:
         segments: The run's segments of inputs, oldest first.
         cuts: Whether to stop at a damaged or missing input instead of raising an error.
         may_lack: Whether some of the last inputs may not have reached the disk.
-        from_first: Whether to start with the run's oldest state or image, not with its newest.
+        from_first: Whether to start with the run's oldest state, not with the newest image.
 
     Raises:
         CentralError: The inputs can't be replayed.
@@ -118,7 +118,7 @@ class InputReplay:
             )
             raise self._no_replay(what)
         self.central, self._segments = self._first_state(segments, from_first=from_first)
-        self.image_events = self.central.event_count  #: the number of events in the image
+        self.image_events = self.central.event_count  #: the number of events that led to the image
         self.image = self._segments[0].number  #: the number of the image
 
     def entries(self) -> Iterator[Entry]:
@@ -137,7 +137,7 @@ class InputReplay:
     def _first_state(
         self, segments: list[InputSegment], *, from_first: bool
     ) -> tuple[Central, list[InputSegment]]:
-        """Return the newest readable state (oldest: *from_first*), and the segments after it."""
+        """Return the newest (*from_first*: oldest) readable state, and the segments after it."""
         first, last, why = segments[0].number, segments[-1].number, ""
         images = [one for one in numbers(self.folder, IMAGE_SUFFIX) if first <= one <= last]
         if not (from_first and self.head.is_first):
@@ -147,7 +147,7 @@ class InputReplay:
                 except (ImageError, OSError) as error:
                     why = f"image {number}: {error}"
                     log.warning("%s: central uses another image", why)
-                    # The image was on the disk, so the inputs before it must be, too.
+                    # The image was on the disk, so the inputs before it must be on the disk, too.
                     self._may_lack = False
                     continue
                 return central, [segment for segment in segments if segment.number >= number]
@@ -161,7 +161,7 @@ class InputReplay:
     def _inputs(self) -> Iterator[Input]:
         """Yield the inputs of all segments, up to the first damaged or missing one.
 
-        Raises CentralError if no crash of central or its computer explains that.
+        Raises CentralError if no crash of central or its computer explains the damage.
         """
         for number, segment in enumerate(self._segments, self._segments[0].number):
             if segment.number > number:
@@ -181,7 +181,7 @@ class InputReplay:
             return
 
     def cut_log(self) -> None:
-        """Cut the log after the last input that was read, so that new records follow a sound one.
+        """Cut the log after the last input that was read: new records must follow a sound record.
 
         Raises OSError.
         """
@@ -192,13 +192,13 @@ class InputReplay:
                 if suffix == INPUT_SUFFIX and is_later and not InputSegment(path).is_empty:
                     later.append(path)
                 elif is_later or suffix == DRAFT_SUFFIX:
-                    # Left by a failed start, an image of a later state, or a partial image.
+                    # It is from a failed start, or an image of a later state, or a partial image.
                     path.unlink()
         if later or not last.is_torn:
             move_aside(last.path, last.end, *later)
         sync_path(self.folder)
         for path in files_of(self.folder, INPUT_SUFFIX):
-            # A killed central may not have synced them, and new records build on them.
+            # New records build on these segments, which a killed central may not have synced.
             if int(path.stem) >= self._segments[0].number:
                 sync_path(path)
         cut(last.path, last.end)
@@ -217,9 +217,9 @@ def _damaged(segment: InputSegment) -> CentralError:
 
 
 def _with_spared(inputs: Iterator[Input]) -> Iterator[tuple[Input, int]]:
-    """Yield each input with the index of its request to refuse, which the next input may name.
+    """Yield each input, and the index of its request that the replay must refuse (-1: none).
 
-    The index is -1 if no request is refused.
+    A ``Spared`` after the input has this index.
     """
     previous: Input | None = None
     for event in inputs:

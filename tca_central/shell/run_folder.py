@@ -52,7 +52,7 @@ class RunFolder:
             os.close(self._lock)
             raise
         earlier = ", after earlier runs" if numbers(path, SEGMENT_SUFFIX) else ""
-        #: What follows the folder's name in the log.
+        #: The words after the folder's name in the log.
         self.history = earlier if self.run is None else ", which continues"
         self.central = Central(token_hex(8)) if self.run is None else self.run.central
 
@@ -68,13 +68,13 @@ class RunFolder:
     def open(
         self, server: Recorder, sync: Sync, *, keeps_inputs: bool = True, hold: bool = False
     ) -> None:
-        """Let a server write there, and continue an unfinished run. Raises CentralError."""
+        """Let a server write to the folder, and continue an unfinished run. Raises CentralError."""
         run, central = self.run, self.central
         inputs = None
         if keeps_inputs:
             clock = central.clock.now if run is not None else None
             inputs = InputLog(self.path, epoch=central.epoch, sync=sync, clock=clock)
-            # The inputs are safe, and lead to the same facts again.
+            # The journal may be less safe than the inputs, which lead to the same facts again.
             sync = Sync.BATCH if sync is Sync.ALWAYS else sync
         if run is None:
             server.log = RunLog(JournalWriter(self.path, epoch=central.epoch, sync=sync), inputs)
@@ -97,7 +97,7 @@ class RunFolder:
         restarted = run.restarted(hold=hold)
         server.handle_input(restarted)
         if restarted.skipped and inputs is not None:
-            # The restart must be on the disk: after another power cut now, other ids are skipped.
+            # If another power cut lost the restart, central would give out the same ids again.
             inputs.make_safe()
         log.warning(
             "continues the unfinished run, which stopped %.1f s ago: "

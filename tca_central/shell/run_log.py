@@ -19,7 +19,7 @@ class RunLog:
     Args:
         journal: The run's journal.
         inputs: The run's log of inputs; None: the run can't continue after a crash.
-        image_events: The number of events in the newest image.
+        image_events: The number of events that led to the newest image.
         image: The number of the newest image; 0: none.
     """
 
@@ -62,7 +62,7 @@ class RunLog:
     def end(self, central: Central, why: str, *, is_over: bool) -> None:
         """Write all records and *why* central ends, and close the files. Raises CentralError.
 
-        If the run *is_over* it ends, else it may continue.
+        If *is_over*, the run has ended. Otherwise it may continue at the next start.
         """
         if self.images is not None:
             self.images.close()
@@ -74,9 +74,9 @@ class RunLog:
         )
 
     def abandon(self) -> bool:
-        """Remove the inputs, so that the run can't continue from here later.
+        """Remove the inputs, so that no later start of central continues from them.
 
-        Central continues without these files. Return False if the inputs can't be removed.
+        This central continues without the files. Return False if the inputs can't be removed.
         """
         try:
             if self._inputs is not None:

@@ -57,7 +57,7 @@ _EVENTS, _POLLIN, _RCVMORE = int(zmq.EVENTS), int(zmq.POLLIN), int(zmq.RCVMORE)
 _DONTWAIT, _SNDMORE = int(zmq.DONTWAIT), int(zmq.SNDMORE | zmq.DONTWAIT)
 
 LIVELY = 20
-"""Milliseconds after a packet in which another one is likely."""
+"""The time after a packet (ms) within which another one is likely."""
 
 _OPTIONS = (
     (zmq.ROUTER_MANDATORY, 1),
@@ -79,7 +79,7 @@ PULSE_PERIOD = 1.0  # seconds between heartbeats on pulses
 BEAT_PERIOD = 2.0  # between heartbeats to connections that wait for an answer
 SWEEP_PERIOD = 30.0  # between heartbeats to all connections
 LOST_AFTER = 5
-"""Unanswered heartbeats on a pulse after which its process, which stands still, counts as lost."""
+"""The number of unanswered heartbeats after which a process that stands still counts as lost."""
 PACKETS_PER_TURN = 64
 """Few enough that one flooding sender can't starve the slots.
 
@@ -89,9 +89,9 @@ BYTES_PER_TURN = 1 << 20
 SECONDS_PER_TURN = 0.02
 """A turn ends once it exceeds these bytes or seconds: other connections wait for answers."""
 MOST_DRAIN_TURNS = 1000
-"""Turns that read pending packets before a connection counts as lost.
+"""The limit for turns that read pending packets before a connection counts as lost.
 
-It is a bound, so that a flood from others can't hide the loss for ever.
+Without a limit, a flood from others could hide the loss for ever.
 """
 
 
@@ -186,7 +186,7 @@ class Daemon:
         while not self.stopping:
             patience = self._poll_timeout()
             if self._is_lively and patience > LIVELY:
-                # To wait in ZeroMQ's own way is cheaper than to poll, but only a packet ends it.
+                # A wait inside ZeroMQ is cheaper than a poll, but only a packet ends such a wait.
                 self._is_lively = self._receive(0)
             else:
                 for source, _ in self._poller.poll(patience):
@@ -333,8 +333,8 @@ class Daemon:
         With *flags* 0 wait up to LIVELY milliseconds for the first one.
         """
         receive, size, until = self.socket.recv, 0, 0.0
-        # Reading EVENTS makes ZeroMQ notice other senders. Else it would do so only every
-        # hundred frames while one sender has more.
+        # Reading EVENTS makes ZeroMQ notice other senders. Otherwise, while one sender has more,
+        # ZeroMQ would notice the others only every hundred frames.
         self._has_arrived()
         for count in range(PACKETS_PER_TURN):
             if size > BYTES_PER_TURN or (count == 1 and not self._has_arrived()):
@@ -371,13 +371,13 @@ class Daemon:
             self.handle_input(Arrived(now, connection, packet, principal))
 
     def _reject(self, connection: ConnectionId, frame: zmq.Frame) -> None:
-        """Discard a packet whose sender may not connect, unread. Answer only its first packet."""
+        """Discard a packet of a program that may not connect. Answer only its first packet."""
         self._discard_frames(frame)
         if self._gate.is_first_rejection(connection):
             self._enqueue(connection, Refused(0, Refusal.SHUT_OUT, self._gate.rejection))
 
     def _discard_frames(self, frame: zmq.Frame) -> str:
-        """Discard the other frames of a message. Return what is wrong with it."""
+        """Discard the other frames of a message. Return what is wrong with the message."""
         frames, receive, is_more = 1, self.socket.recv, self.socket.getsockopt
         more: Any = frame.more
         while more:  # central handles nothing else in the meantime: keep it short
@@ -393,7 +393,7 @@ class Daemon:
     def _count_sockets(self, connection: ConnectionId) -> int:
         """Return the number of sockets that close with a connection.
 
-        These are its own and, with the last connection of its process, the pulse.
+        With the last connection of a process the pulse closes, too.
         """
         known = self.central.registry.connections
         if (leaving := known.get(connection)) is None:
@@ -412,9 +412,9 @@ class Daemon:
     def _check_connections(self) -> None:
         """Send heartbeats to connections, and handle the loss of closed and slow ones.
 
-        Usually heartbeats go to connections that wait for an answer. They go to all after an
-        unexplained close, since the door counts closes but can't say whose, and once per
-        SWEEP_PERIOD.
+        Usually heartbeats go only to connections that wait for an answer. They go to all once per
+        SWEEP_PERIOD, and after an unexplained close: the door counts closed sockets, but does not
+        know whose they are.
         """
         now, known = self.now(), self.central.registry.connections
         is_sweep = self._has_lost or now >= self._next_sweep
@@ -556,7 +556,7 @@ class Daemon:
 
 
 def _as_logged(event: Input, events: Sequence[Event]) -> Input:
-    """Return an input as the log stores it: bytes that are no packet as what is wrong with them."""
+    """Return an input as the log stores it: for bytes that are not a packet, the error in them."""
     return events[0] if isinstance(event, Arrived) and isinstance(events[0], BadBytes) else event
 
 

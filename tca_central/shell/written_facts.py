@@ -31,7 +31,7 @@ class Difference(CentralError):
             f"{path}, byte {offset}: the journal does not match the inputs: {what}. {_ADVICE}"
         )
         self.path, self.offset = path, offset
-        #: The journal's entry at the first difference, and that of the replay (None: none is left).
+        #: At the first difference: the journal's entry, and the replay's (None: it has no more).
         self.written, self.given = written, given
 
 
@@ -52,10 +52,10 @@ class WrittenFacts:
         self._next = next(self._entries, None)  #: the first entry that is not compared yet
 
     def compare(self, given: Iterator[Entry], missing: list[Entry]) -> Difference | None:
-        """Return the first difference to the entries to which the inputs lead; None: all are equal.
+        """Return the first difference between the journal and *given*; None: all are equal.
 
-        Append to *missing* the entries that the journal lacks at its end, and the entry at a
-        difference.
+        *given* are the entries to which the inputs lead. Append to *missing* the entries that the
+        journal lacks at its end, and the given entry at a difference.
         """
         for entry in given:
             if self._next is None:
@@ -75,7 +75,7 @@ class WrittenFacts:
         return Difference(*self._next_at, self._next, None) if self._next is not None else None
 
     def _read_whole(self) -> Entry:
-        """Return the next entry. One that was too big for a record is joined from several."""
+        """Return the next entry. If it was too big for one record, join its parts."""
         assert self._next is not None
         whole = Entry(self._next.number, self._next.time, [], self._next.cause)
         while self._next is not None and self._next.number == whole.number:
@@ -98,7 +98,7 @@ class WrittenFacts:
                 path.unlink()
         sync_path(self._folder)
         for path in self._paths:
-            # No input leads to these facts again once an image of a later state exists.
+            # A replay from a later image does not lead to these facts again.
             sync_path(path)
         if self._paths:
             cut(self._paths[-1], self._end)

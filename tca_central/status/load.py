@@ -1,6 +1,6 @@
 """The load and the longest waits, for ``tca status`` and ``tca top``. This changes no state.
 
-Counts grow from the start of the run (of the module, for a resource): the difference of two answers
+Counts start at 0 with the run, those of a resource with its module. The difference of two answers
 gives a rate. Times are seconds of central's clock.
 """
 
@@ -23,17 +23,17 @@ from tca_wire.waits import CommonEnd, Waiter, WaitFor, WaitKind
 SHOWN_WAITS = 50
 """Waits of each kind in an answer."""
 LOOKED_AT = 10_000
-"""The oldest tasks, among which held ones are searched. A bound on the cost of an answer."""
+"""Held tasks are searched among this number of the oldest tasks, to limit the cost of an answer."""
 _EDGES = 10_000
 """Edges of the graph of needs to visit at most, in search of the final causes of waits."""
 _SHOWN_ENDS = 10
 """Final causes of waits in an answer."""
 
 _AGE_ORDER = attrgetter("since", "arrival")
-"""Sorts what waits by the start of its wait, and things of one event by their arrival."""
+"""The sort key of waiting messages: the start of the wait, then the rank in the queue."""
 
 _Wait = tuple[float, Callable[[], Waiter]]
-"""The start of a wait, and a function that describes it, called only for waits that are shown."""
+"""The start of a wait, and a function that describes the wait. Only shown waits are described."""
 
 
 def load(central: State) -> dict[str, Any]:
@@ -119,13 +119,13 @@ def _resource(resource: ModuleResource, now: float) -> dict[str, Any]:
 
 
 def _handled(one: Delivery, now: float) -> dict[str, Any]:
-    """Return a message that is handled; for a task its state, unless that is the usual one."""
+    """Return a handled message; for a task also its state, unless that is the usual one."""
     state = one.state if isinstance(one, Task) and one.state != one.message.running_state else ""
     return {"id": one.id, "message": one.message.name, "state": state, "seconds": now - one.since}
 
 
 def _waits(central: State) -> Iterator[_Wait]:
-    """Yield the wait of each queue's oldest message, and those of handlers, clients and claims."""
+    """Yield the wait of each queue's oldest message; the waits of handlers, clients and claims."""
     for module in central.registry.modules.values():
         for resource in module.resources.values():
             if (oldest := min(resource.queued(), key=_AGE_ORDER, default=None)) is not None:
@@ -158,7 +158,7 @@ def _queued(central: State, oldest: Delivery, node: Node, more: int) -> _Wait:
 def _blocking(
     central: State, connection: Connection, origin: int, node: Node, since: float
 ) -> _Wait:
-    """Return the wait of a handler, by the number of its delivery, or of a client (0)."""
+    """Return the wait of the handler of delivery *origin*, or (0) of a client."""
     handled, seconds = central.dispatcher.running.get(origin), central.clock.now - since
     number, name = (handled.message_id, handled.message.name) if handled is not None else (0, "")
     module = connection.module.name
@@ -168,7 +168,7 @@ def _blocking(
 
 
 def _held(central: State) -> list[Task]:
-    """Return tasks that constraints or a suspended parent hold, and monitors to be waited for.
+    """Return tasks that constraints or a suspended parent hold, and monitors that a parent awaits.
 
     The longest held come first.
     """
@@ -181,7 +181,7 @@ def _held(central: State) -> list[Task]:
 
 
 def _is_held(task: Task) -> bool:
-    """Whether a task waits for a constraint or its parent, or a monitor makes its parent wait."""
+    """Whether a task waits for a constraint or its parent, or is a monitor that a parent awaits."""
     parent = task.parent
     if task.suspended and parent is not None:
         # The topmost suspended tasks are listed by ``_suspended``.
@@ -192,7 +192,7 @@ def _is_held(task: Task) -> bool:
 
 
 def _held_task(central: State, task: Task, ends: Ends) -> Waiter:
-    """Return a held task with its waits, and their final cause unless it is one of them."""
+    """Return a held task with its waits. Add their final cause if it is not among the waits."""
     waits, end = tuple(waits_of(central, next_of(task))), ends.end_of(next_of(task))
     return _waiter(central, task, task.since, waits, None if end in waits else end)
 
@@ -235,7 +235,10 @@ def _killed(central: State) -> list[Waiter]:
 
 
 def _handler_of(central: State, task: Task, slot: Connection) -> WaitFor:
-    """Return the wait for a task's handler; its causes are its waits or else its last request."""
+    """Return the wait for the end of a task's handler.
+
+    The causes of this wait are the waits of the handler or, without one, its last open request.
+    """
     because = tuple(waits_of(central, Returning(task)))
     requests = [
         number

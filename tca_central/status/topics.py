@@ -153,7 +153,7 @@ def _living(task: Task) -> dict[str, Any]:
 
 
 def _ended(task: TaskRecord) -> dict[str, Any]:
-    """Return the end of a retained task, in the same fields."""
+    """Return the end of a retained task, in the fields of ``_living``."""
     outcome, failure, text, _ = task.outcome
     return {
         "reached": describe_moments(ALL_MOMENTS),
@@ -171,7 +171,7 @@ def relatives(
 ) -> list[dict[str, Any]]:
     """Return the relatives of a task with their data, nearest or oldest first.
 
-    They are the tasks of that *message* only ("": of all).
+    Only tasks of *message* are returned ("": of all messages).
     """
     if task is None:
         return []
@@ -222,8 +222,9 @@ def variables(central: State) -> list[dict[str, Any]]:
 def attached(central: State) -> dict[str, Any]:
     """Return the exception handlers, wiretaps and monitors in force, at most SHOWN_TASKS of each.
 
-    They are sorted oldest first, except retried monitors, which are last. "totals" has their
-    numbers. A "task" of 0 without a "message" is the root; a "failure" of "" is any.
+    Each list has the oldest first, except for retried monitors, which are last. "totals" counts
+    all, beyond SHOWN_TASKS too. A "task" of 0 without a "message" is the root; a "failure" of "" is
+    any.
     """
     ready = central.registry.ready_programs()
     handlers = [
@@ -281,11 +282,12 @@ def _monitor(central: State, task: Task, ready: set[str]) -> dict[str, Any]:
 def _holders(
     central: State, holders: Iterable[Holder], place: Task | MessageType, ready: set[str]
 ) -> dict[str, Any]:
-    """Return the modules that attached something; *ready* are the programs that have started.
+    """Return the modules that attached something.
 
-    "gone" are modules that have left; "earlier" are modules whose program has a later run, which
-    has not attached it again. The attachment "is_stale" if all its modules are earlier. One to a
-    task is never stale, since it ends with the task.
+    *ready* are the programs with a run that has made the attachments of its start. "gone" are
+    modules that have left. "earlier" are modules whose program is ready in a later run, but has not
+    attached the thing again. An attachment "is_stale" if all its modules are earlier. An attachment
+    to a task is never stale: it ends with the task.
     """
     holders, runs = list(holders), central.registry.modules
     rejoined = ready - {one.called for one in holders if one.run in runs}
@@ -336,7 +338,7 @@ def on_inspect(central: State, connection: Connection, header: headers.Inspect, 
 
 
 def _answer(central: State, connection: Connection, number: int, value: Any, what: str) -> None:
-    """Answer with a value. Raise RequestError, which names *what* it is, if it is too long."""
+    """Answer with a value. Raise RequestError if it is too long; *what* names it in the error."""
     body = msgspec.msgpack.encode(value)
     if len(body) > Limit.BODY:
         raise RequestError(Refusal.OVERLOAD, f"{what} has {len(body)} bytes: read the journal")

@@ -33,7 +33,10 @@ class MonitorFact(BaseFact, frozen=True):
 
 
 class WaitFact(BaseFact, frozen=True):
-    """A fact about a wait: of delivery *origin* (0: outside of handlers) for a task or a name."""
+    """A fact about a wait for a task or a name.
+
+    The handler of delivery *origin* waits (0: code outside of handlers).
+    """
 
     module: str
     origin: int

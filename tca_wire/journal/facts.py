@@ -190,8 +190,8 @@ class Ignored(BaseFact, frozen=True, tag="ignored"):
 class Received(NumberedFact, frozen=True, tag="received"):
     """Central accepted a message; a goal or command becomes a new task under *parent*.
 
-    *origin* is the sender's delivery (0: none). If *blocking*, the sender does nothing else until
-    the answer comes, or until it gives up.
+    *origin* is the delivery whose handler sent it (0: none). If *blocking*, the sender does
+    nothing else until the answer comes, or until the sender gives up.
     """
 
     message: str
@@ -235,7 +235,7 @@ class Delivered(NumberedFact, frozen=True, tag="delivered"):
     """The slot handles it while the slot's other message waits."""
     priority: int = 0
     began: float = 0
-    """The entries' time at which its handler started, if earlier: the message was prefetched."""
+    """The time at which its handler started, if before this entry: the message was prefetched."""
 
 
 class Returned(NumberedFact, frozen=True, tag="returned"):
@@ -244,7 +244,7 @@ class Returned(NumberedFact, frozen=True, tag="returned"):
     outcome: Outcome
     body: bytes
     ended: float = 0
-    """The entries' time of that end, if earlier: a slot may report several ends together."""
+    """The time of that end, if before this entry: a slot may report several ends together."""
 
 
 class Answered(NumberedFact, frozen=True, tag="answered"):
@@ -265,7 +265,7 @@ class HandledDirectly(BaseFact, frozen=True, tag="direct"):
     """A module handled a direct message: central knows only this note of it.
 
     *origin* is the delivery whose handler sent it (0: none), *size* the bytes of its data. *ended*
-    is an entries' time.
+    is a time on the clock of the entries.
     """
 
     message: str
@@ -426,10 +426,10 @@ class ClaimEnded(NumberedFact, frozen=True, tag="claim ended"):
 class Failed(NumberedFact, frozen=True, tag="failed"):
     """A failure was raised on a task or message, or on one receiver's copy of message *copy_of*.
 
-    The handler of a lost module does not return: this fact ends the handling.
+    If the module was lost, no ``Returned`` follows: this fact ends the handling.
 
-    The handler itself raised the failure, unless *is_beside*. A failure beside the handler does not
-    affect the handler: *by* is the module that raised it, or "central", and *body* its data.
+    If *is_beside*, the handler did not raise the failure, and continues. Then *by* is the module
+    that raised the failure, or "central", and *body* is the failure's data.
     """
 
     failure: str
@@ -460,7 +460,7 @@ class Removed(NumberedFact, frozen=True, tag="removed"):
 
 
 class Caught(TaskFact, frozen=True, tag="caught"):
-    """Task *handler* handles the failure of a task. Its *attachment* is one of task *at*."""
+    """Task *handler* handles the failure of a task. Its *attachment* was made to task *at*."""
 
     handler: TaskId
     at: TaskId
@@ -476,7 +476,7 @@ class Reissued(BaseFact, frozen=True, tag="reissued"):
 
 
 class Resolved(BaseFact, frozen=True, tag="resolved"):
-    """An exception handler reports its failure as resolved. This counts unless it fails itself."""
+    """An exception handler has resolved its failure. This counts unless the handler fails."""
 
     handler: TaskId
 
@@ -492,7 +492,7 @@ class Unhandled(TaskFact, frozen=True, tag="unhandled"):
     """A failure has no exception handler: the top-level task above it is killed."""
 
     undecided: TaskId = ROOT
-    """The exception handler that this failure kept from deciding, and that is killed (0: none)."""
+    """The exception handler that this failure has kept from deciding; it is killed (0: none)."""
 
 
 class Recovered(TaskFact, frozen=True, tag="recovered"):
@@ -502,7 +502,7 @@ class Recovered(TaskFact, frozen=True, tag="recovered"):
 
 
 class Retried(TaskFact, frozen=True, tag="retried"):
-    """A task will be handled again when its descendants have ended. A body replaces its data."""
+    """A task will be handled again when its descendants have ended. A body is new data."""
 
     body: bytes
     by: str
@@ -534,7 +534,7 @@ class WaitedFor(MonitorFact, frozen=True, tag="waited for"):
 
 
 class OutlivesRetry(MonitorFact, frozen=True, tag="spared"):
-    """A retry of the task above does not end a monitor: the task's handler did not create it."""
+    """A retry of the task above spares a monitor that the task's handler did not create."""
 
 
 class MonitorTested(MonitorFact, frozen=True, tag="tested"):

@@ -20,9 +20,9 @@ def framed(payload: bytes) -> bytes:
 
 
 def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the payload of each record from the stream's position on, after the record's end.
+    """Yield the end and the payload of each record, from the stream's position on.
 
-    Stops at the first unsound record.
+    Stop at the first unsound record.
     """
     place = stream.tell()
     while len(frame := stream.read(FRAME.size)) == FRAME.size:
@@ -39,7 +39,7 @@ def payloads(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
 IN_VAIN_FACTOR = 8
 """The limit for bytes that a search for a record reads in vain, as a multiple of the data.
 
-It is needed because a client's data may look like a million records.
+The limit is needed because a client's data may look like a million records.
 """
 
 

@@ -76,8 +76,8 @@ _decode_cause = msgspec.msgpack.Decoder(Cause | None).decode
 def record(entry: Entry) -> bytes:
     """Return *entry* as one journal record.
 
-    An entry that is too big for one becomes several with its number: one event may kill a million
-    tasks.
+    An entry that is too big for one record becomes several records with the entry's number. One
+    event may kill a million tasks.
     """
     payload = _encode(entry)
     if len(payload) > MAX_RECORD and len(entry.facts) > 1:
@@ -99,7 +99,7 @@ class JournalReader:
 
     Attributes:
         offset: the byte after the last sound record.
-        torn: the number of bytes after it that are not a whole record.
+        torn: the number of bytes after *offset*, which are not a whole record.
         holes: the offsets of damaged records that were skipped.
         is_counted: whether each of *holes* stands for one record; otherwise some stand for several.
         unknown: the number of facts that this version does not know and left out.
@@ -237,9 +237,9 @@ class JournalReader:
         return True
 
     def _follow_frames(self, size: int) -> tuple[int | None, list[int]]:
-        """Follow frames to the next sound record; return its place and those of damaged ones.
+        """Follow frames to the next sound record. Return its place, and those of damaged records.
 
-        None if the frames do not lead to one.
+        The first place is None if the frames do not lead to a sound record.
         """
         place = self.offset
         skipped: list[int] = []
@@ -285,7 +285,7 @@ class JournalReader:
         return False
 
     def _check_end(self) -> None:
-        """Set ``torn`` after the last sound record. Raises JournalDamaged if more is damaged."""
+        """Set ``torn``. Raises JournalDamaged if more than a torn tail is left."""
         self.torn = self._stream_size - self.offset
         if self.torn <= 0:
             return
@@ -348,8 +348,8 @@ class JournalReader:
     def _read_version(self, payload: bytes, entry: Entry | None) -> None:
         """Read the version from the first sound record.
 
-        The form of the segment's first record never changes. If the first sound one has no version,
-        the records before it are missing.
+        The form of a segment's first record never changes. If the first sound record has no
+        version, it is a later record: those before it are missing.
         """
         try:
             version = _version_in(_decode_head(payload).facts)

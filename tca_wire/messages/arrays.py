@@ -43,7 +43,7 @@ def encode_custom(value: Any) -> Any:
 def _description(dtype: Any) -> Any:
     """Return a dtype as text, or a structured one as a list of its fields.
 
-    Raises TypeError if that would lose a part.
+    Raises TypeError if the description would lose a part of the dtype.
     """
     try:
         found = dtype.descr if dtype.names else dtype.str

@@ -104,9 +104,9 @@ _NULL, _BOOLEAN = (one for kind in (None, bool) for one in alternatives(schema_t
 class ConditionMonitor(Monitor[D]):
     """A monitor that asks a query. Use one of the subclasses.
 
-    The condition does not hold if the reply is None or False. If it is True, the action gets the
-    monitor's own data; any other reply is itself the data of the action. A condition or action that
-    is declared without data gets none.
+    The condition does not hold if the reply is None or False. If the reply is True, the action gets
+    the monitor's own data. Any other reply is itself the data of the action. A condition or action
+    that is declared without data gets none.
 
     Args:
         name: the message's name.
@@ -149,13 +149,13 @@ class ConditionMonitor(Monitor[D]):
 
 
 class PointMonitor(ConditionMonitor[D]):
-    """Tests its condition once, in order among its siblings (TCA 8.5: RegisterPointMonitor)."""
+    """A monitor that tests its condition once, in its turn (TCA 8.5: RegisterPointMonitor)."""
 
     message_class = MessageClass.POINT_MONITOR
 
 
 class PollingMonitor(ConditionMonitor[D]):
-    """Tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
+    """A monitor that tests its condition every period (TCA 8.5: RegisterPollingMonitor)."""
 
     message_class = MessageClass.POLLING_MONITOR
 
@@ -175,7 +175,7 @@ class DemonMonitor(Monitor[D]):
         name: the message's name.
         data: the type of the monitor's data (None: no data).
         set_up: the message to send at the start, with the monitor's data.
-        action: the message to send when a module fires it, with the data from there.
+        action: the message to send when a module fires the monitor, with data from that module.
         cancel: the message to send at the end, with the monitor's data.
 
     Raises:

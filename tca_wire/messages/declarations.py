@@ -274,7 +274,7 @@ class _TaskOptions(TypedDict, total=False):
 
 
 class Goal(TaskMessage[D, None]):
-    """A task that expands into subtasks. It is planned ahead, while its achievement is still held.
+    """A task that expands into subtasks. It may be planned while its achievement is still held.
 
     Args:
         name: the message's name.
@@ -363,9 +363,9 @@ class Command(TaskMessage[D, R]):
 class Variable(Message[D, None]):
     """A value that central keeps for all modules (TCA 7.7). The newest value wins.
 
-    The value outlives the module that set it. A handler of a variable watches it: central calls it
-    with the present value, then with each new one. Values that arrive while it runs are skipped,
-    except the newest. After a reconnect it may get a value twice.
+    The value outlives the module that set it. A handler of a variable watches it: central calls the
+    handler with the present value, then with each new one. Values that arrive while the handler
+    runs are skipped, except the newest. After a reconnect the handler may get a value twice.
 
     Args:
         name: the variable's name.
@@ -397,7 +397,7 @@ class Failure(Generic[D], metaclass=Declaring):
         name: the failure's name.
         data: the type of its data (None: no data).
         kind_of: a more general failure, whose exception handlers also handle this one.
-            It must have the same type of data, a type that fits, or no data.
+            It must have no data, or data of a type that this failure's data fits.
 
     Raises:
         BadFormat: the name or type is not usable, or the data does not fit that of *kind_of*.

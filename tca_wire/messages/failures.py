@@ -4,13 +4,15 @@ MODULE_LOST = "module lost"
 """The module that handled the message is lost."""
 
 UNCERTAIN = "uncertain"
-"""Unknown whether the handler did its work: a kind of "module lost".
+"""It is unknown whether the handler did its work: a kind of "module lost".
 
-Its module did not come back when central did.
+The handler's module did not reconnect after a restart of central.
 """
 
 HANDLER_ERROR = "handler error"
-"""A handler raised a Python error. A failure that it received and did not catch is a kind of this.
+"""A handler raised a Python error.
+
+A failure that the handler received and did not catch is a kind of "handler error".
 """
 
 BAD_DATA = "bad data"
@@ -35,4 +37,4 @@ CANCELLED = "cancelled"
 NOT_BY_CHOICE = frozenset(
     (MODULE_LOST, UNCERTAIN, HANDLER_ERROR, BAD_DATA, TIMEOUT, OVERLOAD, DEADLOCK, LOCK_LOST)
 )
-"""An exception handler that fails with such a failure, or a kind of it, has decided nothing."""
+"""An exception handler that fails with one of these, or a kind of one, has decided nothing."""

@@ -1,8 +1,9 @@
 """Whether all data of one format can be decoded as another: for data that central passes on.
 
-For example, an exception handler gets the failure's data, an action the reply of the condition. The
-rules are those of decoding (formats.py). Unknown fields are skipped, an integer is also a number,
-and each alternative of a union needs a fitting one. Anything that a schema does not describe fits.
+For example, an exception handler gets the failure's data, and an action gets the reply of the
+condition. The rules are those of decoding (formats.py). Unknown fields are skipped, and an integer
+is also a number. Each alternative of a union must fit one of the wanted alternatives. Anything that
+a schema does not describe fits.
 """
 
 import json
@@ -50,9 +51,9 @@ class _Fitting:
 
     Each result is the first misfit, None if all fits: the place in the data, then the reason.
 
-    Types may be recursive: a pair of named types that is met again inside itself counts as fitting
-    there. If it does not fit in the end, the pairs that seemed to fit inside it are forgotten, and
-    checked again when they are met again.
+    Types may be recursive. A pair of named types that is met again inside itself counts as fitting
+    there. If the outer pair does not fit in the end, the pairs that seemed to fit inside it are
+    forgotten. They are checked again when they are next met.
     """
 
     def __init__(self, sent: Any, wanted: Any) -> None:
@@ -125,7 +126,7 @@ class _Fitting:
     def _other_field_misfit(self, sent: Any, wanted: Any) -> str | None:
         """Return the misfit of other fields.
 
-        They are skipped, unless their values or names matter.
+        A decoder skips such fields, unless *wanted* describes or forbids them.
         """
         accepted = wanted.get("additionalProperties", _ANYTHING)
         for name, field in sent.get("properties", {}).items():

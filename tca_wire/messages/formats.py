@@ -23,7 +23,7 @@ MISSION_TASK = "x-tca-mission"
 """The key of a schema that names the task server's task of a command, for missions."""
 
 _ALWAYS_READABLE = (bytes, str, float, int, bool, type(None))
-"""Types whose values a receiver can always read, so that they are not checked before."""
+"""Types whose values need no check before they are sent: a receiver can always read them."""
 
 _UNFIT = (
     msgspec.MsgspecError,
@@ -126,7 +126,7 @@ def first_difference(one: str, other: str) -> str | None:
 class _Comparison:
     """Walks two schemas side by side, following references.
 
-    A pair of named types that is met again ends the walk: types may be recursive.
+    Types may be recursive, so a pair of named types is compared only once.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
@@ -236,7 +236,7 @@ def _loss(sent: Any, read: Any, path: str) -> str:
     """Return the place of the first part of *sent* (plain data) that *read* lacks."""
     if isinstance(sent, dict):
         fields = _fields(read)
-        # Keys that are not text were decoded to their own type: compare them in order.
+        # A decoder may have converted keys that are not text: match the fields by their order.
         if isinstance(read, dict) and len(fields) == len(sent):
             fields = dict(zip(sent, fields.values(), strict=True))
         for key, value in sent.items():

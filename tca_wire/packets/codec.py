@@ -61,7 +61,7 @@ def pack(items: Iterable[tuple[msgspec.Struct, bytes]]) -> bytes:
 def packets(items: Sequence[tuple[msgspec.Struct, bytes]]) -> Iterable[tuple[int, bytes]]:
     """Return items in as few packets as their sizes allow.
 
-    Each packet comes after the number of items in the packets before it.
+    Each packet is paired with the number of items in all packets before it.
     """
     if len(items) == 1:  # the usual case, fast
         return ((0, pack_item(*items[0])),)

@@ -1,4 +1,4 @@
-"""Flow control: central sends a peer at most WINDOW bytes that it has not acknowledged as read.
+"""Flow control: central sends no more while a peer has WINDOW bytes to acknowledge as read.
 
 Messages for a slow reader therefore wait in central, which counts them, and not in ZeroMQ, which
 can't count.
@@ -20,7 +20,7 @@ class Receipts:
         self._read = 0
 
     def due(self, packet: bytes) -> bytes:
-        """Return the receipt to send after this packet has been read: usually b""."""
+        """Return the receipt to send after this packet has been read; b"" if none is due."""
         if packet != _BEAT:
             self._read += len(packet)
         return pack_item(Receipt(self._read)) if self._read >= REPORTED_AFTER else b""

@@ -37,8 +37,8 @@ class Direct(Numbered, frozen=True, tag=97):
 class Greeting(WireArray, frozen=True, tag=98):
     """The state of the sender's messages up to *newest*.
 
-    *missing* ones never arrived; *open* ones are queries that will be answered. Answers to all
-    others were sent, or are forgotten.
+    *missing* messages never arrived. *open* messages are queries that will be answered. The answers
+    to all other queries were sent, or are forgotten.
     """
 
     newest: int
@@ -47,7 +47,7 @@ class Greeting(WireArray, frozen=True, tag=98):
 
 
 class Begun(Numbered, frozen=True, tag=99):
-    """All messages up to this number have started or, before Closing, are counted as lost."""
+    """All messages up to this number have started or, if Closing follows, are counted as lost."""
 
 
 ToEntrance = Greet | Direct | GiveUp

@@ -1,14 +1,14 @@
 """The headers that modules and central exchange, one type a message.
 
 The field order is the wire order. A header travels with a body of opaque bytes: user data as
-MessagePack, which central never decodes. Types named in the imperative are sent by a module, the
-others by central. routes.py has the headers about direct messages, changes.py those about the
-states of tasks, docs/protocol.md the bytes.
+MessagePack, which central never decodes. First come the headers that modules send, then those of
+central. routes.py has the headers about direct messages, and changes.py those about the states of
+tasks. docs/protocol.md has the bytes.
 
-``number`` counts a connection's requests: the answer to a request carries its number; with 0 no
-answer is wanted. ``origin`` is the delivery whose handler sends the request (0: code outside of
-handlers). A task id below -1 names the task that this connection has sent: -7 is the task of
-request 7.
+``number`` counts a connection's requests. The answer to a request has the number of the request. A
+request with number 0 wants no answer. ``origin`` is the delivery whose handler sends the request
+(0: code outside of handlers). A task id below -1 names a task that this connection has sent: -7 is
+the task of request 7.
 """
 
 from typing import Annotated, Literal
@@ -67,7 +67,7 @@ class Hello(Numbered, frozen=True, forbid_unknown_fields=False, tag=1):
     hung_after: float = 0
     """Seconds after which central counts this slot as lost and sends Replace (0: never).
 
-    They count from the time at which the handler should have ended, or its sender gave up.
+    They count from the time at which the slot's handler was asked to end, or the sender gave up.
     """
 
 
@@ -77,9 +77,9 @@ class Register(Numbered, frozen=True, tag=2):
     messages: Annotated[list[MessageFormat], MANY]
     handlers: Annotated[list[HandlerFormat], MANY] = []
     is_ready: bool = False
-    """The module has made its attachments at start.
+    """The module has made the attachments of its start.
 
-    Central drops those of its earlier runs that it has not made again.
+    Central reports attachments of its earlier runs as stale if they were not made again.
     """
 
 
@@ -113,7 +113,7 @@ class Send(Numbered, frozen=True, tag=4):
     watch: WatchOptions | None = None
     """The options of a monitor."""
     when_killed: bool = False
-    """Send it not now, but when *parent* is killed after its start and before its achievement."""
+    """Send it not now, but when *parent* is killed between its start and its achievement."""
     if_handled: bool = False
     """Send it only if a module handles it now; else Accepted has id 0 (TCA 8.5: MaybeExecute)."""
     keep: bool = False
@@ -123,7 +123,7 @@ class Send(Numbered, frozen=True, tag=4):
     suspended: bool = False
     """The new task is created suspended by the sender: it does not start before it is resumed."""
     quiet: bool = False
-    """The new task is confirmed by TasksMade, with others, before the next other answer."""
+    """TasksMade confirms the new task, with others, before the next answer of another kind."""
 
 
 class Reply(OfDelivery, frozen=True, tag=5):
@@ -132,7 +132,10 @@ class Reply(OfDelivery, frozen=True, tag=5):
     took: float = 0
     """Seconds that the handler ran, by the module's clock (0: unknown)."""
     refusals: int = 0
-    """The number of refused *quiet* tasks that it knows of. Central fails it if there were more."""
+    """The number of refused *quiet* tasks that the handler knows of.
+
+    If central has refused more, the delivery fails.
+    """
 
 
 class Replies(WireArray, frozen=True, tag=30):
@@ -154,7 +157,7 @@ class Fail(OfDelivery, frozen=True, tag=6):
     kinds: Annotated[list[str], MANY] = []
     """The more general failures of which this one is a kind, nearest first."""
     reissue: bool = False
-    """The exception handler can't deal with the failure: search on above it, at once."""
+    """The exception handler can't deal with the failure: search for one above it at once."""
 
 
 class Recalled(WireArray, frozen=True, tag=29):
@@ -162,7 +165,7 @@ class Recalled(WireArray, frozen=True, tag=29):
 
     deliveries: Annotated[list[int], MANY]
     is_answer: bool = True
-    """Whether it answers a Recall. Messages named in that, but not here, have started."""
+    """Whether it answers a Recall. Recalled deliveries that are not in this list have started."""
 
 
 class Constrain(Numbered, frozen=True, tag=7):
@@ -188,18 +191,19 @@ class GiveUp(WireArray, frozen=True, tag=9):
 
     request: int
     number: int = 0
-    """With a number, central answers this header. The Answer's text says why *request* had none.
+    """With a number, central answers this header: the text says why *request* had no answer.
 
-    The text is "" if *request* had an answer. For a multi-query without replies it is the first
+    The text is "" if *request* had one. For a multi-query without replies, the Answer is the first
     failure, if any.
     """
     origin: int = 0
 
 
 class Await(WireArray, frozen=True, tag=26):
-    """The sender now waits for an answer: of a query, a multi-query, a *quiet* task or an Observe.
+    """The sender now waits for the answer to an earlier *request*, after which it had continued.
 
-    It had continued after it sent *request*. This header itself has no answer.
+    The request is a query, a multi-query, a *quiet* task or an Observe. This header itself has no
+    answer.
     """
 
     request: int
@@ -213,7 +217,7 @@ class Await(WireArray, frozen=True, tag=26):
     seen: int = 0
     """The number of Observe answers that the sender has received (-1: it has stopped waiting).
 
-    If more are on their way, it does not wait.
+    If more are on their way, the sender does not wait.
     """
 
 
@@ -263,7 +267,7 @@ class Remove(Numbered, frozen=True, tag=14):
     """Remove an exception handler, or the sender's share in a wiretap.
 
     With *for_all* the wiretap is removed for all modules, or a monitor ends. Accepted has id 0 if
-    it no longer exists.
+    nothing with this id exists.
     """
 
     id: int
@@ -294,7 +298,7 @@ class Resolve(Numbered, frozen=True, tag=55):
 
 
 class Suspend(OfTask, frozen=True, tag=17):
-    """Start neither a task nor its descendants from now on; with *resume*, allow it again."""
+    """Start neither a task nor its descendants from now on; with *resume*, start them again."""
 
     resume: bool = False
     origin: int = 0
@@ -369,7 +373,7 @@ class Fire(Numbered, frozen=True, tag=65):
     """Fire a monitor, or all watching monitors of *message* (TCM: Activate).
 
     A demon monitor sends its action with the body as data; others test their condition now.
-    Accepted has the id of the monitor, of a message the oldest; 0 if none was watching.
+    Accepted has the id of the monitor (with *message*: of the oldest), or 0 if none was watching.
     """
 
     monitor: TaskId
@@ -388,7 +392,7 @@ class EndMonitor(Numbered, frozen=True, tag=66):
 
 
 class Keep(OfTask, frozen=True, tag=25):
-    """Retain a task's data, outcome and place after its end; or, with *release*, stop that."""
+    """Retain a task's data, outcome and place after its end; with *release*, no longer."""
 
     release: bool = False
     origin: int = 0
@@ -397,7 +401,7 @@ class Keep(OfTask, frozen=True, tag=25):
 class AwaitAny(OfDelivery, frozen=True, tag=27):
     """The coroutine that handles a delivery waits until one of these requests is answered.
 
-    This replaces the coroutine's earlier Await headers. With no requests it may continue.
+    This replaces the coroutine's earlier AwaitAny. With no requests the coroutine may continue.
     """
 
     requests: Annotated[list[int], MANY]
@@ -419,7 +423,7 @@ class GetVariable(Numbered, frozen=True, tag=20):
 class SetVariable(Numbered, frozen=True, tag=21):
     """Set a variable to the value in the body.
 
-    Answered by Accepted or, with *swap*, by the value before, as for GetVariable.
+    Answered by Accepted or, with *swap*, by the previous value, as for GetVariable.
     """
 
     variable: str
@@ -503,10 +507,10 @@ class Answer(Numbered, frozen=True, tag=36):
     failure: str = ""
     text: str = ""
     more: bool = False
-    """Further answers to a multi-query follow. The answer without *more* ends them.
+    """Further answers to a multi-query follow. The answer without *more* is the last one.
 
-    It has no body and is *done*. If all handlers failed, it is the first failure; its text's first
-    line names them all.
+    The last answer has no body and is *done*. If all handlers failed, it is the first failure, and
+    the first line of its text names all failures.
     """
 
 
@@ -520,9 +524,9 @@ class Deliver(OfDelivery, frozen=True, tag=37):
     """The cause, if central made the message."""
     suspended: bool = False
     own: bool = False
-    """Handle it within another message: a slot of the same resource waits for the answer.
+    """Handle this query even within a direct message: a slot of the same resource has sent it.
 
-    It is set only for slots that accept direct messages.
+    The handler of the direct message may wait for the answer.
     """
     ahead: int = 0
     """The number of deliveries that the slot must handle before it, as far as central knows."""
@@ -559,7 +563,7 @@ class Suspended(OfDelivery, frozen=True, tag=42):
 
 
 class Taken(Numbered, frozen=True, tag=43):
-    """The lock of the resource was taken from the Lock with this number: *text* names the cause."""
+    """The claim of the Lock with this number was revoked: *text* names the cause."""
 
     text: str
 

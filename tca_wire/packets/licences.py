@@ -1,7 +1,7 @@
-"""Licences: a slot's proof that central allows a sender to send to it directly.
+"""Licences: proofs that central allows a sender to send messages to a slot directly.
 
-Central makes one for each sender from the secret key of the slot's entrance. A slot therefore needs
-no list of senders, only a list of revoked licences.
+Central makes a licence for each sender from the secret key of the slot's entrance. A slot therefore
+needs no list of senders, only a list of revoked licences.
 """
 
 import hashlib

@@ -69,9 +69,10 @@ class HandlerFormat(WireArray, frozen=True):
     takes: Annotated[list[str], MANY] = []
     """The transitions of clients that the handler decides about."""
     refuses: Annotated[list[str], MANY] = []
-    """The transitions of clients that central refuses for it.
+    """The transitions of clients that central refuses for the handler.
 
-    An update that it neither takes nor refuses restarts the task, and such a cancel kills it.
+    An update that is in neither *takes* nor *refuses* restarts the task. Such a cancel kills the
+    task.
     """
     busy: Busy = Busy.QUEUE
     """The fate of a task that would have to wait for this handler."""
@@ -88,7 +89,7 @@ class EndedRun(WireArray, frozen=True, gc=False):
 
 
 class Attachment(WireArray, frozen=True):
-    """The attachment of an exception handler to a failure, *maximum* times or (0) without limit."""
+    """The attachment of an exception handler to a failure, for *maximum* calls (0: no limit)."""
 
     failure: str
     handler: str
@@ -111,7 +112,7 @@ class WatchOptions(WireArray, frozen=True):
     until: Point | None = None
     """The point at which it ends."""
     waited_for: bool = False
-    """Its parent waits for its end. Otherwise it ends when all else under its parent has ended."""
+    """The parent waits for its end. Otherwise it ends when all else under the parent has ended."""
 
 
 class StateChange(WireArray, frozen=True):
@@ -139,11 +140,11 @@ class StateChange(WireArray, frozen=True):
     """The task was in this state before the observation began."""
     is_over: bool = False
     outcome: Outcome | None = None
-    """The outcome, if it *is over*."""
+    """The outcome, if *is_over*."""
 
 
 class Involved(WireArray, frozen=True):
-    """A task that another task is about."""
+    """A task to which the context of a delivery refers."""
 
     task: TaskId
     message: str

@@ -47,7 +47,7 @@ def why_not_early(chart: MachineChart, objection: Objection) -> WhyNotEarly:
 
 
 def why_stopped(chart: MachineChart, objection: Objection) -> str:
-    """Return an objection to an activity that started early.
+    """Return an objection to an activity that started early, in words.
 
     For example ``'reach': it failed when it started early``.
     """
@@ -65,10 +65,10 @@ def _filled(chart: MachineChart, objection: Objection, phrase: str) -> str:
 
 
 def late_objections(previous: CoordinationReport, report: CoordinationReport) -> list[Objection]:
-    """Return the objections of the report before a transition that are worth a remark after it.
+    """Return the objections of the *previous* report that matter after the transition in *report*.
 
     They explain why the activity of the entered state did not start early. After the end of an
-    activity, they also explain why no state was foreseen.
+    activity, they also explain why no state was foreseen then.
     """
     left = report.before if report.taken.split(" [")[0] == "done" else -1
     entered = report.current if report.taken else -1

@@ -78,7 +78,7 @@ class Wording:
     def constraint(self, constraint: Constraint) -> str:
         """Return ``end handling of walk {1} + 2 s before start handling of grip {2}``.
 
-        A constraint on time alone shows only the delay before "before".
+        A constraint on time alone is ``2 s before start handling of grip {2}``.
         """
         parts = [] if constraint.before.task == ROOT else [self.point(constraint.before)]
         if constraint.delay or not parts:
@@ -163,7 +163,7 @@ PHRASES: dict[type, str] = {
     facts.MonitorTested: "{monitor:name}: [holds?holds|does not hold]",
     facts.MonitorEnded: "{monitor:name}: {why}",
 }
-"""The phrase of each kind of fact; without one the phrase is the name of its first field.
+"""The phrase of each kind of fact. Other facts show the task or message in their first field.
 
 ``{field:form}`` is a field in one of the forms below. A part in brackets is left out if one of its
 fields is empty. In ``[field?this|that]`` the field selects the alternative.
@@ -244,7 +244,7 @@ def subject_of(fact: facts.Fact) -> int:
 
 
 def called(module: str) -> str:
-    """Return the name that a module chose; central calls more copies ``legs#2``, ``legs#3``."""
+    """Return the name that a module chose: ``legs`` for ``legs#2``, the second of that name."""
     return module.partition("#")[0]
 
 

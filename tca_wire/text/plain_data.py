@@ -1,7 +1,7 @@
 """Plain values (JSON, or typed text) as data of a format that is known only as JSON Schema.
 
-For programs that send messages which they did not declare, such as the command line. An unknown
-field is most likely a typing error. It is therefore refused here, while a decoder skips it.
+Programs such as the command line send messages that they did not declare. An unknown field is most
+likely a typing error. It is therefore refused here, although a decoder would skip it.
 """
 
 import base64

@@ -198,7 +198,7 @@ def _blocker(wait: WaitFor, order: str) -> str:
 def not_answered(query: WaitFor) -> str:
     """Return a multi-query's wait: ``arm and legs (queued, busy with walk {3}) have not answered``.
 
-    If some have, ``(1 of 3 answered)`` follows.
+    If some modules have answered, ``(1 of 3 answered)`` follows.
     """
     missing, answered = len(query.because), query.answered
     counts = f" ({answered} of {answered + missing} answered)" if answered else ""
@@ -207,7 +207,7 @@ def not_answered(query: WaitFor) -> str:
 
 
 def _handler_of(where: WaitFor) -> str:
-    """Return the handler that has a query, and what the query is queued for there."""
+    """Return the handler that has a query: ``arm`` or ``legs (queued, busy with walk {3})``."""
     handler = place(where.module, where.resource)
     if where.kind is WaitKind.RESOURCE:
         return f"{handler} (queued{_blocked_by(where.because)})"

@@ -1,7 +1,7 @@
 """The ends of waits: follow waits until something waits for nothing else.
 
-Central's state and a run at a moment both offer their waits as a graph. The search visits each node
-once, however many nodes wait for it, and does not recurse.
+Central's state and a run at one instant both offer their waits as a graph. The search visits each
+node once, however many others wait for the node, and does not recurse.
 """
 
 from collections.abc import Iterator, Sequence
@@ -73,7 +73,7 @@ class Ends(Generic[NodeT, EndT_co]):
                     continue
                 order[new] = lowest[new] = len(order)
                 new_successors, own = self._graph.steps(new)
-                # Its only successor is known: it has the same ends, and needs no search.
+                # The node has the same ends as its only successor, whose ends are known.
                 if len(new_successors) == 1 and not own and new_successors[0] in known:
                     known[new] = known[new_successors[0]]
                     continue
@@ -93,7 +93,7 @@ class Ends(Generic[NodeT, EndT_co]):
     ) -> None:
         """Record the ends of a cycle of waits, or of a single node.
 
-        They are its own ends and the ends of everything that it waits for.
+        They are the nodes' own ends, and the ends of everything outside that the nodes wait for.
         """
         group = dict([undecided.popitem()])
         while first not in group:

@@ -54,8 +54,8 @@ class WaitFor(msgspec.Struct, frozen=True, omit_defaults=True):
     module: str = ""
     """The module of the resource or handler.
 
-    For LOCKED, and for LOCK in *because*, it is the lock's holder or requester. For RESUME it
-    suspended the task, for LISTENER it added the wiretap.
+    For LOCKED, and for LOCK in *because*, it is the lock's holder or requester. For RESUME it is
+    the module that suspended the task, for LISTENER the module that added the wiretap.
     """
     resource: str = ""
     seconds: float | None = None
@@ -101,14 +101,14 @@ class Waiter(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class CommonEnd(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The last cause of the waits of several *tasks*."""
+    """The last cause of the waits of several tasks; *tasks* is their number."""
 
     tasks: int
     wait: WaitFor
 
 
 def first_ones(waits: Sequence[WaitFor], number: int) -> list[WaitFor]:
-    """Return the first of *number* similar waits; the last one counts the rest."""
+    """Return the first NAMED of *number* similar waits. The last one counts the waits left out."""
     named = list(waits[:NAMED])
     if more := number - len(named):
         named[-1] = replace(named[-1], more=named[-1].more + more)
