@@ -20,8 +20,8 @@ from tca_module.sockets.transport import Waker
 
 # seconds between two checks of a connection that its own thread uses, or that gets no answer
 CHECK_PERIOD = 0.5
-# One connection probes a silent central first. The others of the process wait this factor longer:
-# the answer to the first probe makes theirs unnecessary.
+# One connection probes a silent central first. The other connections of the process wait longer, by
+# this factor. The answer to the first probe makes their probes unnecessary.
 _LATER_PROBES = 1.2
 
 
@@ -46,20 +46,20 @@ class KeepAlive:
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module early
-        self.since = time.monotonic()  #: central's silence counts from then at the earliest
+        self.since = time.monotonic()  #: the earliest time from which central's silence counts
         self.due = self.since  #: when the next check is, if nothing arrives
-        self.files: Collection[int] = ()  #: become readable when something arrives
+        self.files: Collection[int] = ()  #: one becomes readable when something arrives
         self._link = link
         self._reconnect = reconnect
         self._stop = stop  #: set when the module must end
-        self._has_reported_stop = False  #: the stop has been logged and is passed on to central
-        self._has_warned = False  #: the log says that central does not answer
+        self._has_reported_stop = False  #: whether the stop is logged and passed on to central
+        self._has_warned = False  #: whether the log says that central does not answer
         self._thread = _thread
         self._thread.add(self)
         stop.on_set(self._thread.waker.set)
 
     def end(self) -> None:
-        """End this, and set the module's stop: the module's thread informs central itself."""
+        """End the keep-alive, and set the module's stop. The module's thread informs central."""
         self._thread.remove(self)
         self._stop.set()
 
@@ -116,7 +116,7 @@ class KeepAlive:
 
 
 class _KeepAliveThread:
-    """The thread. It runs while there is a module to keep alive."""
+    """The one thread of the process for all modules. It runs while there is a module."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  #: held during a pass
