@@ -43,7 +43,7 @@ _BEFORE_ALL = (
     facts.HandlerAdded,
     facts.HandlerRemoved,
 )
-"""Facts of the joining of programs. Programs join at the same time, so the order is random."""
+"""Facts of the joining of programs. Programs may join at the same time, in any order."""
 
 
 class LocalCentral:

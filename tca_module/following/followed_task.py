@@ -394,8 +394,8 @@ class FollowedTask(NamedTask, Generic[C]):
             message: the task's message, if it is not declared here. Default: None.
 
         Returns:
-            False if the task had ended, or if a transition of the server came first and made this
-            one impossible.
+            False if the task had ended, or if an earlier transition of the server made this
+            transition impossible.
 
         Raises:
             MisuseError: the transition is not a client's.

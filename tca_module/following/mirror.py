@@ -48,7 +48,7 @@ class Mirror(Observation):
             self.progress = observed
 
     def snapshot(self) -> ObservedChange | None:
-        """Return the task's present state as a change; None while it is in its first state.
+        """Return the task's present state as a change; None while the task is in its first state.
 
         The change has the form of a change in a snapshot of central.
         """

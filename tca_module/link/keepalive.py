@@ -29,7 +29,8 @@ _LATER_PROBES = 1.2
 class Pass:
     """One pass of the thread over its modules.
 
-    The modules share when each central was last heard, so only one of them probes it for all.
+    The modules share the time at which each central was last heard. So only one module probes a
+    central for all.
     """
 
     now: float
@@ -98,7 +99,7 @@ class KeepAlive:
         self._report(current, is_silent=is_silent)
 
     def _report(self, current: Pass, *, is_silent: bool) -> None:
-        """Log that central is silent or back; end the module if it does not reconnect."""
+        """Log that central is silent or back. End a module that must not wait for central."""
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost_error()

@@ -57,8 +57,8 @@ class ThreadBound:
     def locked(self) -> AbstractContextManager[object]:
         """Return the lock, for a ``with`` block in the owning thread.
 
-        In another thread it raises MisuseError instead of waiting: a thread that serves a slot
-        holds the lock most of the time.
+        In another thread this raises MisuseError instead of waiting, because a thread that serves a
+        slot holds the lock most of the time.
         """
         self.check_thread()
         lock: AbstractContextManager[object] = self._lock

@@ -47,7 +47,7 @@ class PacketLine:
 
     @property
     def why_silent(self) -> str:
-        """Why central counts as silent, for errors; "" if it sends and accepts packets."""
+        """The reason why central counts as silent, for errors; "" if packets come and go."""
         session, now = self.session, self.clock()
         if session.is_welcome and not session.outgoing and not self._owes_answer(now):
             return ""

@@ -12,7 +12,7 @@ class Stop(threading.Event):
         self._wakes: list[Callable[[], None]] = []
 
     def on_set(self, wake: Callable[[], None]) -> None:
-        """Call *wake* when the event is set; at once if it is set already."""
+        """Call *wake* when the event is set. If it is set already, call *wake* at once."""
         self._wakes.append(wake)
         if self.is_set():
             wake()

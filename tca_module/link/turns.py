@@ -18,7 +18,7 @@ _IDLE_CHECKS = 50  # checks without work after which the thread ends
 
 
 class Turns:
-    """The turns of one connection. Its thread calls them with the connection locked once."""
+    """The turns of one connection. The connection's thread calls them and has the lock once."""
 
     def __init__(self, line: PacketLine, lock: threading.RLock) -> None:
         self._session = line.session

@@ -18,7 +18,7 @@ _PAUSE_SHARE = 0.25
 
 
 class WaitLoop:
-    """All waits of one connection. Its thread calls them with the connection locked."""
+    """All waits of one connection. The connection's thread calls them and has the lock."""
 
     def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
         self._session = line.session
@@ -138,7 +138,7 @@ class WaitLoop:
         return bool(self._session.pending_calls or (self.callbacks and not self.is_calling_back))
 
     def run_pending_call(self) -> None:
-        """Make one pending call: one of the library, else a callback. Callbacks do not nest."""
+        """Make one pending call. Calls of the library come first. Callbacks do not nest."""
         if self._session.pending_calls:
             self._session.pending_calls.popleft()()
         elif self.callbacks and not self.is_calling_back:

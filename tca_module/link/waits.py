@@ -70,11 +70,11 @@ class AnnouncedWait:
             self.connection.line.flush(0.0, is_patient=True)
 
     def announcing(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
-        """Return a function like *is_over* that also announces the wait whenever it is not over."""
+        """Return a function like *is_over*. If *is_over* is false, it also announces the wait."""
         return (lambda: is_over() or self._announce()) if self.requests else is_over
 
     def _announce(self) -> bool:
-        """Announce the wait, unless central knows it or a call is pending. Always returns False."""
+        """Announce the wait, unless it is announced or a call is pending. Always returns False."""
         if not (self.blocking and self.connection.wait_loop.has_pending_call):
             new = self._announcement
             if new is not None and new != self.announced:

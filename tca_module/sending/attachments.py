@@ -25,7 +25,7 @@ class AttachmentRef:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._lasting = self._attachments.find(header)
-        self._number = number  # the id of an attachment to a task; a lasting one knows its own id
+        self._number = number  # the id of an attachment to a task
         self._origin = header.origin
 
     @property

@@ -56,7 +56,7 @@ class CentralServices:
         self._given_connection = connection
         self._parent = parent
         self._origin = origin
-        # Whether other Senders may send under the same parent. Under the root they always may.
+        # Whether other Senders may send under the same parent. Under the root, others always may.
         self._is_shared = is_shared or parent == ROOT
 
     @cached_property
@@ -378,7 +378,7 @@ class CentralServices:
 
         Raises:
             NotDeclared: no module has declared the name.
-            MisuseError: it is a monitor, which must be declared in Python.
+            MisuseError: the message is a monitor, which must be declared in Python.
 
         Example::
 

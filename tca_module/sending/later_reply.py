@@ -186,7 +186,7 @@ class LaterReply(ReportingTask, Generic[R]):
         self._send()
 
     def module_ends(self) -> None:
-        """Send the answer, because the handler's thread ends. Without one, the message fails."""
+        """Send the answer, because the handler's thread ends. Without an answer, fail."""
         self.end("its module has ended")
         text = "its module ended before it was answered"
         failure = Fail(self._delivery.delivery, MODULE_LOST, text)

@@ -46,7 +46,7 @@ class _Question:
         self._is_cancelled = False
 
     def cancel(self) -> None:
-        """Give the query up. If no handler has started on it, none will."""
+        """Give the query up. If no handler has started it, no handler will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self.connection.abandon(self.request)

@@ -61,7 +61,7 @@ class TaskInfo(NamedTuple):
 
 
 _RELATIVES = {"self": "state", "kept": "kept tasks"}
-"""Relation -> the words for it in errors, for relations whose own name does not suit."""
+"""Relation -> its name in errors, if that is not the name of the relation itself."""
 
 
 class SteerableTask(TaskIntervals, NamedTask):
@@ -160,8 +160,8 @@ class SteerableTask(TaskIntervals, NamedTask):
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" if a point is not reached in time.
 
-        The failure is raised on the point's task. Every deadline counts: a later one does not
-        extend an earlier one.
+        The failure is raised on the point's task. Every deadline counts. A second call does not
+        extend the deadline of the first call.
 
         Args:
             seconds: the time from now, above 0.
@@ -278,9 +278,9 @@ class SteerableTask(TaskIntervals, NamedTask):
         ``parent()`` answer, and ``kept()`` of the parent lists the task. The task's constraints and
         the tasks under it are not retained.
 
-        Central retains at most 10,000 tasks, living tasks included. It refuses further ones. It
-        also retains at most 64 MiB of records. Beyond that it removes the oldest records, each with
-        all records under it.
+        Central retains at most 10,000 tasks, living tasks included, and refuses more. Central
+        retains at most 64 MiB of records. Beyond that, central removes the oldest records, each
+        with all records under it.
 
         Raises:
             Refused: "too late": the task has ended; "overload": central already retains 10,000

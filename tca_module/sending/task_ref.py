@@ -52,7 +52,7 @@ class TaskNode(SteerableTask):
     """A task of the tree, with its relatives."""
 
     def parent(self) -> "TaskRef | None":
-        """Return the task above this one; None for a top-level task, or if this one has ended."""
+        """Return the parent of the task; None for a top-level task, or if the task has ended."""
         return next(iter(self._relatives("parent")), None)
 
     def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
@@ -80,7 +80,7 @@ class TaskNode(SteerableTask):
         return self._relatives("descendants", message)
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the retained tasks that have ended under this one, in the order of their ends.
+        """Return the retained tasks that have ended under this task, in the order of their ends.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
@@ -303,13 +303,13 @@ class Change:
         task: the task.
         message: the name of the task's message.
         serial: the number of changes of the task's state, this change included.
-        state: the task's state after the change; "" if it ended while this program had no
+        state: the task's state after the change; "" if the task ended while this program had no
             connection.
         transition: the transition that led to the state; "" if *is_late*.
         by: the ``Party`` that made the transition: client, server or central.
         module: the module of that client or server.
         text: the reason, for people.
-        is_late: whether this is the state that the observer found, not a change that it saw.
+        is_late: whether this is the state that the observer found, and not a change.
         is_over: whether the task has ended.
         outcome: the task's ``Outcome`` if the task has ended and the outcome is known; else None.
         missed: the number of changes that this observer missed directly before this change.

@@ -118,7 +118,7 @@ class ServerState:
         self._state = cycle.initial if accepts else cycle.accepted.target
         #: a Server's methods answer the requests, so no wait returns a request
         self.has_request_methods = False
-        #: a weak reference to the function to call when the task is stopped; None if it is gone
+        #: weak reference to the function to call when the task is stopped; it may return None
         self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None
         self._is_started_by_refusal = False
         self._serial = 0  # of the newest transition of a client
@@ -209,7 +209,7 @@ class ServerState:
         rows = (one for one in cycle.transitions if one.name == header.transition)
         row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
         self._state = row.target
-        # The new request overtakes those that wait for an answer.
+        # The new request overtakes the requests that wait for an answer.
         self._open = [one for one in self._open if not self._needs_answer(one)]
         try:
             goal = self._message.decode_data(body) if body else None

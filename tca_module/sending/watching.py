@@ -126,7 +126,7 @@ class WatchingServices(CentralServices):
             message: the task's goal or command.
             task_id: the task's number, which the earlier run stored: ``task.id``.
             epoch: the central that assigned the number: ``task.id.epoch``. Default: "", the present
-                one.
+                central.
 
         Raises:
             CentralLost: the present central does not have that *epoch*.

@@ -247,7 +247,7 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while *has_work* is true: then it reports *file* as readable.
+    """A selector that does not wait while *has_work* is true. It then reports *file* as readable.
 
     It also ends the sleeps of coroutines, by the handlers' clock, which a test may step.
     """

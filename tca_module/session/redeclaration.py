@@ -62,7 +62,7 @@ class Redeclaration:
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """Start with the central of that epoch, which knows nothing.
 
-        If there are only handlers to declare, this is over at once.
+        If only handlers are to be declared, the redeclaration is over at once.
         """
         self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))

@@ -112,7 +112,7 @@ class Request:
         self.notify: Callable[[], None] | None = None
         #: called like *notify*; wakes the coroutines that await the request
         self.wake: Callable[[], None] | None = None
-        #: called by the session at the instant at which the request is over
+        #: called by the session at once when the request is over
         self.on_over: Callable[[Request], None] | None = None
 
     @property

@@ -42,7 +42,7 @@ from tca_wire.vocabulary import Outcome, Refusal
 
 HELLO_NUMBER = 1  # the number of every Hello, also of a repeated one
 QUIET = 2.5  # seconds of silence after which a connection that waits for central probes it
-IDLE = 45.0  # the same for an idle connection, to which central sends a heartbeat every 30 seconds
+IDLE = 45.0  # the same for an idle connection; central sends it a heartbeat every 30 seconds
 REPEAT = 1.0  # seconds between two probes
 CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
 PREFETCH = 64  # messages that a slot may prefetch
@@ -65,7 +65,7 @@ def quiet_within(patience: float, *, is_idle: bool = False) -> float:
 class Session(OpenRequests):
     """The state of one connection to central."""
 
-    #: opens another slot in place of one that hangs
+    #: opens another slot in place of a hanging slot
     replace_slot: Callable[[int, str], object] | None = None
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:

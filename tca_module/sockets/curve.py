@@ -1,4 +1,4 @@
-"""Keys on this program's sockets to central: over TCP they encrypt, and authenticate both ends."""
+"""Keys for this program's sockets: over TCP, keys encrypt, and authenticate both ends."""
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
