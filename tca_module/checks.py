@@ -48,7 +48,7 @@ EXECUTED: dict[type[Message[Any, Any]], str] = {
 
 
 class LateText:
-    """A text that is made only when it is read, which mostly is for an error."""
+    """A text that is made only when it is read. Most such texts are for errors, and never read."""
 
     __slots__ = ("_make",)
 
@@ -66,7 +66,7 @@ class ArgumentKind(NamedTuple):
     fits: Callable[[Any], bool]
 
     def or_none(self, meaning: str = "") -> "ArgumentKind":
-        """Return the same kind, or None; *meaning* says what None means."""
+        """Return this kind, extended by None. *meaning* says what None means."""
         return ArgumentKind(
             f"{self.words}, or None{meaning}", lambda value: value is None or self.fits(value)
         )
@@ -88,7 +88,7 @@ def check(call: object, kind: ArgumentKind, **values: Any) -> None:
 def check_known(lacks: str, name: object, known: Iterable[str]) -> None:
     """Raise MisuseError if *name* is not among the *known* names.
 
-    *lacks* is the start of the text, up to the name.
+    *lacks* is the start of the error's text, such as "there is no activity".
     """
     if name not in (names := list(known)):
         raise MisuseError(f"{lacks} {name!r:.60}: there are {', '.join(names) or 'none'}")
@@ -154,7 +154,7 @@ def collection_of(words: str, kind: ArgumentKind) -> ArgumentKind:
 
 
 def _is_text(text: Any) -> bool:
-    """Whether *text* can be sent. Surrogates can't, which Python uses in some file names."""
+    """Whether *text* can be sent. A text with surrogates can't; some file names have surrogates."""
     return isinstance(text, str) and (
         text.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in text)
     )
@@ -293,7 +293,8 @@ def check_function(
 
     With the least number, a parameter with a default keeps its default: ``lambda n=n: ...`` in a
     loop. *possible*: the numbers to try. *wanted*: the arguments for errors, such as "(sender,
-    reply)". Raises MisuseError for a value that can't be called so, or that must be awaited.
+    reply)". Raises MisuseError for a value that can't be called with any of these numbers, or that
+    must be awaited.
     """
     if not callable(function):
         raise MisuseError(f"{what}: {function!r:.60} is no function: give one that takes {wanted}")
@@ -315,6 +316,6 @@ def check_function(
 
 
 def is_async(function: Callable[..., object]) -> bool:
-    """Whether a function is ``async def``, or an object that is called like one."""
+    """Whether a function is ``async def``, or an object whose ``__call__`` is ``async def``."""
     called = getattr(function, "__call__", None)  # noqa: B004
     return any(map(inspect.iscoroutinefunction, (function, called)))

@@ -25,8 +25,8 @@ _TOPIC = checks.one_of(f"one of {', '.join(get_args(Topic))}", get_args(Topic))
 class Client(Sender):
     """A connection of a program that handles no messages. It sends under the root.
 
-    ``connect()`` makes one. It belongs to the thread that opened it; other threads ``connect()``
-    themselves. Use it in a ``with`` block, or call ``close()``.
+    ``connect()`` returns a Client. A Client belongs to the thread that opened it; other threads
+    ``connect()`` themselves. Use the Client in a ``with`` block, or call ``close()``.
     """
 
     def __init__(self, connection: Connection, linger: float = LINGER) -> None:
@@ -56,9 +56,9 @@ class Client(Sender):
         """Return central's report on a topic, as plain values (dicts, lists, numbers, texts).
 
         Args:
-            topic: "status", "modules", "messages", "tree", "variables", "load" (how busy everything
-                is, and the longest waits) or "attached" (exception handlers, wiretaps and monitors,
-                at most 10,000 of each). Default: "status".
+            topic: "status", "modules", "messages", "tree", "variables", "load" (how busy handlers
+                and central are, and the longest waits) or "attached" (exception handlers, wiretaps
+                and monitors, at most 10,000 of each). Default: "status".
             timeout: the most seconds to wait; None waits for ever. Default: 30.
 
         Raises:
@@ -72,11 +72,11 @@ class Client(Sender):
     def close(self) -> None:
         """Say goodbye to central when all sent messages have arrived. Closing again does nothing.
 
-        It waits at most *linger* seconds, see ``connect()``.
+        This call waits at most *linger* seconds, see ``connect()``.
 
         Raises:
             NotSent: messages may not have arrived.
-            Refused: central refused a task that was sent, and nothing has raised that yet.
+            Refused: central refused a sent task, and no other call has raised that error.
         """
         link = self._link
         _open_clients.discard(self)
@@ -210,8 +210,8 @@ def _close_all() -> str:
 def _at_exit() -> None:
     """Close the clients that are still open at the end of the program.
 
-    If messages may be lost, it ends the process with exit code 1: an error raised here would not
-    change the exit code.
+    If messages may be lost, this ends the process with exit code 1, because an error raised here
+    would not change the exit code.
     """
     if lost := _close_all():
         logging.shutdown()
@@ -233,13 +233,13 @@ def _close_at_end_of(_process: int) -> None:
 
 
 _LAST = -100
-"""The priority of the last finalizer: queues, for example, are emptied before."""
+"""The priority of a finalizer that runs last: after the queues are emptied, for example."""
 
 
 def _at_end_of_child() -> None:
     """Close the clients that are still open at the end of a ``multiprocessing`` process.
 
-    If messages may be lost, it exits with an error: here that does change the exit code.
+    If messages may be lost, this exits with an error, which changes the exit code here.
     """
     if lost := _close_all():
         sys.exit(lost)

@@ -1,21 +1,21 @@
 """Errors of the module library, by their cause.
 
 TcaError             the base of the others.
-├── MisuseError      the caller's mistake: the call is wrong, whatever the robot does.
-├── Refused          central refused a request, which left no trace.
+├── MisuseError      the caller's mistake. The call is wrong in any state of the robot.
+├── Refused          central refused a request. Nothing of the request remains.
 │   ├── FormatRefused    others use the message's name with another format or class.
 │   └── Deadlock         the wait would never end.
 ├── CentralLost      central does not answer, or was restarted and has forgotten the request.
 │   └── NotSent          messages may not have arrived when their program left.
 ├── LockLost         a lock or reservation was taken away before its release.
-├── Stopped          the module ends, so the wait ends.
+├── Stopped          the module ends, and so ends the wait.
 ├── NotDeclared      no module has declared the message (also a LookupError).
 ├── VariableNotSet   a variable has no value yet (also a LookupError).
 ├── Timeout          no answer in time (also a TimeoutError).
 ├── QueryFailed      the handler of a query failed.
 ├── TaskFailed       a goal or command failed.
 ├── Rejected         the handler of a task did not accept a new goal.
-└── TaskKilled       a goal or command was killed: a task waited for, or the handler's own.
+└── TaskKilled       a goal or command was killed: the awaited task, or the handler's own task.
 BadData              data does not fit the format of its message (from tca_wire).
 """
 
@@ -61,23 +61,23 @@ class FormatRefused(Refused):
 class Deadlock(Refused):
     """The wait would never end. The text names the cycle of waits.
 
-    A handler that does not catch it fails with "deadlock".
+    A handler that does not catch this error fails with "deadlock".
     """
 
 
 class CentralLost(TcaError):
     """Central does not answer, or was restarted and has forgotten the request.
 
-    Calls that name a task from before a restart raise it, too. Central may have received the
-    request. A goal, command or monitor is then killed as soon as central hears from this program
-    again. Any other request is carried out.
+    Calls that name a task from before a restart raise this error, too. Central may have received
+    the request. A goal, command or monitor is then killed as soon as central hears from this
+    program again. Any other request is carried out.
     """
 
 
 class NotSent(CentralLost):
     """Messages may not have arrived when their program left.
 
-    The end of a ``with connect()`` block raises it, and the end of a module.
+    The end of a ``with connect()`` block and the end of a module raise this error.
 
     Attributes:
         number: the number of messages.
@@ -91,16 +91,16 @@ class NotSent(CentralLost):
 class Stopped(TcaError):
     """The module was told to end while this call waited.
 
-    A handler may catch it to clean up. If it does not, it fails with "module lost", unless its task
-    was killed.
+    A handler may catch this error to clean up. A handler that does not catch it fails with "module
+    lost", unless its task was killed.
     """
 
 
 class LockLost(TcaError):
     """A lock or reservation was taken away before its release, or central was restarted.
 
-    Others may have used the resource since. A handler that does not catch it fails with "lock
-    lost".
+    Other programs may have used the resource since. A handler that does not catch this error fails
+    with "lock lost".
     """
 
 
@@ -133,8 +133,8 @@ class RequestFailed(TcaError):
         failure: the name of the failure.
         text: the failure's explanation.
         body: the failure's data, encoded; see ``data`` and ``data_as()``.
-        passed_on: the text for a handler that does not catch this error, and so fails with the same
-            failure.
+        passed_on: the failure's text for a handler that does not catch this error. The handler then
+            fails with the same failure.
     """
 
     def __init__(self, what: str, failure: str, text: str, body: bytes) -> None:
@@ -208,9 +208,9 @@ class Rejected(TcaError):
 class TaskKilled(TcaError):
     """A goal or command was killed.
 
-    A wait for a killed task raises it. A wait of a handler also raises it when the handler's own
-    task was killed or is about to be retried. The handler may catch it to clean up, but need not:
-    letting it pass is no failure.
+    A wait for a killed task raises this error. A wait of a handler also raises it when the
+    handler's own task was killed or is about to be retried. The handler may catch the error to
+    clean up. A handler that does not catch it has not failed.
 
     Attributes:
         why: the reason, and the name of the killer.

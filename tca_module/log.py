@@ -10,8 +10,8 @@ from functools import partial
 def log_of(name: str) -> logging.Logger:
     """Return the logger of a module.
 
-    A log handler or filter of the user that raises an error ends no thread of the module. The error
-    is printed, as logging does with errors of its own handlers.
+    If a log handler or filter of the user raises an error, the module's threads continue. The error
+    is printed, as ``logging`` prints the errors of its own handlers.
     """
     logger = logging.getLogger(f"tca.{name}")
     if not isinstance(logger.handle, partial):

@@ -37,8 +37,8 @@ from tca_wire.packets.headers import WaitUntilHandled
 
 _WARN_AFTER = 5.0  # seconds of a wait for required messages before the log warns
 
-# Seconds between two wake-ups of the main thread. Another thread may have received the signal, as
-# under a debugger: then only a wake-up runs its handler.
+# Seconds between two wake-ups of the main thread. Only the main thread runs signal handlers. If
+# another thread has received the signal, as under a debugger, only a wake-up runs the handler.
 _SIGNALS_PERIOD = 5.0
 
 Start = TypeVar("Start", bound=Callable[["Module"], object])
@@ -119,16 +119,18 @@ class Module(ModuleCallbacks):
     ) -> str:
         """Declare a part of the module that handles *capacity* messages at a time, one thread each.
 
-        Handlers choose a resource with ``resource=``. The others use the module's own resource,
-        which has the module's name and can be declared here, too.
+        Handlers choose a resource with ``resource=``. Handlers without that option use the module's
+        own resource. It has the module's name, and can be declared here, too.
 
         Args:
             name: the resource's name, 1 to 128 printable characters.
-            capacity: the number of messages that it handles at a time, 1 to 256. Default: 1.
+            capacity: the number of messages that the resource handles at a time, 1 to 256. Default:
+                1.
             hung: "wait" leaves a slot occupied until its handler returns. "replace" gives the slot
                 a new thread when its handler hangs, and abandons the old thread. Default: "wait".
             hung_after: with "replace", the seconds after which a handler counts as hung. They count
-                from the kill of its task, or from the moment its sender gave up. Default: 5.
+                from the kill of the handler's task, or from the time when the sender gave up.
+                Default: 5.
             when_busy: the fate of a task that would have to wait: "queue", "preempt" or "reject",
                 as in ``HandlerOptions``. A handler that is declared later can override it. Default:
                 "queue".
@@ -171,10 +173,10 @@ class Module(ModuleCallbacks):
         The function gets the ``Task`` and the message's data; without data, the ``Task`` only. It
         returns the reply of a query, or the result of a command. An exception that it raises is a
         failure of the message. The newest module that declares a handler gets the messages. Modules
-        that name the same *pool* share them.
+        that name the same *pool* share the messages.
 
         Args:
-            message: the message; at most one handler for each in a module.
+            message: the message. A module has at most one handler for each message.
             options: see ``HandlerOptions``: resource, pool, pending, direct, accepts, takes,
                 refuses, when_busy.
 
@@ -205,8 +207,8 @@ class Module(ModuleCallbacks):
     ) -> None:
         """Declare a ``Server`` as the handler of the tasks of *message*.
 
-        The Server's methods decide which requests of clients it handles; the others get the
-        default. Options and errors are those of ``handles``.
+        The Server answers the requests of clients for which it has methods. Other requests get the
+        default: see ``Server``. Options and errors are those of ``handles``.
 
         Args:
             message: a goal or command.
@@ -240,7 +242,7 @@ class Module(ModuleCallbacks):
         self._resources.setdefault(handler.resource, ResourcePlan())
 
     def at_start(self, function: Start) -> Start:
-        """Call the decorated function with the module when it has joined, before any message comes.
+        """Call the decorated function once the module has joined, before any message comes.
 
         Attach exception handlers and wiretaps here. An error in the function ends the module. After
         a restart of central, the function is not called again: the library itself reattaches its
@@ -281,8 +283,8 @@ class Module(ModuleCallbacks):
         Args:
             patience: the seconds to wait for central at the start; also the seconds of central's
                 silence after which a wait raises CentralLost. Default: 10.
-            reconnect: wait for central when it goes away later. With False, the module ends with
-                CentralLost. Default: True.
+            reconnect: wait for central when central goes away later. With False, the module ends
+                with CentralLost. Default: True.
             linger: at the end, the most seconds to wait until all sent messages have arrived.
                 Default: 10.
 
@@ -303,10 +305,10 @@ class Module(ModuleCallbacks):
     ) -> Iterator["Module"]:
         """Handle messages in the background while a ``with`` block lasts.
 
-        Inside the block, the thread that entered it can send with the module. The module may end
-        before the block: by ``stop()``, or by an error in a handler that is no Exception, such as
-        KeyboardInterrupt. The error is logged at once and raised at the end of the block.
-        (SystemExit and asyncio.CancelledError count as failures of their handlers.)
+        Inside the block, the thread that entered the block can send with the module. The module may
+        end before the block: by ``stop()``, or by a KeyboardInterrupt or another error in a handler
+        that is not an Exception. That error is logged at once, and raised at the end of the block.
+        (SystemExit and asyncio.CancelledError only fail their handlers.)
 
         Args:
             patience: see ``run``. Default: 10 s.
@@ -353,7 +355,7 @@ class Module(ModuleCallbacks):
         """End the module, from any thread: ``run`` returns.
 
         A ``running`` block continues without handlers and callbacks, and can still send. Messages
-        go to the modules that handled them before.
+        then go to the modules that handled them before this module.
         """
         self._stop.set()
 
@@ -398,7 +400,7 @@ class Module(ModuleCallbacks):
 
     def _wait_for_required(self, link: Connection) -> None:
         """Wait until all required messages that this module does not handle have a handler."""
-        # A module that waited for its own handlers would never declare them.
+        # A module that waited for its own handlers would never get to declare them.
         required = [message for message in self._required if message.name not in self._handlers]
         if not required:
             return
@@ -457,7 +459,7 @@ class Module(ModuleCallbacks):
         self._stop.set()
         link.leave()
         errors = self._slots.close(why)
-        # A slot that lost messages has waited for the full time: don't wait again.
+        # A slot that lost messages has already waited *linger* seconds: don't wait again.
         has_lingered = any(isinstance(error, NotSent) for error in errors)
         try:
             link.close(0.0 if has_lingered else self._linger, link.lost)

@@ -11,8 +11,8 @@ class Period:
     Attributes:
         seconds: the length of the period.
         due: when the present iteration is due.
-        missed: the number of late iterations, which ended after the next one was due, and of
-            skipped iterations.
+        missed: the number of late iterations, plus that of skipped iterations. An iteration is late
+            if it ended after the next one was due.
         left_out: the number of skipped iterations.
     """
 
@@ -29,9 +29,9 @@ class Period:
     def next(self, now: float, seconds: float) -> float:
         """End the present iteration at *now*; return when the next one is due.
 
-        If the present one was late, that time has passed: the next one starts at once. Whole
-        periods that have passed are skipped. A new length of the period, *seconds*, counts from the
-        present iteration.
+        If the present iteration was late, the returned time has passed, so that the next iteration
+        starts at once. Whole periods that have passed are skipped. If *seconds* is a new length of
+        the period, it counts from the due time of the present iteration.
         """
         if seconds != self.seconds:
             self._start, self._count, self.seconds = self.due, 0, seconds
@@ -45,9 +45,10 @@ class Period:
         return self.due
 
     def change(self, now: float, seconds: float) -> None:
-        """Change the length of the period, counted from the previous iteration.
+        """Change the length of the period, unless the present iteration is due already.
 
-        The present iteration moves only if it is not due yet, and never to a time in the past.
+        The present iteration is then due *seconds* after the previous one, but not in the past. If
+        the present iteration is due already, nothing changes: pass the new length to ``next``.
         """
         if self.due > now:
             self.due = max(now, self._previous_due + seconds)

@@ -34,7 +34,7 @@ from tca_wire.text.bodies import data_text
 from tca_wire.text.facts_in_words import Wording
 
 _QUIET_WITHIN = 5.0  # seconds of real time
-_TURN_SECONDS = 1.0  # of real time; a handler that works longer delays the others no more
+_TURN_SECONDS = 1.0  # real seconds after which the other handlers no longer wait for a handler
 
 _BEFORE_ALL = (
     facts.ModuleJoined,
@@ -43,17 +43,17 @@ _BEFORE_ALL = (
     facts.HandlerAdded,
     facts.HandlerRemoved,
 )
-"""Facts of how programs join: they do so at the same time, in any order."""
+"""Facts of the joining of programs. Programs may join at the same time, in any order."""
 
 
 class LocalCentral:
     """The core of central in the process of a test. Any thread may use it.
 
-    With *stepped*, its clock stands still except in ``advance()``. One handler runs at a time, from
-    one wait for central to the next. Handlers that are due at the same moment run in the order in
-    which their modules started, then in the order of their resources. Therefore the same test has
-    the same transcript. Delays, deadlines, periods, durations, waits for locks, ``every``,
-    ``after`` and the sleeps of tasks use that clock. ``timeout=`` of other waits takes real
+    With *stepped*, the clock of central stands still except in ``advance()``. One handler runs at a
+    time, until it waits for central again. Handlers that are due at the same time run in the order
+    in which their modules started, then in the order of their resources. Therefore the same test
+    has the same transcript. Delays, deadlines, periods, durations, waits for locks, ``every``,
+    ``after`` and the sleeps of tasks use the stepped clock. ``timeout=`` of other waits takes real
     seconds.
 
     Args:
@@ -65,7 +65,7 @@ class LocalCentral:
     Attributes:
         entries: the journal.
         core: the core of central.
-        address: the central's name.
+        address: the name of this central, for people.
         is_stepped: whether the test steps the clock.
 
     Example::
@@ -89,7 +89,8 @@ class LocalCentral:
         self.core = Central(epoch)
         self._started = time.monotonic()
         self._stepped_to = 0.0
-        # Reentrant: a LaterReply may be garbage collected, and answer, at any instruction.
+        # Reentrant, because a LaterReply may be garbage collected at any instruction, even while
+        # this thread has the lock. The LaterReply then sends an answer, which takes the lock.
         self._lock = threading.RLock()
         self._numbers = itertools.count(1)
         # On a stepped clock, the slots stand in the order of declaration: see Module._open_slots.
@@ -128,8 +129,7 @@ class LocalCentral:
     ) -> None:
         """Advance a stepped clock by *seconds*.
 
-        Everything that is due in this period happens at its own time. After each such moment the
-        clock waits until all is quiet.
+        The clock stops at each time at which something is due, and waits there until all is quiet.
 
         Args:
             seconds: 0 or more.
@@ -164,7 +164,7 @@ class LocalCentral:
             return callbacks if timer is None else min(timer, callbacks)
 
     def _step_to(self, moment: float) -> None:
-        """Set the clock to a moment, and fire the due timers."""
+        """Set the clock to the time *moment*, and fire the due timers."""
         with self._lock:
             self._stepped_to = max(self._stepped_to, moment)
             self._handle(Tick(self._stepped_to))
@@ -174,12 +174,12 @@ class LocalCentral:
     def until_quiet(
         self, *, timeout: float = _QUIET_WITHIN, ignoring: Collection[Message[Any, Any]] = ()
     ) -> None:
-        """Wait until nothing more can happen without time passing.
+        """Wait until nothing more can happen before the next timer or callback is due.
 
         Every handler has then returned, or waits for central (a reply, a task, a lock). A coroutine
-        that awaits anything is quiet, and so is a handler that owes its reply. Threads of your own
-        are not waited for. A handler that sleeps by ``time.sleep``, computes, or waits for the test
-        itself is at work: name its message in *ignoring*.
+        that awaits anything is quiet. A handler that owes its reply is quiet, too. This call does
+        not wait for threads of your own. A handler that sleeps by ``time.sleep``, computes, or
+        waits for the test itself is at work: name its message in *ignoring*.
 
         Args:
             timeout: the most seconds of real time to wait. Default: 5.
@@ -205,7 +205,7 @@ class LocalCentral:
                 raise Timeout(f"not quiet within {timeout:g} s: {busy} is at work: {advice}")
 
     def _describe_busy(self, ignored: set[str]) -> list[str]:
-        """Describe what has something to do now."""
+        """Describe the handlers, modules and timers that have something to do now."""
         handled: dict[ConnectionId, list[str]] = {}
         for delivery in self.core.dispatcher.running.values():
             if delivery.slot is not None:
@@ -222,19 +222,19 @@ class LocalCentral:
         return due is not None and due <= self.now()
 
     def may_receive(self, transport: "LocalTransport") -> bool:
-        """Whether the thread of a connection may receive its packets now. The lock is held."""
+        """Whether a connection's thread may receive packets now. The caller holds the lock."""
         needs_turn = self.is_stepped and transport.serves
         return not needs_turn or transport.has_turn or transport.is_overtime
 
     def schedule(self) -> None:
         """Give the next thread its turn, after a packet has arrived or a thread has paused.
 
-        The lock is held.
+        The caller holds the lock.
         """
         slots = [one for one in self._connections.values() if one.serves] if self.is_stepped else []
         waiting = [one for one in slots if one.is_paused and not one.is_idle]
         if waiting and not any(one.has_turn and not one.is_overtime for one in slots):
-            # The one whose packet arrived first; before all, one whose callback is due.
+            # A slot whose callback is due comes first, then the slot whose packet arrived first.
             min(waiting, key=lambda one: one.packets[0][0] if one.packets else 0).give_turn()
         self._quiet.notify_all()
 
@@ -257,7 +257,7 @@ class LocalCentral:
         wording, lines = Wording(), list[str]()
         for entry in entries:
             for fact in entry.facts:
-                # Made for left-out facts, too: the wording remembers names.
+                # Also for facts that are left out, because the wording remembers their names.
                 words, data = wording.words(fact), data_text(getattr(fact, "body", b""))
                 if not isinstance(fact, _BEFORE_ALL):
                     start = f"{entry.time:8.3f}  " if self.is_stepped else ""
@@ -365,31 +365,32 @@ class LocalTransport:
         self, central: LocalCentral, connection: ConnectionId, lock: threading.RLock
     ) -> None:
         self.id = connection
-        self.serves = ""  #: the module whose messages its thread handles; "" if it only sends
-        self.is_paused = False  #: its thread waits
-        self.has_turn = False  #: its thread was given a turn, and has not paused since
-        self._since = time.monotonic()  #: when its thread last continued
+        self.serves = ""  #: the module whose messages the thread handles; "" if it only sends
+        self.is_paused = False  #: the thread of this connection waits
+        self.has_turn = False  #: the thread was given a turn, and has not paused since
+        self._since = time.monotonic()  #: when the thread last continued
         #: The packets that have arrived, with their numbers in the order of all arrivals.
         self.packets: deque[tuple[int, bytes]] = deque()
-        self.due = math.inf  #: when its thread has a callback to call; on stepped clocks only
+        #: the time at which a callback or the end of a sleep is due; infinite on a real clock
+        self.due = math.inf
         self._central = central
         self._waker = Waker()
         self._lock = lock
-        self._continues = threading.Condition(lock)  #: notified when its thread gets a turn
+        self._continues = threading.Condition(lock)  #: notified when the thread gets a turn
 
     @property
     def address(self) -> str:
-        """The central's name."""
+        """The central's name, for people."""
         return self._central.address
 
     @property
     def is_idle(self) -> bool:
-        """Whether its thread waits and has nothing to do."""
+        """Whether the connection's thread waits and has nothing to do."""
         return self.is_paused and not self.packets and self.due > self._central.now()
 
     @property
     def is_overtime(self) -> bool:
-        """Whether its thread has not paused for long: then other threads do not wait for that."""
+        """Whether the thread has run for more than a second: other threads then wait no longer."""
         return not self.is_paused and time.monotonic() - self._since > _TURN_SECONDS
 
     def send(self, packet: bytes, wait_seconds: float) -> bool:  # noqa: ARG002
@@ -397,13 +398,13 @@ class LocalTransport:
         return self._central.submit(self.id, packet)
 
     def arrive(self, packet: bytes) -> None:
-        """Add a packet from central. An empty one only ends a wait. The lock is held."""
+        """Add a packet from central; an empty one only ends a wait. The caller holds the lock."""
         self.packets.append((next(_ARRIVALS), packet))
         if self._central.may_receive(self):
             self.give_turn()
 
     def give_turn(self) -> None:
-        """Allow its thread to continue. The lock is held."""
+        """Allow the connection's thread to continue. The caller holds the lock."""
         self._resume()
         self.has_turn, self.due = True, math.inf
         self._continues.notify()
@@ -412,7 +413,8 @@ class LocalTransport:
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
         """Return the next packet.
 
-        None if none arrives in time, if ``wake`` is called, or at the moment *alarm*.
+        Returns None if no packet arrives in time, if ``wake`` is called, or when the handlers'
+        clock reaches *alarm*.
         """
         with self._lock:
             if not self._central.is_stepped:
@@ -429,7 +431,7 @@ class LocalTransport:
         return None
 
     def _may_continue(self, alarm: float) -> bool:
-        """Whether its thread has something to do, and may do it. The lock is held."""
+        """Whether the thread has something to do, and may do it. The caller holds the lock."""
         is_due = bool(self.packets) or alarm <= self._central.now()
         return is_due and self._central.may_receive(self)
 
@@ -445,11 +447,14 @@ class LocalTransport:
             self.is_paused, self._since = False, time.monotonic()
 
     def time(self) -> float:
-        """Return the seconds of the clock on which callbacks are due."""
+        """Return the time of the handlers' clock, in seconds: that of the local central."""
         return self._central.now()
 
     def seconds_until(self, moment: float) -> float:
-        """Return the real seconds until a moment of that clock; infinite if the test steps it."""
+        """Return the real seconds until a time of the handlers' clock.
+
+        On a stepped clock they are infinite, unless the clock has reached that time.
+        """
         seconds = moment - self._central.now()
         if not self._central.is_stepped:
             return seconds
@@ -461,7 +466,7 @@ class LocalTransport:
 
     @contextmanager
     def pausing(self) -> Iterator[None]:
-        """Mark a wait of its thread for files, of which this connection is one."""
+        """Return a block in which the thread waits for files, among them this connection's."""
         with self._lock:
             self._pause()
         try:

@@ -1,8 +1,8 @@
 """A slot's entrance for direct messages.
 
 Senders greet with the licence that central gave them, and number their messages. No message is
-handled twice, and an answer is retained for a while in case it is lost. The slot starts a direct
-message only when it handles nothing else. When the inbox is full, further messages wait in
+handled twice. An answer is retained for a while, because it may be lost on its way. The slot starts
+a direct message only when it handles nothing else. When the inbox is full, further messages wait in
 the socket and at their senders. Malformed packets, unknown messages and senders without a licence
 are refused.
 """
@@ -23,12 +23,13 @@ from tca_wire.packets.routes import Note
 from tca_wire.vocabulary import Limit, Outcome, Refusal, is_name
 
 MOST_WAITING, MOST_BYTES = 2000, 128 << 20  # waiting messages and bytes; more stay in the socket
-MOST_SENDERS = 256  # one more displaces the sender that greeted longest ago
+# One more displaces the sender that greeted longest ago, if possible one without open queries.
+MOST_SENDERS = 256
 ANSWERS_KEPT, ANSWER_BYTES = 64, 1 << 20  # retained answers for each sender, in case they are lost
 BEGUN_EVERY, BEGUN_BYTES = 64, 1 << 20  # informs, or bytes, begun before their sender gets a Begun
 PACKETS = 256  # packets read at a time
 _MOST_BARRED = 20_000  # licences that are remembered as no longer valid
-_MOST_MISSING = 2000  # missing numbers of a sender; more than a sender has under way
+_MOST_MISSING = 2000  # newest numbers of a sender that may count as missing; fewer are under way
 
 
 class InboxSocket(Protocol):
@@ -48,17 +49,17 @@ class InboxSocket(Protocol):
 
 
 class _RemoteSender:
-    """A sender, with the numbers of its messages and the answers to them."""
+    """A sender, with the numbers of its messages and the answers to its queries."""
 
     def __init__(self, address: bytes, greet: Greet) -> None:
         self.address = address
         self.module = greet.module
         self.newest = greet.newest
-        self.missing: set[int] = set()  #: numbers that have not arrived, and may be repeated
+        self.missing: set[int] = set()  #: lower numbers that have not arrived, and still may
         self.open_queries: dict[int, _DirectMessage] = {}  #: number -> unanswered query
         #: number -> answer; the newest ones, oldest first
         self.answers: dict[int, tuple[Answer | Refused, bytes]] = {}
-        #: the highest number of a message that was begun, or was sent before the first greeting
+        #: the highest number of a begun message, or of a message sent before the first greeting
         self.begun = greet.newest
         self.unreported = 0  #: number of informs begun since the last Begun
         self.unreported_bytes = 0
@@ -112,7 +113,7 @@ class Inbox:
         self._waiting: deque[_DirectMessage] = deque()
         self._bytes = 0
         self._current: _DirectMessage | None = None  #: the message being handled
-        self._delivery = 0  #: its number; they count down, unlike those of central's deliveries
+        self._delivery = 0  #: number of the newest delivery: -1, -2, ...; central's are positive
 
     @property
     def is_busy(self) -> bool:
@@ -197,7 +198,7 @@ class Inbox:
     def bar(self, licences: Iterable[str]) -> None:
         """Refuse the senders with these licences.
 
-        A sender that gets a new licence continues where it was.
+        A sender that greets with a new licence continues where it was.
         """
         self._barred.update(dict.fromkeys(licences))
         while len(self._barred) > _MOST_BARRED:
@@ -276,7 +277,8 @@ class Inbox:
     def close(self) -> None:
         """Start nothing more, and close.
 
-        Senders send waiting queries to other handlers; waiting informs are lost and counted.
+        Senders of waiting queries send them to other handlers. Waiting informs are lost, and the
+        losses are counted.
         """
         self.listen()
         while self._waiting:
@@ -292,5 +294,5 @@ class Inbox:
         self._socket.close()
 
     def drop(self) -> None:
-        """Close without notice: begun messages have failed."""
+        """Close without notice to senders, for whom begun messages then fail."""
         self._socket.close()

@@ -15,7 +15,7 @@ from tca_wire.messages.declarations import Message
 from tca_wire.packets.headers import Deliver, ToCentral
 from tca_wire.packets.routes import Barred, Noted
 
-RESTLESS = 0.2  # seconds between two checks of a path on which an answer or a greeting is due
+RESTLESS = 0.2  # seconds between two checks of a path that waits for an answer or a greeting
 
 
 class DirectMessages:
@@ -28,7 +28,7 @@ class DirectMessages:
         entrance_socket: EntranceSocket | None = None,
         messages: Iterable[Message[Any, Any]] = (),
     ) -> None:
-        """*messages*: those that arrive at *entrance_socket*, sent directly."""
+        """*messages*: the messages that *entrance_socket* accepts directly from their senders."""
         self._session = session
         self._notes = NoteBatch()
         self.routes = DirectRoutes(session, transport, self._notes)  #: the sending side
@@ -59,7 +59,8 @@ class DirectMessages:
     def next_delivery(self) -> tuple[Deliver, bytes] | None:
         """Return central's next delivery to handle, or None.
 
-        While a direct message is handled, only queries from the slot's own resource count.
+        While a direct message is handled, only queries that the slot's own resource waits for are
+        returned.
         """
         deliveries = self._session.deliveries
         if not deliveries or self._inbox is None or not self._inbox.is_busy:
@@ -85,11 +86,11 @@ class DirectMessages:
         )
 
     def next_message(self) -> tuple[Deliver, bytes] | None:
-        """Return the next direct message, if the slot handles nothing, or None."""
+        """Return the next direct message; None without any, or while the slot handles a message."""
         return self._inbox.next_message() if self._inbox is not None and self._may_start else None
 
     def reply(self, header: Any, body: bytes) -> bool:
-        """Send the outcome of a handler; return False if its message was not a direct one."""
+        """Send the outcome of a handler; return False if its message came through central."""
         if header.delivery >= 0:
             return False
         if self._inbox is not None:
@@ -125,7 +126,7 @@ class DirectMessages:
     def stop_receiving(self) -> None:
         """Receive nothing more, and report the remaining notes.
 
-        Senders send queries that have not begun to other handlers.
+        Queries that wait here are not lost: their senders send them to other handlers.
         """
         if self._inbox is not None:
             if self._transport is not None and self._entrance_socket is not None:
@@ -135,7 +136,7 @@ class DirectMessages:
         self.report(at_once=True)
 
     def close(self) -> None:
-        """Close everything. Without ``stop_receiving`` before, begun messages have failed."""
+        """Close everything. Without an earlier ``stop_receiving``, messages being handled fail."""
         self.routes.close()
         if self._inbox is not None:
             self._inbox.drop()

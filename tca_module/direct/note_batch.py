@@ -9,15 +9,16 @@ from tca_wire.packets.routes import MOST_NOTES, Loss, Note, Noted
 
 _SENT_WITHIN = 0.1  # seconds after which notes are sent even without other packets
 NEVER = float("inf")  # the due time while there are no notes
-NOTES_LOST = ""  # in place of a message's name: counts lost notes
+NOTES_LOST = ""  # used like a message's name, to count lost notes
 
 
 class NoteBatch:
-    """Notes to be sent. They are retained, up to a bound, while central is away."""
+    """Notes to be sent. While central is away, a limited number of notes is retained."""
 
     def __init__(self) -> None:
-        self.due = NEVER  #: when to send them
-        self._notes: list[tuple[float, Note]] = []  #: with the times when the messages ended
+        self.due = NEVER  #: when to send the notes
+        #: time at which the message was handled, and its note
+        self._notes: list[tuple[float, Note]] = []
         self._losses: Counter[str] = Counter()
 
     def add_handled(self, note: Note, now: float) -> None:

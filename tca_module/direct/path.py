@@ -1,12 +1,13 @@
 """A sender's path to one entrance.
 
-Messages are numbered. The slot reports which it has begun (Begun, or an Answer). The sender thus
-knows how much is under way, and refuses more than a bound.
+The sender numbers its messages. The slot reports which messages it has begun (Begun, or an Answer).
+The sender thus knows how many messages have not begun. If these are too many, it refuses more
+queries and drops more informs.
 
-After a break or a silence the sender greets again, and the slot says what has not arrived. Queries
-are sent again under their numbers; informs are lost. After Closing a slot begins nothing. When a
-slot disconnects, informs that it has not reported as begun may not have been handled: they count as
-lost.
+After a break or a silence the sender greets again, and the slot says which messages have not
+arrived. The sender repeats missing queries under the same numbers. Missing informs are lost. After
+Closing, a slot begins nothing more. When a slot disconnects, the informs that it has not reported
+as begun count as lost, because they may not have been handled.
 """
 
 from collections import Counter
@@ -25,7 +26,8 @@ from tca_wire.packets.headers import PROTOCOL_VERSION, Answer, Refused
 from tca_wire.packets.routes import Entrance
 from tca_wire.vocabulary import Outcome, Refusal
 
-# messages that are not begun, and bytes of their data; a single message is always accepted
+# The most messages that are not begun, and the most bytes of their data. A message of any size is
+# accepted if no other message is under way.
 MOST_UNDER_WAY, MOST_BYTES = 1000, 64 << 20
 REPEAT = 1.0  # seconds of silence after which a sender asks what has arrived and what has begun
 LEAVE_WITHIN = 2.0  # seconds in which a slot that has left may still answer, or say Closing
@@ -52,9 +54,9 @@ class LineSocket(EventSource, Protocol):
 class DirectPath:
     """The path to one entrance.
 
-    *end* is called when a request is over, *hand_over* with requests to be sent through central.
-    *lose* is called with a message, the number of its informs that are lost, and the reason ("":
-    too many are under way).
+    *end* is called with a request that is over, *hand_over* with a request to be sent through
+    central. *lose* is called with the name of a message, the number of lost informs, and the
+    reason: "" if too many messages were under way.
     """
 
     def __init__(
@@ -73,19 +75,19 @@ class DirectPath:
         self.complaints: list[str] = []  #: lines for the log
         self.requests: dict[int, Request] = {}  #: number -> unanswered query
         self.is_over = False  #: nothing can be sent any more
-        self.must_ask = False  #: to greet again soon: the slot then says what has arrived
+        self.must_ask = False  #: whether to greet soon: the slot then says what has arrived
         self._is_open = False  #: the slot has answered the last greeting
         self._is_first = True  #: the slot has answered no greeting yet
         self._session = session
         self._module = module
         self._end, self._hand_over, self._lose = end, hand_over, lose
         self._newest = 0
-        #: number -> message ("" for a query) and size, of messages that may not have begun
+        #: messages that may not have begun: number -> name ("" for a query) and size
         self._under_way: dict[int, tuple[str, int]] = {}
         self._bytes = 0
-        self._arrived = 0  #: the highest number that has arrived, since ``confirm`` asked
+        self._arrived = 0  #: the highest number that the slot has reported since ``confirm``
         self._asked_at = float("-inf")  #: when the slot was last sent a query or greeting
-        #: once the slot has disconnected: when its queries fail, and why
+        #: set when the slot has disconnected: the time at which its queries fail, and the reason
         self._gives_up_at: tuple[float, str] | None = None
 
     @property
@@ -100,29 +102,29 @@ class DirectPath:
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``send_due`` may have something to do though nothing arrives."""
+        """Whether ``send_due`` may have something to do although no packet arrives."""
         return not self.is_over and (
             self._gives_up_at is not None or self.is_needed or not self._is_open
         )
 
     @property
     def unconfirmed(self) -> int:
-        """The number of informs that may not have arrived, and do not count as lost yet."""
+        """The number of informs that may not have arrived, without those that count as lost."""
         under_way = {} if self.is_over else self._under_way
         return sum(
             bool(inform) for number, (inform, _) in under_way.items() if number > self._arrived
         )
 
     def confirm(self) -> None:
-        """Ask the slot what has arrived, and ignore what it said before."""
+        """Ask the slot which messages have arrived, and ignore its earlier reports."""
         self.receive()
         self._arrived = 0
         self.must_ask = self.unconfirmed > 0
 
     def send_query(self, request: Request, now: float) -> bool:
-        """Send a query; return False if it must go another way.
+        """Send a query; return False if it must go through central.
 
-        If too much is under way, the query is refused.
+        If too many messages are under way, the query is refused.
         """
         if self._is_full(len(request.body)):
             number, message = len(self._under_way), request.header.message
@@ -138,9 +140,9 @@ class DirectPath:
         return True
 
     def send_inform(self, header: headers.Send, body: bytes) -> bool:
-        """Send an inform; return False if it must go another way.
+        """Send an inform; return False if it must go through central.
 
-        If too much is under way, the inform is lost.
+        If too many messages are under way, the inform is lost.
         """
         if self._is_full(len(body)):
             self._lose(header.message, 1, "")
@@ -168,7 +170,7 @@ class DirectPath:
         return True
 
     def send_due(self, now: float) -> None:
-        """Greet when that is due; give up on a slot that has disconnected."""
+        """Greet the slot when a greeting is due; end the path of a slot that has disconnected."""
         is_waiting = self.requests or self._under_way or not self._is_open
         if self._gives_up_at is not None and now >= self._gives_up_at[0]:
             for request in self._close_and_pop_requests():
@@ -187,13 +189,16 @@ class DirectPath:
             self.socket.send(pack_item(greet))
 
     def on_disconnected(self, text: str, now: float, *, lost: bool) -> None:
-        """Prepare the end: the slot was *lost* (now), or left and may still answer (soon)."""
+        """End the path at once if the slot was *lost*.
+
+        Otherwise the slot has left and may still answer: the path ends ``LEAVE_WITHIN`` later.
+        """
         self.receive()
         self._gives_up_at = now + (0 if lost else LEAVE_WITHIN), text
         self.send_due(now)
 
     def lose_all(self, why: str) -> None:
-        """Fail all queries: their outcome is unknown."""
+        """End all queries with an error, because their outcome is unknown."""
         for request in self._close_and_pop_requests():
             request.why_lost = why
             self._end(request)
@@ -255,7 +260,7 @@ class DirectPath:
             self._end(request)
             return
         self.complaints.append(f"{self.entrance.endpoint} refused: {header.text}")
-        if not header.number:  # without a number, it refuses everything from here
+        if not header.number:  # without a number, the slot refuses everything from this sender
             self.lose_all(self.complaints[-1])
             why = "their handler accepts nothing from here any more"
             self._lose_informs([*self._under_way], why)

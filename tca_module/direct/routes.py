@@ -1,8 +1,8 @@
 """The routes on which a connection may send directly, as central assigns them, and their paths.
 
-A message goes through central until an entrance of its route has answered a greeting, and whenever
-no entrance can be reached. A path is retained while a route leads there, a query is open, or an
-inform may not have begun.
+A message goes through central until an entrance of its route has answered a greeting. It also goes
+through central whenever no entrance can be reached. A path is retained while a route leads to its
+entrance, a query is open, or an inform may not have begun.
 """
 
 import itertools
@@ -35,13 +35,13 @@ class DirectRoutes:
         self.paths: dict[str, DirectPath] = {}  #: endpoint -> path
         self._numbers = itertools.count(1)
         self.lost = 0  #: number of informs that may never have reached their handler
-        self._has_logged_drops = False  #: the log says that informs are dropped
-        self._is_tidy = True  #: no path can be closed
+        self._has_logged_drops = False  #: whether the log says that informs are dropped
+        self._is_tidy = True  #: whether no path can be closed
         self._epoch = ""
         self._log = log_of(session.module)
 
     def send_query(self, header: Send, body: bytes) -> Request | None:
-        """Send a query directly; return None if it must go through central."""
+        """Send a query directly, and return its request; None if it must go through central."""
         if not self.paths or header.if_handled or (path := self._path_for(header.message)) is None:
             return None
         request = Request(header, body, wants_answer=True)
@@ -55,7 +55,7 @@ class DirectRoutes:
         return path is not None and path.send_inform(header, body)
 
     def _path_for(self, message: str) -> DirectPath | None:
-        """Return the next path for a message; None if it must go through central."""
+        """Return the next path for a message; None if the message must go through central."""
         paths = self._routes.get(message) or deque()
         for _ in range(len(paths)):
             path = paths[0]
@@ -65,7 +65,7 @@ class DirectRoutes:
         return None
 
     def confirm(self) -> None:
-        """Ask the slots what has arrived."""
+        """Ask the slots which messages have arrived."""
         for path in self.paths.values():
             path.confirm()
 
@@ -76,7 +76,7 @@ class DirectRoutes:
 
     @property
     def is_restless(self) -> bool:
-        """Whether ``listen`` may have something to do though nothing arrives."""
+        """Whether ``listen`` may have something to do although no packet arrives."""
         return any(path.is_restless for path in self.paths.values())
 
     def listen(self) -> None:
@@ -104,7 +104,7 @@ class DirectRoutes:
             self._close_unused()
 
     def _path_to(self, entrance: Entrance) -> DirectPath | None:
-        """Return the path to an entrance; None if it can't be reached from here."""
+        """Return the path to an entrance; None if the entrance can't be reached from here."""
         if self._transport is None:
             return None
         known = self.paths.get(entrance.endpoint)

@@ -26,14 +26,14 @@ def _is_after_first_state(observed: ObservedChange) -> bool:
 
 
 def decode_progress(message: Message[Any, Any] | None, data: bytes) -> Any:
-    """Return an intermediate result; plain values if its message is not declared here."""
+    """Return an intermediate result; plain values if the task's message is not declared here."""
     if isinstance(message, TaskMessage):
         return message.progress.decode(data)
     return decode_untyped(data)
 
 
 def life_cycle_of(message: Message[Any, Any] | None) -> LifeCycle:
-    """Return the life cycle of a message's tasks; the general one if it is not declared here."""
+    """Return the life cycle of a message's tasks; ``GENERAL`` for an undeclared message (None)."""
     return message.life_cycle if isinstance(message, TaskMessage) else GENERAL
 
 
@@ -49,7 +49,7 @@ def cancel_transitions(cycle: LifeCycle) -> list[str]:
 def check_states(what: str, message: Message[Any, Any] | None, states: Collection[str]) -> None:
     """Raise MisuseError for a state that the tasks of a message never have.
 
-    It checks nothing if the message is not declared here.
+    Nothing is checked if *message* is None: the message is not declared here.
     """
     cycle = life_cycle_of(message)
     if message is not None and (unknown := sorted(set(states) - set(cycle.states))):
@@ -57,15 +57,15 @@ def check_states(what: str, message: Message[Any, Any] | None, states: Collectio
 
 
 class NamedTask:
-    """A task as a program refers to it."""
+    """A task, with the names and numbers by which requests and errors refer to it."""
 
-    message: str  #: the name of the message that the task is
+    message: str  #: the name of the task's message
     _task_id: TaskId
     _origin: int
 
     @property
     def _description(self) -> str:
-        """The task for people, with its id if that is known. Never waits for the id."""
+        """The task in words, with the id if that is known. Never waits for the id."""
         return str(self)
 
     def _action(self, action: str) -> LateText:
@@ -77,7 +77,7 @@ class NamedTask:
         raise NotImplementedError
 
     def _tree_id(self) -> TaskId:
-        """Return the task as requests name it. Its id may not be known yet.
+        """Return the number by which requests name the task. Central may not have assigned it yet.
 
         Raises MisuseError for a message that is no task.
         """
@@ -126,7 +126,7 @@ class FollowedTask(NamedTask, Generic[C]):
     def serial(self) -> int:
         """The number of changes of the task's state that this program knows of; -1 if unknown."""
         mirror = self._ensure_mirror()
-        mirror.state  # noqa: B018 - waits until both are known
+        mirror.state  # noqa: B018 - waits until state and serial number are known
         return mirror.serial
 
     def changes(self, timeout: float | None = None) -> Stream[C]:
@@ -170,8 +170,8 @@ class FollowedTask(NamedTask, Generic[C]):
     def next_change(self, timeout: float | None = None) -> C | None:
         """Wait for the next change of the task's state, and return it.
 
-        It skips changes that this method has returned. The first call may return the present state,
-        if the task has left its first state.
+        Each change is returned once. The first call may return the present state, if the task has
+        left its first state.
 
         Args:
             timeout: the most seconds to wait. Default: None, no bound.
@@ -190,7 +190,7 @@ class FollowedTask(NamedTask, Generic[C]):
     def wait_for_state(self, *states: str, timeout: float | None = None) -> str:
         """Wait until the task is in one of the given states, or has ended.
 
-        A state that the task has had since the call counts, too.
+        A state that the task has entered and left during the call counts, too.
 
         Args:
             states: one or more states, such as "running".
@@ -303,7 +303,8 @@ class FollowedTask(NamedTask, Generic[C]):
     ) -> None:
         """Give the running task a new goal, and wait until its handler has accepted it.
 
-        A handler that does not declare that it takes updates is called again with the new goal.
+        If the handler is declared without "update" in ``takes=``, it is called again with the new
+        goal.
 
         Args:
             goal: the new data of the task.
@@ -354,8 +355,8 @@ class FollowedTask(NamedTask, Generic[C]):
     def cancel(self, why: str = "") -> None:
         """Ask the task to end, without waiting.
 
-        Its handler decides, and may need time. If the handler does not take cancels, the task is
-        killed. The request is not lost, even while central is away.
+        The task's handler decides, and may need time. If the handler does not take cancels, the
+        task is killed. The request is not lost, even while central is away.
 
         Args:
             why: the reason, for people. Default: "".
@@ -372,7 +373,7 @@ class FollowedTask(NamedTask, Generic[C]):
         check(what, TEXT, why=why)
         if not (names := cancel_transitions(cycle)):
             raise MisuseError(f"{what}: {cycle} has no such transition; kill() ends the task")
-        # The serial number -1 means: in whatever state the task is by now.
+        # With the serial number -1, central accepts the transition in any state of the task.
         header = ChangeState(0, self._tree_id(), names[0], -1, why, self._origin)
         self._connection().send_change(header, b"", str(what))
 
@@ -393,8 +394,8 @@ class FollowedTask(NamedTask, Generic[C]):
             message: the task's message, if it is not declared here. Default: None.
 
         Returns:
-            False if the task had ended, or if a transition of the server came first and made this
-            one impossible.
+            False if the task had ended, or if an earlier transition of the server made this
+            transition impossible.
 
         Raises:
             MisuseError: the transition is not a client's.
@@ -415,10 +416,10 @@ class FollowedTask(NamedTask, Generic[C]):
         return bool(self._connection().call(self._change_header(transition, why), what, body))
 
     def _check_possible(self, what: str, name: str, state: str) -> None:
-        """Raise an error if a client can't make that transition, in *state* if that is known.
+        """Raise an error if a client can't make a transition.
 
-        Raises MisuseError if no client ever can, Refused if it is impossible in *state*. A *state*
-        of "" is unknown.
+        Raises MisuseError if no client can make it in any state, and Refused if it is impossible in
+        *state*. If *state* is "", the task's state is unknown, and only the first is checked.
         """
         cycle = self._life_cycle
         if name not in (names := cycle.names(Party.CLIENT)) and self._declared() is not None:
@@ -442,7 +443,7 @@ class FollowedTask(NamedTask, Generic[C]):
         return message.encode_data(goal)
 
     def _check_message(self, message: Message[Any, Any] | None) -> None:
-        """Raise MisuseError if the task is not of that *message*, if given; declare the message."""
+        """Declare *message*, if given. Raises MisuseError if it is not the task's message."""
         if message is None:
             return
         check_message(message)

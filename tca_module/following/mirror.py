@@ -25,7 +25,7 @@ class Mirror(Observation):
         self.has_ended = False  #: whether the task has ended
         self.newest: ObservedChange | None = None  #: the newest change, or the first state
         self.progress: ObservedChange | None = None  #: the newest intermediate result
-        self.has_progressed = False  #: whether the newest change brought that result
+        self.has_progressed = False  #: whether the newest change brought an intermediate result
 
     def _process_change(self, observed: ObservedChange) -> None:
         self.newest, self.has_ended = observed, observed.change.is_over
@@ -37,7 +37,7 @@ class Mirror(Observation):
     def _update_progress(self, observed: ObservedChange) -> None:
         """Store a new intermediate result.
 
-        After a broken connection, central's snapshot may contain one that is known already.
+        After a broken connection, central's snapshot may contain a result that is known already.
         """
         change = observed.change
         known = self.progress.change.data if self.progress is not None else b""
@@ -48,9 +48,9 @@ class Mirror(Observation):
             self.progress = observed
 
     def snapshot(self) -> ObservedChange | None:
-        """Return the task's present state as a change; None while it is in its first state.
+        """Return the task's present state as a change; None while the task is in its first state.
 
-        The change is like those of central's snapshots.
+        The change has the form of a change in a snapshot of central.
         """
         if self.newest is None or self.newest.change.serial == 0:
             return None
@@ -87,8 +87,8 @@ class Mirror(Observation):
 class ChangeCallback(Generic[C]):
     """A function that is called with changes of tasks; ``on_change()`` returns it.
 
-    The thread that asked for it makes the calls, one at a time, while it waits for central or for
-    its next message. Errors in the function are logged.
+    The thread that called ``on_change()`` calls the function, while it waits for central or for its
+    next message. Only one callback runs at a time. Errors in the function are logged.
 
     Attributes:
         is_over: whether ``cancel()`` has ended the calls.

@@ -1,8 +1,8 @@
 """The changes of tasks' states, as central reports them: in order, each once, with missed counts.
 
 Central first sends a snapshot: the present state of each living task. Then it sends each change.
-After its restart, and after a broken connection, it sends a snapshot again. Tasks that are missing
-in it have ended in the meantime.
+After a restart of central, and after a broken connection, central sends a snapshot again. Tasks
+that are missing in the new snapshot have ended in the meantime.
 """
 
 import weakref
@@ -25,7 +25,7 @@ from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Party, Refusal
 
 MOST_UNREAD = 10_000
-"""The number of changes that wait to be read; the oldest ones beyond it count as missed."""
+"""The most changes that wait to be read. If there are more, the oldest count as missed."""
 
 _ENDED_UNSEEN = "it ended while this program did not hear central"
 
@@ -38,7 +38,7 @@ class ObservedChange(NamedTuple):
     change: StateChange
     task: TaskId
     missed: int
-    """The number of changes before it that this program did not receive."""
+    """The number of changes directly before this change that this program did not receive."""
 
 
 def is_progress(observed: ObservedChange) -> bool:
@@ -51,7 +51,7 @@ Wants = Callable[[ObservedChange], bool]
 
 
 class UnreadChanges:
-    """The wanted changes that a reader has not read yet, from its creation on."""
+    """The wanted changes that have arrived since the reader was made and are not read yet."""
 
     def __init__(self, wants: Wants) -> None:
         self._wants = wants
@@ -62,7 +62,7 @@ class UnreadChanges:
         return bool(self._unread)
 
     def add(self, observed: ObservedChange) -> None:
-        """Add a change if the reader wants it. Drops the oldest one if there are too many."""
+        """Add a change if the reader wants it. Drops the oldest change if there are too many."""
         if not self._wants(observed):
             return
         self._unread.append(observed)
@@ -71,7 +71,7 @@ class UnreadChanges:
             self._dropped[oldest.task] = self._dropped.get(oldest.task, 0) + oldest.missed + 1
 
     def start_with(self, observed: ObservedChange) -> None:
-        """Add the change with which a new reader starts: it arrived before the reader was made."""
+        """Add a change that arrived before the reader was made, as the reader's first change."""
         self._unread.append(observed)
 
     def clear(self) -> None:
@@ -95,7 +95,7 @@ class _LastChange(NamedTuple):
 class Observation:
     """A request for the changes of some tasks' states.
 
-    It ends when it is garbage collected, unless functions are called with the changes.
+    The observation ends when it is garbage collected, unless functions are called with the changes.
     """
 
     def __init__(self, connection: Connection, header: Observe, what: object) -> None:
@@ -112,13 +112,14 @@ class Observation:
         self._snapshot_source = ("", 0)  # the epoch, and the request, of the present snapshot
         self._has_snapshot = False  # a snapshot has arrived whole
         self._is_given_up = False
-        self.request = self._send_request()  #: the present one
+        self.request = self._send_request()  #: the present request; it may be sent again
 
     def _send_request(self) -> Request:
         request = self.connection.request(self._header, wants_answer=True)
         abandon, reference = self.connection.abandon, weakref.ref(self)
 
-        # This holds no strong reference, so that an unused observation is garbage collected.
+        # The function holds only a weak reference, so that an unused observation is garbage
+        # collected.
         def on_answer() -> None:
             if (observation := reference()) is not None:
                 observation._process_answers()  # noqa: SLF001
@@ -158,9 +159,9 @@ class Observation:
         reader.clear()
 
     def wait(self, has_arrived: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *has_arrived* returns true, or no more changes can come. Returns its value.
+        """Wait until *has_arrived* returns true, or no more changes can come.
 
-        Raises what ``Connection.wait`` does.
+        Returns the last value of *has_arrived*. Raises what ``Connection.wait`` does.
         """
         self.catch_up()
         if not has_arrived():
@@ -192,7 +193,10 @@ class Observation:
         return has_arrived()
 
     def receive_end(self) -> None:
-        """Receive the end of the observed task, which is on its way; call the functions with it."""
+        """Wait for the report of the observed task's end, and call the functions with it.
+
+        Central has sent that report already.
+        """
         if self._calls_functions:
             self.connection.wait_for_end(self.request)
 
@@ -204,8 +208,8 @@ class Observation:
     def _on_error(self, error: BaseException) -> None:
         """Send the request again after a wait that ended with an error.
 
-        The wait has given up the request. In a deadlock, central has ended it. The new request is
-        sent at once if functions are called, otherwise at the next use.
+        The wait has given up the request, or central has ended it because of a deadlock. The new
+        request is sent at once if functions are called, otherwise at the next use.
         """
         self._is_given_up = not self.request.is_over or isinstance(error, Deadlock)
         if self._is_given_up and self._calls_functions:
@@ -215,7 +219,7 @@ class Observation:
             self._discard_lost_send()
 
     def _discard_lost_send(self) -> None:
-        """Forget the error that the sending of the task has failed: the caller raises it."""
+        """Forget the error of the task's send, because the caller raises an error anyway."""
         if isinstance(self._header.task, SentId):
             self.connection.session.sends.discard(self._header.task.request)
 
@@ -224,7 +228,7 @@ class Observation:
         return has_arrived() or self.is_over
 
     def catch_up(self) -> None:
-        """Process what has arrived. Sends the request again if it was given up. Never waits."""
+        """Process arrived packets. Sends the request again if it was given up. Never waits."""
         if self._is_given_up:
             self._is_given_up, self.request = False, self._send_request()
         self.connection.catch_up()
@@ -257,7 +261,7 @@ class Observation:
             elif answer.more:
                 self._on_snapshot_end()
         refused = self.request.refused
-        # A refused wait is an error of the waiting caller only.
+        # If central refused a wait because of a deadlock, only the waiting caller has an error.
         is_refused_wait = refused is not None and refused.refusal is Refusal.DEADLOCK
         if self._calls_functions and self.request.has_failed and not is_refused_wait:
             self._calls_functions = False
@@ -283,7 +287,7 @@ class Observation:
         self._publish(change, max(0, change.serial - last.serial - 1) if last is not None else 0)
 
     def _start_snapshot(self) -> None:
-        """Start a snapshot, unless the one of this epoch and request has started."""
+        """Start a snapshot, unless the snapshot of this epoch and request has started already."""
         epoch, number = self.connection.session.epoch, self.request.header.number
         if (epoch, number) != self._snapshot_source:
             if epoch != self._snapshot_source[0]:

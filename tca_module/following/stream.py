@@ -14,10 +14,10 @@ T = TypeVar("T")
 class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
     """Changes or intermediate results, to iterate over as they arrive.
 
-    ``for`` waits for each one. In an async handler use ``async for``; ``asyncio.timeout`` limits
-    its wait. The stream ends with the task that it is about, or below which it observes. At most
-    10,000 changes wait to be read. The oldest ones beyond that are dropped, and counted in
-    ``missed`` of the next one.
+    ``for`` waits for the next element. In an async handler use ``async for``; ``asyncio.timeout``
+    limits that wait. The stream of one task ends with the task. The stream of all tasks *below* a
+    task ends with that task. At most 10,000 changes wait to be read. If there are more, the oldest
+    are dropped, and ``missed`` of the same task's next change counts them.
 
     Example::
 
@@ -64,7 +64,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
             The element; None if the stream has ended.
 
         Raises:
-            Timeout: none arrived in time.
+            Timeout: no element arrived in time.
             CentralLost: central does not answer, or has forgotten the task.
             Deadlock, TaskKilled, Stopped: in a handler, as for ``TaskRef.wait``.
         """
@@ -72,7 +72,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         return self._convert(self._unread.pop()) if self._wait_for_next(timeout) else None
 
     def _wait_for_next(self, timeout: float | None) -> bool:
-        """Wait for the next element; return False if none will arrive. Raises Timeout."""
+        """Wait for the next element; return False if the stream has ended. Raises Timeout."""
         if self._is_closed:
             return False
         if self._observation.wait(self._has_unread, timeout):
@@ -95,7 +95,7 @@ class Stream(Iterator[T], AsyncIterator[T], Generic[T]):
         """Return the elements that have arrived by now. Never waits.
 
         Raises:
-            Refused, CentralLost: none has arrived or will arrive: the observation failed.
+            Refused, CentralLost: no element has arrived, and the observation has failed.
         """
         self._observation.catch_up()
         elements = []

@@ -93,7 +93,7 @@ class PendingUpdate:
             return self._is_over
         if self._request.has_failed:
             return True
-        serial = self._request.accepted or 0  # 0: central did not make the transition
+        serial = self._request.accepted or 0  # 0: central did not make the client's transition
         if not serial:
             state = self._mirror.known_state or "about to end"
             self._finish(f"it came too late, the task is {state}")
@@ -104,15 +104,15 @@ class PendingUpdate:
             if change.serial >= serial or change.is_over:
                 is_gapless = not (observed.missed or change.is_late)
                 moved_on = self._examine(change, is_gapless=is_gapless)
-        if moved_on and not self._is_over:  # central does not repeat the request to the server
+        if moved_on and not self._is_over:  # central sends the request to the server only once
             self._finish(f"the task is {moved_on} by now")
         return self._is_over
 
     def _examine(self, change: StateChange, *, is_gapless: bool) -> str:
         """Examine one change: the update's own transition, or a later one.
 
-        Returns the state to which the server has moved on without an answer; "" otherwise.
-        *is_gapless*: no change before it was missed.
+        If the server has moved on without an answer, this returns its state; otherwise "".
+        *is_gapless*: no change was missed directly before this change.
         """
         effects = {
             row.effect

@@ -34,7 +34,7 @@ from tca_wire.points import TaskId
 ACKNOWLEDGED_WITHIN = 30.0
 _LEAVE_WITHIN = 2.0  # seconds that central has to acknowledge a leaving module
 LINGER = 10.0  # seconds that closing waits for sent messages to arrive
-# unacknowledged task sends on one connection; central remembers the requests of 128 tasks
+# most unacknowledged task sends on one connection; central remembers the requests of 128 tasks
 MAX_UNACKNOWLEDGED = 100
 
 
@@ -59,7 +59,7 @@ class Connection(Waits):
     def leave(self) -> None:
         """Unregister all handlers.
 
-        An error is ignored: central notices anyway when the connection closes.
+        An error is ignored, because central also notices the end of the connection.
         """
         self.session.forget_handlers()
         with contextlib.suppress(CentralLost, Timeout, Refused):
@@ -77,8 +77,8 @@ class Connection(Waits):
     ) -> None:
         """Declare messages and handlers to central.
 
-        With *is_ready*, also say that the module has made all attachments of its start. Raises
-        FormatRefused if another module declares a message with other types.
+        With *is_ready*, also inform central that the module has made all attachments of its start.
+        Raises FormatRefused if another module declares a message with other types.
         """
         new = [message for message in messages if not self.has_declared(message)]
         handled = list(handlers)
@@ -92,7 +92,7 @@ class Connection(Waits):
         self._declared.update({message.name: message for message in new})
 
     def has_declared(self, message: Message[Any, Any]) -> bool:
-        """Return whether this program has declared a message. Raises MisuseError for no message."""
+        """Return whether *message* was declared here. Raises MisuseError if it is no message."""
         if not isinstance(message, Message):
             check_message(message)
         return self._declared.get(message.name) is message
@@ -104,7 +104,7 @@ class Connection(Waits):
         body: bytes = b"",
         within: float = ACKNOWLEDGED_WITHIN,
     ) -> int:
-        """Make a request of central and wait until it is accepted.
+        """Make a request to central, and wait until central accepts it.
 
         Returns the id of the resulting task or message. *what* names the request in errors.
         """
@@ -120,7 +120,7 @@ class Connection(Waits):
         body: bytes = b"",
         within: float | None = ACKNOWLEDGED_WITHIN,
     ) -> Request:
-        """Ask central a question that it answers at once; return the request with its answer.
+        """Ask central a question that it answers at once; return the request with the answer.
 
         Raises Timeout if the answer does not arrive *within* that number of seconds.
         """
@@ -149,7 +149,7 @@ class Connection(Waits):
         """Send a goal, command or monitor, and return its id without waiting for central.
 
         If central refuses the task, the error is raised by the first use of the id, the sender's
-        next call, or ``raise_send_errors``. While central is away, this waits for it.
+        next call, or ``raise_send_errors``. While central is away, this waits for central.
         """
         with self.locked():
             session, epoch = self.session, self.session.epoch
@@ -162,7 +162,7 @@ class Connection(Waits):
             return TaskId(SentId(self, request))
 
     def send_change(self, header: ChangeState, body: bytes, what: str) -> Request:
-        """Request the change of a task's state that *what* describes, without waiting for central.
+        """Request a change of a task's state, without waiting. *what* describes the change.
 
         A refusal is raised by the next call of the same sender, or by ``raise_send_errors``. A
         change that came too late is only logged.
@@ -200,9 +200,10 @@ class Connection(Waits):
     def _wait_from_other_thread(self, request: Request) -> None:
         """Wait, in a thread that does not own the connection, until a sent task is acknowledged.
 
-        The owning thread may be busy, so this one reads packets itself whenever the lock is free.
+        The owning thread may be busy, so the calling thread reads packets whenever the lock is
+        free.
         """
-        # The owning thread may hold the lock in a wait of its own.
+        # The owning thread may hold the lock during its own wait. It then makes this call.
         self.call_soon(lambda: self.announce(request))
         until = self.now() + ACKNOWLEDGED_WITHIN
         while not request.is_over:
@@ -220,8 +221,9 @@ class Connection(Waits):
     def raise_send_errors(self, origin: int, *, wait: bool) -> None:
         """Raise the first error of the tasks that were sent for the delivery *origin*.
 
-        With *wait*, first wait until central has accepted or refused every sent task. Handlers need
-        no *wait*: their Reply says how many refusals they know, and central compares.
+        With *wait*, first wait until central has accepted or refused every sent task. For a handler
+        this is not needed, because its Reply says how many refusals the handler knows, and central
+        compares that number.
         """
         session = self.session
         if session.sends.unacknowledged:
@@ -243,8 +245,8 @@ class Connection(Waits):
     ) -> Request:
         """Send a numbered request.
 
-        With *is_awaited*, the caller calls ``wait`` next, which sends what could not be sent here.
-        Otherwise this waits a little for central to accept the packet.
+        With *is_awaited*, the caller calls ``wait`` next, and ``wait`` sends what does not leave at
+        once. Otherwise this waits up to a second until central accepts the packet.
         """
         with self.locked():
             self._catch_up_for(header)
@@ -262,7 +264,7 @@ class Connection(Waits):
         """Process arrived packets before a header is sent.
 
         Raises the error of an earlier send, or CentralLost if the header names tasks of an earlier
-        central. *epoch*: of the central that the header was written for (None: the present one).
+        central. *epoch*: that of the central that the header was written for; None: the present.
         """
         session = self.session
         epoch = session.epoch if epoch is None else epoch
@@ -283,7 +285,7 @@ class Connection(Waits):
         session = self.session
         session.sends.check(getattr(header, "origin", None))
         if not numbers:
-            # Plain numbers know no epoch: they come from the central before the restart.
+            # Plain numbers know no epoch. These come from the central before the restart.
             if epoch != session.epoch and refers_to_tasks(header):
                 raise CentralLost(f"the request is lost: {RESTARTED}; start again")
             return
@@ -291,7 +293,7 @@ class Connection(Waits):
             if isinstance(number, SentId):
                 number.check_nameable(self)
         if first_foreign(numbers, session.epoch) is not None:
-            # This connection may not know of the restart yet: an exchange with central shows it.
+            # This connection may not know of the restart yet. An exchange with central shows it.
             with contextlib.suppress(CentralLost, Timeout):
                 self.call(headers.Register(0, []), "an answer from central")
         check_epoch(numbers, session.epoch)
@@ -303,8 +305,8 @@ class Connection(Waits):
     def release(self, request: Request, what: str, *, at_once: bool = False) -> bool:
         """Release the lock of a request; return whether it was still held.
 
-        With *at_once*, do not wait for central. Raises CentralLost if central does not answer; the
-        release is then repeated as soon as it does.
+        With *at_once*, do not wait for central. Raises CentralLost if central does not answer. The
+        release is then repeated as soon as central is back.
         """
         header = headers.Release(0, request.header.number, getattr(request.header, "origin", 0))
         if self.is_lock_lost(request) or at_once:
@@ -355,7 +357,8 @@ class Connection(Waits):
     def is_cancelled(self, delivery: int) -> bool:
         """Return whether a delivery's handler should clean up and return.
 
-        The handler then counts as notified: no wait raises the same again.
+        If so, the handler counts as notified, and no wait raises TaskKilled or Stopped for the same
+        reason.
         """
         with self.locked():
             self.line.catch_up()
@@ -400,7 +403,7 @@ class Connection(Waits):
             try:
                 self.direct.stop_receiving()
                 self._wait_for_arrival(linger, lost_before)
-                # While something is unconfirmed, central is away: callbacks would wait for central.
+                # If something is still unconfirmed, central is away, and callbacks would wait.
                 if self.is_own_thread and not self.has_unconfirmed:
                     self.process_pending()
                     self._wait_for_arrival(linger, lost_before)
@@ -416,10 +419,10 @@ class Connection(Waits):
             session.sends.check(0)
 
     def acquire_for_closing(self, within: float) -> bool:
-        """Lock the connection of another thread for good, to close it at exit.
+        """Lock the connection of another thread for good, so that the caller can close it at exit.
 
-        Returns False if the owning thread held the lock all the time, or if everything that was
-        sent has arrived.
+        Returns False without the lock, if the owning thread held it all the time or if everything
+        that was sent has arrived.
         """
         self.call_soon(self.session.confirm)
         self.call_soon(self.direct.routes.confirm)
@@ -462,7 +465,7 @@ class Connection(Waits):
     def _wait_for_arrival(self, within: float, lost_before: int) -> None:
         """Wait until everything has arrived, at most *within* seconds.
 
-        While central is away, it waits only for new losses and for unacknowledged sends.
+        While central is away, this waits only if there are new losses or unacknowledged sends.
         """
         session, routes, since = self.session, self.direct.routes, self.now()
         must_wait = not session.is_confirmed and (

@@ -20,8 +20,8 @@ from tca_module.sockets.transport import Waker
 
 # seconds between two checks of a connection that its own thread uses, or that gets no answer
 CHECK_PERIOD = 0.5
-# One connection probes a silent central first. The others of the process wait this factor longer:
-# the answer to the first probe makes theirs unnecessary.
+# One connection probes a silent central first. The other connections of the process wait longer, by
+# this factor. The answer to the first probe makes their probes unnecessary.
 _LATER_PROBES = 1.2
 
 
@@ -29,7 +29,8 @@ _LATER_PROBES = 1.2
 class Pass:
     """One pass of the thread over its modules.
 
-    The modules share when each central was last heard, so only one of them probes it for all.
+    The modules share the time at which each central was last heard. So only one module probes a
+    central for all.
     """
 
     now: float
@@ -46,20 +47,20 @@ class KeepAlive:
 
     def __init__(self, link: Connection, stop: Stop, *, reconnect: bool) -> None:
         self.error: CentralLost | None = None  #: the error that ended the module early
-        self.since = time.monotonic()  #: central's silence counts from then at the earliest
+        self.since = time.monotonic()  #: the earliest time from which central's silence counts
         self.due = self.since  #: when the next check is, if nothing arrives
-        self.files: Collection[int] = ()  #: become readable when something arrives
+        self.files: Collection[int] = ()  #: one becomes readable when something arrives
         self._link = link
         self._reconnect = reconnect
         self._stop = stop  #: set when the module must end
-        self._has_reported_stop = False  #: the stop has been logged and is passed on to central
-        self._has_warned = False  #: the log says that central does not answer
+        self._has_reported_stop = False  #: whether the stop is logged and passed on to central
+        self._has_warned = False  #: whether the log says that central does not answer
         self._thread = _thread
         self._thread.add(self)
         stop.on_set(self._thread.waker.set)
 
     def end(self) -> None:
-        """End this, and set the module's stop: the module's thread informs central itself."""
+        """End the keep-alive, and set the module's stop. The module's thread informs central."""
         self._thread.remove(self)
         self._stop.set()
 
@@ -98,7 +99,7 @@ class KeepAlive:
         self._report(current, is_silent=is_silent)
 
     def _report(self, current: Pass, *, is_silent: bool) -> None:
-        """Log that central is silent or back; end the module if it does not reconnect."""
+        """Log that central is silent or back. End a module that must not wait for central."""
         link, address = self._link, self._link.transport.address
         if is_silent and not self._reconnect and not self._stop.is_set():
             module, lost = link.session.module, link.line.lost_error()
@@ -116,7 +117,7 @@ class KeepAlive:
 
 
 class _KeepAliveThread:
-    """The thread. It runs while there is a module to keep alive."""
+    """The one thread of the process for all modules. It runs while there is a module."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()  #: held during a pass

@@ -18,7 +18,7 @@ SEND_WITH_YOUR_OWN = (
 class ThreadBound:
     """The part of a Connection that refuses use in other threads and processes.
 
-    Tasks, clients and all other objects of users send with a Connection, so it checks their calls.
+    Tasks, clients and all other objects of users send with a Connection, which checks their calls.
     """
 
     session: Session
@@ -57,8 +57,8 @@ class ThreadBound:
     def locked(self) -> AbstractContextManager[object]:
         """Return the lock, for a ``with`` block in the owning thread.
 
-        In another thread it raises MisuseError instead of waiting: a thread that serves a slot
-        holds the lock most of the time.
+        In another thread this raises MisuseError instead of waiting, because a thread that serves a
+        slot holds the lock most of the time.
         """
         self.check_thread()
         lock: AbstractContextManager[object] = self._lock
@@ -67,7 +67,8 @@ class ThreadBound:
     def mark_inherited(self) -> None:
         """Mark this connection as inherited by a forked process.
 
-        It then has no owner, so the thread check of each call fails, and reports the fork.
+        The connection then has no owner. So the thread check of each call fails, and its error
+        reports the fork.
         """
         self._owner, self._lock = _NO_THREAD, _NoLock(self)
 
@@ -86,7 +87,7 @@ class ThreadBound:
 
 
 class _NoLock:
-    """The lock of an inherited connection: taking it raises MisuseError.
+    """The lock of an inherited connection. Acquiring it raises MisuseError.
 
     The real lock may be held for ever, by a thread that the fork did not copy.
     """

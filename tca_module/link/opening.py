@@ -25,7 +25,7 @@ class CentralInProcess(Protocol):
     """A central that is reached without a socket, such as LocalCentral."""
 
     def transport(self) -> Transport:
-        """Return a new connection to it."""
+        """Return a new connection to this central."""
 
 
 CentralAddress = str | CentralInProcess | None
@@ -91,7 +91,7 @@ def hello(
     incarnation: str = "",
     hung_after: float = 0.0,
 ) -> Hello:
-    """Return the introduction of a connection.
+    """Return the Hello with which a connection introduces itself.
 
     *incarnation* names one run of the module; "" stands for a new run.
     """

@@ -21,7 +21,7 @@ from tca_wire.packets.credit import Receipts
 SEND_WAIT = 1.0  # seconds that a send waits for central to take the packet
 STEP = 0.2  # seconds that a wait listens at a time while central is not there
 _PROBE_ANSWERED_WITHIN = 0.2  # seconds within which a live central answers a probe
-STALL = 2.0  # a wait that ends so many seconds late shows that the whole process was stopped
+STALL = 2.0  # if a wait ends this many seconds too late, the whole process was stopped
 
 
 class PacketLine:
@@ -47,7 +47,7 @@ class PacketLine:
 
     @property
     def why_silent(self) -> str:
-        """Why central counts as silent, for errors; "" if it sends and accepts packets."""
+        """The reason why central counts as silent, for errors; "" if packets come and go."""
         session, now = self.session, self.clock()
         if session.is_welcome and not session.outgoing and not self._owes_answer(now):
             return ""
@@ -95,7 +95,7 @@ class PacketLine:
         """Process arrived packets, keep the line alive, and return when there is more to do.
 
         After *quiet* seconds of silence, counted from *since* at the earliest, this probes central.
-        It does so in every call, so that a program that never waits also notices a broken
+        Every call checks for silence, so that a program that never waits also notices a broken
         connection. With *is_sending*, the caller flushes right after this.
         """
         self.listen_to_all()
@@ -118,7 +118,7 @@ class PacketLine:
         if packet is not None:
             self._process(packet)
         else:
-            self.direct.report()  # after the last packet only: it may say that central ended
+            self.direct.report()  # only after the last packet, which may say that central ended
         self.direct.listen()
         return packet is not None
 
@@ -141,7 +141,7 @@ class PacketLine:
     def flush(self, wait_seconds: float = SEND_WAIT, *, is_patient: bool = False) -> bool:
         """Send the session's outgoing headers; return whether they left.
 
-        If they did not, the connection counts as broken, unless the caller *is_patient*.
+        If they did not leave, the connection counts as broken, unless the caller *is_patient*.
         """
         if self.session.outgoing:
             outgoing = self.session.pop_outgoing(self.handler_time)

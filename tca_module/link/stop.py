@@ -5,14 +5,14 @@ from collections.abc import Callable
 
 
 class Stop(threading.Event):
-    """Set when a module must end. Setting it also wakes threads that wait for something else."""
+    """The event that a module must end. Setting it also wakes threads with other waits."""
 
     def __init__(self) -> None:
         super().__init__()
         self._wakes: list[Callable[[], None]] = []
 
     def on_set(self, wake: Callable[[], None]) -> None:
-        """Call *wake*, too, when this is set."""
+        """Call *wake* when the event is set. If it is set already, call *wake* at once."""
         self._wakes.append(wake)
         if self.is_set():
             wake()
@@ -24,9 +24,9 @@ class Stop(threading.Event):
             wake()
 
     def set_from_signal(self) -> None:
-        """Set this from a signal handler, which must take no lock.
+        """Set the event from a signal handler, which must take no lock.
 
-        The thread that waits for this event wakes the others.
+        No function of ``on_set`` is called. The thread that waits for this event wakes the others.
         """
         super().set()
 

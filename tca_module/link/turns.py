@@ -1,8 +1,7 @@
-"""Turns of a slot: it handles prefetched messages one after the other and sends their replies
-together.
+"""Turns of a slot. In a turn, a slot handles prefetched messages one after the other.
 
-While a handler runs, the connection is not locked. If the handler takes long, another thread sends
-the replies of the messages before it.
+At the end of the turn, the slot sends their replies together. While a handler runs, the connection
+is not locked. If the handler takes long, another thread sends the replies to the earlier messages.
 """
 
 import os
@@ -19,7 +18,7 @@ _IDLE_CHECKS = 50  # checks without work after which the thread ends
 
 
 class Turns:
-    """The turns of one connection. Its thread calls them with the connection locked once."""
+    """The turns of one connection. The connection's thread calls them and has the lock once."""
 
     def __init__(self, line: PacketLine, lock: threading.RLock) -> None:
         self._session = line.session
@@ -52,7 +51,8 @@ class Turns:
 
     def send_late_replies(self) -> bool:
         """Send the replies that wait, from another thread. Returns False if there were none."""
-        # Cleared before the replies are read: a turn adds its reply, then tests this flag.
+        # The flag is cleared before the replies are read, because a turn first adds its reply and
+        # then tests the flag.
         self._is_watched = False
         if self._session.held_replies.ended:
             self._is_watched = True
@@ -65,7 +65,7 @@ class Turns:
 
 
 class _Watcher:
-    """The thread that sends late replies, as long as there are turns in which replies wait."""
+    """The thread that sends late replies. It runs while there are turns in which replies wait."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -13,12 +13,12 @@ from tca_module.session.session import quiet_within
 from tca_wire.packets.headers import Deliver
 
 _FOR_EVER = float("inf")
-# The part of the patience by which a pause between two waits of a handler counts as silence.
+# The most of the patience that a pause between two waits of a handler uses up as silence.
 _PAUSE_SHARE = 0.25
 
 
 class WaitLoop:
-    """All waits of one connection. Its thread calls them with the connection locked."""
+    """All waits of one connection. The connection's thread calls them and has the lock."""
 
     def __init__(self, line: PacketLine, lock: threading.RLock, patience: float) -> None:
         self._session = line.session
@@ -46,10 +46,10 @@ class WaitLoop:
         alarm: float = _FOR_EVER,
         since: float | None = None,
     ) -> bool:
-        """Wait until *is_over*; return whether it is, in time.
+        """Wait until *is_over* is true; return whether it became true in time.
 
-        Raises CentralLost if central is silent for longer than the patience. Silence counts from
-        *since* if this continues an earlier wait. *is_over* is also tested at *alarm*, a time of
+        Raises CentralLost if central is silent for longer than the patience. If this wait continues
+        an earlier one, silence counts from *since*. *is_over* is also tested at *alarm*, a time of
         the handlers' clock.
         """
         return self._wait(is_over, timeout, self.patience, alarm=alarm, since=since)
@@ -57,8 +57,8 @@ class WaitLoop:
     def serve(self, is_over: Callable[[], bool], idle_wait: Callable[[float], bool] | None) -> None:
         """Handle messages, prefetched ones too, until *is_over*, however long central is silent.
 
-        Between messages, *idle_wait* is called with the seconds that it may wait. It returns False
-        if it did not wait.
+        Between messages, *idle_wait* is called with the seconds that it may wait. *idle_wait*
+        returns False if the loop must wait instead.
         """
         self._wait(is_over, None, _FOR_EVER, idle_wait)
 
@@ -73,8 +73,8 @@ class WaitLoop:
     ) -> bool:
         """Wait until *is_over*, or raise TaskKilled or Stopped if the handler is woken.
 
-        If both happen at once, it returns. It raises the error only if the kill of the handler's
-        task also ended the request.
+        If *is_over* is true and the handler is woken at the same time, this returns. It raises
+        TaskKilled only if the kill of the handler's task also ended *request*.
         """
         open_deliveries = self._session.open_deliveries
         handler = open_deliveries.waiting_handler()
@@ -94,9 +94,9 @@ class WaitLoop:
     def wait_repeatedly(self, is_over: Callable[[], bool], what: object, alarm: float) -> bool:
         """Wait until *is_over* or *alarm*, for a handler with many short waits.
 
-        Returns whether it is over. Central's silence counts through all these waits, and raises
+        Returns the value of *is_over*. Central's silence counts through all these waits, and raises
         CentralLost once. A pause between two waits counts only in part, because perhaps no thread
-        listened.
+        listened to central during the pause.
         """
         session, time, now = self._session, self._line.handler_time, self._clock()
         handler = session.open_deliveries.waiting_handler()
@@ -112,8 +112,8 @@ class WaitLoop:
             )
             is_in_time = is_over()
             if not is_in_time:
-                # Checked here, too, for a loop whose alarms have always passed, so that it never
-                # really waits.
+                # Also checked here, because a wait whose alarm has passed never really waits. A
+                # handler may call only such waits in a loop.
                 self.check_woken(what)
                 if self._clock() >= max(self._silent_since, session.heard) + self.patience:
                     raise self._line.lost_error()
@@ -125,7 +125,7 @@ class WaitLoop:
         return is_in_time
 
     def check_woken(self, what: object) -> None:
-        """Raise TaskKilled or Stopped if the caller must be woken. *what*: what it waits for."""
+        """Raise TaskKilled or Stopped if the caller must be woken from its wait for *what*."""
         open_deliveries = self._session.open_deliveries
         handler = open_deliveries.waiting_handler()
         if why := open_deliveries.wake_reason(handler):
@@ -138,7 +138,7 @@ class WaitLoop:
         return bool(self._session.pending_calls or (self.callbacks and not self.is_calling_back))
 
     def run_pending_call(self) -> None:
-        """Make one pending call: the library's own first, else a callback (not inside another)."""
+        """Make one pending call. Calls of the library come first. Callbacks do not nest."""
         if self._session.pending_calls:
             self._session.pending_calls.popleft()()
         elif self.callbacks and not self.is_calling_back:
@@ -199,13 +199,14 @@ class WaitLoop:
             line.listen(0.0 if idle_wait is not None and idle_wait(step) else step, alarm)
             before, now = now, self._clock()
             if now - before > step + STALL:
-                # This process stood still: central may have sent packets that are not read yet.
+                # This process stood still. Central may have sent packets that are not read yet.
                 silent_since = self._silent_since = now
                 self._recheck_prefetched()
             if idle_wait is not None and self.handle_delivery is not None:
                 self._handle_next(self.handle_delivery)  # listens to central in between
             is_silent = now >= max(session.heard, silent_since) + patience
-            # A wait that continues others is too short to notice the silence before its deadline.
+            # A wait that continues earlier ones may be too short to notice the silence, so its
+            # silence is tested at the deadline, too.
             if now >= deadline and (since is None or not is_silent):
                 return is_over()
             if is_silent:
@@ -215,8 +216,8 @@ class WaitLoop:
     def _handle_due(self, *, is_nested: bool) -> bool:
         """Handle a message that must be handled now; return whether there was one.
 
-        The wait of a callback also handles the next prefetched message: the answer may depend on
-        it.
+        A nested wait also handles the next prefetched message, because the awaited answer may
+        depend on that message.
         """
         session, handle = self._session, self.handle_delivery
         if handle is None:
@@ -242,7 +243,7 @@ class WaitLoop:
     def _recheck_prefetched(self) -> None:
         """Probe central after this process stood still.
 
-        Central may have given the prefetched messages to another slot in the meantime.
+        Central may have given the prefetched messages to another slot during the standstill.
         """
         self._line.listen_to_all()
         if self._session.prefetched and (self._probe is None or self._probe.is_over):
@@ -261,7 +262,7 @@ class WaitLoop:
         return self._can_begin_next
 
     def _handle_next(self, handle: Callable[[Deliver, bytes], None]) -> None:
-        """Handle messages that wait until nothing else is due (prefetched, direct) for a moment."""
+        """Handle prefetched or direct messages for a millisecond, when nothing else is due."""
         if self._check_next():
             session = self._session
             self._turns.run(lambda: session.may_begin_next and not self.has_pending_call, handle)

@@ -1,7 +1,7 @@
 """The waits of one connection: for answers, changes, callbacks, and time.
 
-The loop of a wait is in ``wait_loop``. It also handles the messages that central delivers in the
-meantime, so a handler may query its own resource.
+The loop of a wait is in ``wait_loop``. The loop also handles the messages that central delivers
+during the wait, so a handler may query its own resource.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from tca_wire.packets.changes import Observe
 from tca_wire.packets.headers import Await
 
 PATIENCE = 10.0  # seconds of central's silence after which a wait raises CentralLost
-_REST_WITHIN = 1.0  # seconds within which the rest of central's packets of one event arrive
+_REST_WITHIN = 1.0  # seconds between the first and the last packet of central about one event
 _WHY_WITHIN = 0.2  # seconds that central has to say why an answer is missing
 
 
@@ -35,12 +35,13 @@ _WHY_WITHIN = 0.2  # seconds that central has to say why an answer is missing
 class AnnouncedWait:
     """A wait for changes, or for the first of several answers, as a ``with`` block.
 
-    It informs central, which knows other waits by their requests. Without *requests*, it sends
-    nothing.
+    The block announces the wait to central. (Central knows other waits by their requests.) Without
+    *requests*, the block sends nothing.
 
-    A wait is announced only when all arrived packets are read and it must still wait. The
-    announcement says how many answers had arrived. If central has sent more, it does not count the
-    handler as waiting: the handler is about to continue. An answer ends the wait for central, too.
+    A wait is announced only if it must continue after all arrived packets have been read. The
+    announcement says how many answers have arrived. If central has sent more answers, it does not
+    count the handler as waiting, because the handler is about to continue. When central sends an
+    answer, it counts the wait as ended.
     """
 
     connection: "Waits"
@@ -55,9 +56,10 @@ class AnnouncedWait:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the wait, and inform central if nothing else shows it the end.
+        """End the wait, and inform central of the end if that is needed.
 
-        An answer shows it. So does giving up the requests, as for all requests but observations.
+        Central knows of the end if it has sent an answer. It also knows if the requests are given
+        up. Observations are not given up when a wait for them ends.
         """
         if (
             self.announced is not None
@@ -68,11 +70,11 @@ class AnnouncedWait:
             self.connection.line.flush(0.0, is_patient=True)
 
     def announcing(self, is_over: Callable[[], bool]) -> Callable[[], bool]:
-        """Return *is_over*, extended: whenever it is False, it informs central of the wait."""
+        """Return a function like *is_over*. If *is_over* is false, it also announces the wait."""
         return (lambda: is_over() or self._announce()) if self.requests else is_over
 
     def _announce(self) -> bool:
-        """Announce the wait, unless central knows it or a call is pending. Always returns False."""
+        """Announce the wait, unless it is announced or a call is pending. Always returns False."""
         if not (self.blocking and self.connection.wait_loop.has_pending_call):
             new = self._announcement
             if new is not None and new != self.announced:
@@ -102,8 +104,9 @@ class AnnouncedWait:
 class Waits(ThreadBound):
     """The part of a Connection that waits.
 
-    In a handler each wait raises TaskKilled, once, if the task was killed, and Stopped, once, if
-    the module ends. All raise CentralLost if central is silent for longer than the patience.
+    In a handler, the next wait raises TaskKilled if the task was killed, and Stopped if the module
+    ends; each of the two errors once. All waits raise CentralLost if central is silent for longer
+    than the patience.
     """
 
     def __init__(
@@ -129,7 +132,7 @@ class Waits(ThreadBound):
         self.wait_loop = WaitLoop(self.line, self._lock, patience)
         self.root_sender: object = None  #: the Sender with which callbacks send
         self.log = log_of(session.module)
-        # by name: the messages that central knows from here
+        # name -> a message that this program has declared to central
         self._declared: dict[str, Message[Any, Any]] = {}
 
     # --- for answers ------------------------------------------------------------------------------
@@ -145,8 +148,8 @@ class Waits(ThreadBound):
     ) -> bool:
         """Wait until a request is over, or *is_over* is true; return whether that came in time.
 
-        *since* and *announced_wait* belong to an earlier wait that this one continues: the time
-        from which central's silence counts, and its announcement.
+        If this wait continues an earlier one, central's silence counts from *since*, and
+        *announced_wait* is the announcement of the earlier wait.
 
         Raises Refused if central refused the request, and CentralLost if it was lost or central is
         silent for longer than the patience. In a handler, raises TaskKilled once if its task was
@@ -174,7 +177,7 @@ class Waits(ThreadBound):
             except BaseException:
                 self.abandon(request)
                 raise
-            # An earlier refused send may be the cause: raise that error instead.
+            # If an earlier send was refused, that may be the cause: raise the error of the send.
             if request.refused is not None and not request.what:
                 self.session.sends.check(getattr(request.header, "origin", None))
             request.check(what)
@@ -210,7 +213,7 @@ class Waits(ThreadBound):
     def announce(self, request: Request, *, blocking: bool = True) -> None:
         """Inform central that the sender of a question now waits for its answer.
 
-        It sends nothing if central knows that.
+        This sends nothing if central knows that already.
         """
         with self._lock:
             if not request.is_unannounced:
@@ -220,7 +223,7 @@ class Waits(ThreadBound):
                 request.is_announced = self.session.post(
                     Await(request.header.number, blocking, getattr(request.header, "origin", 0))
                 )
-                # Otherwise, the event loop sends the announcements of all its coroutines together.
+                # For coroutines, the event loop sends all their announcements together.
                 if blocking:
                     self.line.flush()
 
@@ -245,7 +248,7 @@ class Waits(ThreadBound):
             return asked.answers[-1][0].text if asked.answers else ""
 
     def mark_notified(self) -> None:
-        """Record that the waiting handler is about to get an error, and so knows of a kill."""
+        """Record that the waiting handler knows of a kill: it is about to get an error anyway."""
         self.session.open_deliveries.mark_notified(self.session.open_deliveries.waiting_handler())
 
     # --- for anything else ------------------------------------------------------------------------
@@ -258,7 +261,7 @@ class Waits(ThreadBound):
             self.wait_loop.serve(is_over, idle_wait)
 
     def listen(self, is_over: Callable[[], bool], timeout: float | None) -> bool:
-        """Wait until *is_over*, and call callbacks in the meantime; return whether it is over.
+        """Wait until *is_over* is true, and call callbacks in the meantime; return its value.
 
         Raises what ``wait`` does.
         """
@@ -283,11 +286,11 @@ class Waits(ThreadBound):
         moment: float | None = None,
         on: Sequence[Request] = (),
     ) -> bool:
-        """Wait until *is_over*, at most until *moment* of the handlers' clock; return whether it is
-        over.
+        """Wait until *is_over* is true, at most until *moment*; return the value of *is_over*.
 
-        The condition is tested again after each ``call_soon``, and at each change of the requests
-        in *on*; central is informed of a wait for these. Raises what ``wait`` does.
+        *moment* is a time of the handlers' clock. The condition is tested again after each
+        ``call_soon``, and at each answer to the requests in *on*. Central is informed of the wait
+        for those answers. Raises what ``wait`` does.
         """
         with self.locked():
             self.line.catch_up()
@@ -297,9 +300,10 @@ class Waits(ThreadBound):
                 )
 
     def wait_for_end(self, request: Request) -> None:
-        """Wait for the last answer to a request, which is on its way, and make the due calls.
+        """Wait for the last answer to a request, and make the due calls.
 
-        Wakes no handler, and raises nothing if the answer does not arrive.
+        Central has sent that answer already. This wakes no handler, and raises nothing if the
+        answer does not arrive.
         """
         with self.locked():
             with contextlib.suppress(CentralLost):
@@ -319,7 +323,7 @@ class Waits(ThreadBound):
             self.line.catch_up()
 
     def process_pending(self) -> None:
-        """Process arrived packets, and make the calls due because of them. Never waits."""
+        """Process arrived packets, and make the calls that they cause. Never waits."""
         with self.locked():
             self.line.catch_up()
             self.wait_loop.run_pending_calls()
@@ -336,9 +340,10 @@ class Waits(ThreadBound):
             return self.now() - max(self.session.heard, since)
 
     def keep_alive_if_idle(self, since: float, quiet: float) -> tuple[float, float] | None:
-        """Keep the connection alive from another thread, unless its own thread uses it (None).
+        """Keep the connection alive from another thread, unless the connection's thread uses it.
 
-        Returns the seconds of central's silence, and the seconds until something is due.
+        Returns the seconds of central's silence, and the seconds until something is due. Returns
+        None if the connection's thread uses it.
         """
         if not self._lock.acquire(blocking=False):
             return None
@@ -347,7 +352,7 @@ class Waits(ThreadBound):
             due = self.line.catch_up(since, quiet)
             silence = self.now() - max(self.session.heard, since)
             patience = self.wait_loop.patience
-            patience = patience if silence < patience else math.inf  # its end is past: not due
+            patience = patience if silence < patience else math.inf  # nothing is due at a past end
             return silence, self.wait_loop.seconds_until_due(due, since, patience)
         finally:
             self._lock.release()
@@ -362,7 +367,7 @@ class Waits(ThreadBound):
         self.transport.wake()
 
     def wake(self) -> None:
-        """Make the connection's thread test again what it waits for.
+        """Make the connection's thread test again the condition that it waits for.
 
         May be called from any thread.
         """

@@ -25,13 +25,13 @@ def wait_for_any(
 ) -> list[TaskRef]:
     """Wait until at least one of the tasks has ended, and return those that have.
 
-    A task that failed raises no error here. Its ``result()`` raises it, without waiting.
+    A failed task raises no error here. Its ``result()`` raises the error, without waiting.
 
     Args:
         tasks: one or more tasks of one client, module or handler.
         timeout: the most seconds to wait. Default: None, no bound.
-        until: a function that is called 20 times a second; the wait ends when it returns a true
-            value. Default: None.
+        until: a function that is called 20 times a second. A true value that it returns ends the
+            wait. Default: None.
 
     Returns:
         The tasks that have ended; [] after *timeout*, or if *until* ended the wait.
@@ -61,7 +61,7 @@ def first_ended(
 ) -> list[TaskRef]:
     """Do the work of ``wait_for_any``.
 
-    *brief*: the timeout is short, or something else may end the wait, so it is no deadlock.
+    *brief*: the timeout is short, or something else may end the wait. So the wait is no deadlock.
     """
     check(_CALL, checks.TIMEOUT, timeout=timeout)
     if not tasks or not all(isinstance(task, TaskRef) for task in tasks):

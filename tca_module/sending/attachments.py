@@ -16,8 +16,7 @@ from tca_wire.packets.parts import Attachment
 class AttachmentRef:
     """An exception handler or wiretap that was attached; ``remove()`` removes it.
 
-    After a restart of central, the library reattaches what was attached to messages and to the
-    root.
+    After a restart of central, the library reattaches the attachments to messages and to the root.
     """
 
     def __init__(
@@ -26,18 +25,19 @@ class AttachmentRef:
         self._connection = connection
         self._attachments = connection.session.attachments
         self._lasting = self._attachments.find(header)
-        self._number = number  # of an attachment to a task; the lasting ones know their own
+        self._number = number  # the id of an attachment to a task
         self._origin = header.origin
 
     @property
     def id(self) -> int:
-        """Its number, as in ``tca attached``. It changes when central is restarted."""
+        """The attachment's number, as in ``tca attached``. A restart of central changes it."""
         return self._lasting.number if self._lasting is not None else self._number
 
     def remove(self) -> None:
-        """Remove it for good, unless another module has attached it, too.
+        """Remove the attachment for good.
 
-        Messages that it has sent stay.
+        If another module has attached the same, that module's attachment stays. Messages that
+        central has sent because of the attachment are not affected.
 
         Raises:
             CentralLost: central does not answer.
@@ -46,11 +46,11 @@ class AttachmentRef:
         if self._lasting is not None:
             self._attachments.forget(self._lasting, connection.session.epoch)
         try:
-            # An origin from before a restart of central names nothing there.
+            # An origin from before a restart of central names nothing in the new central.
             origin = 0 if first_foreign([self._origin], connection.session.epoch) else self._origin
             connection.call(headers.Remove(0, self.id, origin=origin), f"removing {self.id}")
         except CentralLost:
-            # Raised also if a restarted central has forgotten it: then it is removed.
+            # Also raised if a restarted central has forgotten the attachment, which is then gone.
             if first_foreign([self.id], connection.session.epoch) is None:
                 raise
 
@@ -59,9 +59,9 @@ class Recovery:
     """An exception handler of a task that is being sent, for the option ``on_failure=``.
 
     Args:
-        failure: the failure that it handles; None for any failure.
+        failure: the failure that *handler* handles; None for any failure.
         handler: the ExceptionHandler.
-        maximum: how often it may be called for the task. Default: None, any number.
+        maximum: how often *handler* may be called for the task. Default: None, any number.
 
     Raises:
         MisuseError: *handler* cannot accept the data of *failure*.

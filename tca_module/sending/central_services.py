@@ -52,11 +52,11 @@ class CentralServices:
         is_shared: bool = False,
         connection: Callable[[], Connection] | None = None,
     ) -> None:
-        # Returns the calling thread's connection. A subclass without it overrides _connection().
+        # Returns the calling thread's connection. If None, a subclass overrides _connection().
         self._given_connection = connection
         self._parent = parent
         self._origin = origin
-        # Whether other Senders send under the same parent, as under the root.
+        # Whether other Senders may send under the same parent. Under the root, others always may.
         self._is_shared = is_shared or parent == ROOT
 
     @cached_property
@@ -77,7 +77,7 @@ class CentralServices:
     def _declare(
         self, *messages: Message[Any, Any], within: float = ACKNOWLEDGED_WITHIN
     ) -> Connection:
-        """Declare messages, and the parts of monitors among them. Return the connection."""
+        """Declare *messages*, and the parts of each monitor. Return the connection."""
         connection = self._connection()
         if all(map(connection.has_declared, messages)):
             return connection
@@ -87,9 +87,9 @@ class CentralServices:
         return self._connection()  # once more: central may have been restarted in the meantime
 
     def _declare_within(self, timeout: float | None, *messages: Message[Any, Any]) -> float | None:
-        """Declare messages within a *timeout*; return the seconds that are left of it.
+        """Declare messages within a *timeout*; return the seconds that are left of the timeout.
 
-        With a long timeout, or None, it leaves the declaration to the caller. Raises Timeout.
+        With None, or with 30 s or more, nothing is declared: the caller does that. Raises Timeout.
         """
         if timeout is None or timeout >= ACKNOWLEDGED_WITHIN:
             return timeout
@@ -105,9 +105,9 @@ class CentralServices:
         Args:
             variable: the Variable.
             value: the new value.
-            wait: wait until central has the value. With False, the call returns at once, which
-                suits values that change many times a second; one may be lost while central is away.
-                Default: True.
+            wait: wait until central has the value. With False, the call returns at once. That suits
+                values that change many times a second. A value may then be lost while central is
+                away. Default: True.
 
         Raises:
             BadData: *value* does not fit the variable's type.
@@ -205,7 +205,7 @@ class CentralServices:
 
         The call returns when the resource is idle. It waits in the resource's queue by *priority*.
         The end of the ``with`` block, or ``release()``, releases the lock. Otherwise the lock ends
-        with the task that the caller handles and all under it, or with the module.
+        when the caller's task and all tasks under it have ended, or when the module leaves.
 
         Args:
             resource: the resource's name.
@@ -213,7 +213,7 @@ class CentralServices:
                 has a resource of that name.
             timeout: the most seconds to wait; 0 succeeds only if the resource is free now. Default:
                 None, no bound.
-            priority: the higher one is first in the resource's queue, -1,000,000 to 1,000,000.
+            priority: -1,000,000 to 1,000,000; the highest is first in the resource's queue.
                 Default: 0.
 
         Returns:
@@ -252,8 +252,8 @@ class CentralServices:
     def unlock(self, resource: str, module: str | None = None) -> bool:
         """Take a lock or reservation away from its holder (TCA 8.5: ``unlock``). For operators.
 
-        The holder is notified: its handler or client gets LockLost; if the handler has returned,
-        the task gets the failure "lock lost".
+        The holder is notified: the handler or client with the lock gets LockLost. If that handler
+        has returned, its task gets the failure "lock lost".
 
         Args:
             resource: the resource's name.
@@ -286,16 +286,17 @@ class CentralServices:
     def detach(self, number: int) -> bool:
         """Remove an exception handler or wiretap, or end a monitor, by its number. For operators.
 
-        It is removed for all modules that attached it. ``tca attached`` lists the numbers.
+        An exception handler or wiretap is removed for all modules that attached it. ``tca
+        attached`` lists the numbers.
 
         Args:
             number: the number, 0 or more.
 
         Returns:
-            True if it was still there.
+            True if there was still something to remove or end.
 
         Raises:
-            Refused: the number was never used, or it is that of a task.
+            Refused: the number was never used, or is the number of a task.
         """
         check("detach()", checks.NUMBER, number=number)
         header = headers.Remove(0, number, for_all=True, origin=self._origin)
@@ -377,7 +378,7 @@ class CentralServices:
 
         Raises:
             NotDeclared: no module has declared the name.
-            MisuseError: it is a monitor, which must be declared in Python.
+            MisuseError: the message is a monitor, which must be declared in Python.
 
         Example::
 
@@ -414,7 +415,7 @@ class CentralServices:
             timeout: the most seconds to wait. Default: None, no bound.
 
         Raises:
-            Timeout: not all are handled in time; the text names those that are not.
+            Timeout: some message has no handler in time; the text names these messages.
             Deadlock: in a handler: the wait would never end.
             CentralLost: central does not answer.
         """

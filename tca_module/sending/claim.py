@@ -11,8 +11,8 @@ from tca_wire.vocabulary import Outcome
 class Claim:
     """A lock or reservation of a resource, granted by ``lock()`` or ``reserve()``.
 
-    The end of its ``with`` block releases it. If it had been taken away, the end of the block
-    raises LockLost, unless another error leaves the block.
+    The end of the ``with`` block releases the claim. If the claim was taken away before, the end of
+    the block raises LockLost, unless another error leaves the block.
 
     Example::
 
@@ -36,7 +36,7 @@ class Claim:
         """Wait until the claim is granted. Central knows the timeout, and answers in time."""
         connection, request = self._connection, self._request
         is_over = connection.wait(request, timeout, self._what)
-        # Central times the wait, too: its answer, granted or not, is on its way.
+        # Central times the wait, too, so its answer is on its way: granted, or not.
         if not is_over and not connection.why_silent:
             is_over = connection.wait(request, ACKNOWLEDGED_WITHIN, self._what)
         if not is_over:
@@ -60,8 +60,8 @@ class Claim:
         """Release the claim. Releasing it again does nothing.
 
         Raises:
-            LockLost: it had been taken away before.
-            CentralLost: central does not answer; central learns of the release later.
+            LockLost: the claim was taken away before.
+            CentralLost: central does not answer. The release is sent again when it does.
             MisuseError: another thread made the claim.
         """
         if not self._release() and self._request.why_lock_lost:
@@ -85,7 +85,7 @@ class Claim:
         """Release the claim. Returns True if it still held, or had been released before."""
         if self._is_released:
             return True
-        # Before the claim counts as released: its own thread can then still release it.
+        # Check before the claim counts as released, so that its own thread can still release it.
         self._connection.check_thread()
         self._is_released = True
         return self._connection.release(self._request, self._what, at_once=at_once)

@@ -28,7 +28,7 @@ class Trouble:
         failing: the task on which the failure was raised.
         attached: the task that the exception handler is attached to; None for the root.
         attempts: how often the failing task has been handled.
-        invocations: how often this exception handler was called for the task it is attached to.
+        invocations: how often this exception handler was called for the *attached* task.
     """
 
     failure: str
@@ -44,13 +44,14 @@ class Trouble:
     def resolved(self) -> bool:
         """Declare the failure dealt with: the task is *done after a failure*.
 
-        Its successors then continue. The call takes effect when the task of the exception handler
-        has ended, with all that it has sent. If the handler then fails, is killed, or reissues the
-        failure, the failure continues up the tree. The failure also continues if the handler
-        neither calls ``resolved()`` nor retries or kills the failed task or one above it.
+        The successors of the task then continue. The call takes effect when the task of the
+        exception handler has ended, with all that it has sent. If the handler then fails, is
+        killed, or reissues the failure, the failure continues up the tree. It also continues if the
+        handler does none of these: call ``resolved()``; retry or kill the failed task or a task
+        above it.
 
         Returns:
-            False if the failed task was killed or is being retried, which overrules this call.
+            False if the failed task was killed or is being retried: this call then has no effect.
 
         Raises:
             Refused: "too late": the exception handler has returned.
@@ -68,7 +69,7 @@ class Trouble:
     def reissue(self) -> Exception:
         """Return the error to raise so that the search for an exception handler continues at once.
 
-        It overrules ``resolved()`` (TCA: ByPassException).
+        Raising this error overrules ``resolved()`` (TCA: ByPassException).
 
         Example::
 
@@ -113,9 +114,9 @@ class MonitorRef(TaskRef, Generic[D]):
     def fire(self, action: Message[Any, Any] | None = None, data: Any = None) -> bool:
         """Fire the monitor.
 
-        A demon monitor sends its action with *data*: the event that it watches for has happened.
-        Other monitors are fired without arguments: they test their condition now, and the period of
-        a polling monitor starts again.
+        Fire a demon monitor when the event that it watches for has happened: it then sends its
+        action with *data*. Fire other monitors without arguments: they test their condition now,
+        and the period of a polling monitor starts again.
 
         Args:
             action: the action of a demon monitor. Default: None, for other monitors.
@@ -141,14 +142,18 @@ class MonitorRef(TaskRef, Generic[D]):
         return self._steer(Fire(0, self._tree_id(), name, self._origin), "firing", body)
 
     def end(self) -> bool:
-        """End the monitor; the tasks that it has sent continue. Returns False if it had ended."""
+        """End the monitor. The tasks that it has sent continue.
+
+        Returns:
+            False if the monitor had ended.
+        """
         return self._steer(EndMonitor(0, self._tree_id(), self._origin), "ending")
 
 
 def check_action(what: object, wanted: str, action: Any) -> None:
     """Raise MisuseError if a monitor can't be fired with *action*.
 
-    *wanted* is the name of the monitor's action; "" if it is fired without a message.
+    *wanted* is the name of the monitor's action; "" if the monitor is fired without a message.
     """
     if action is None and not wanted:
         return

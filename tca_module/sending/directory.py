@@ -8,12 +8,12 @@ class ResourceInfo(msgspec.Struct, frozen=True):
 
     Attributes:
         name: the resource's name.
-        capacity: the number of messages that it handles at a time.
-        handling: the ids of the messages that it handles now, as in the journal.
-        waiting: the number of messages that wait for it.
-        locked_by: the module that has locked it; "" if it is not locked.
-        reserved_by: the module that has reserved it; "" if it is not reserved.
-        claims: the number of locks and reservations that wait for it.
+        capacity: the number of messages that the resource handles at a time.
+        handling: the ids of the messages that the resource handles now, as in the journal.
+        waiting: the number of messages that wait for the resource.
+        locked_by: the module that has locked the resource; "" without a lock.
+        reserved_by: the module that has reserved the resource; "" without a reservation.
+        claims: the number of locks and reservations that wait for the resource.
     """
 
     name: str = msgspec.field(name="resource")
@@ -29,10 +29,10 @@ class ModuleInfo(msgspec.Struct, frozen=True):
     """A connected module or script.
 
     Attributes:
-        name: the name by which central knows it.
-        process: its process, as "host:pid".
-        handles: the names of the messages that it handles.
-        resources: its resources.
+        name: the name by which central knows the module.
+        process: the module's process, as "host:pid".
+        handles: the names of the messages that the module handles.
+        resources: the module's resources.
     """
 
     name: str = msgspec.field(name="module")
@@ -49,10 +49,10 @@ class HandlerInfo(msgspec.Struct, frozen=True):
         resource: the handler's resource.
         capacity: the number of messages that the resource handles at a time; 0 while the module is
             joining or leaving.
-        pool: the pool in which it shares the messages; "" without one.
-        pending: the most messages of this name that may wait for it; 0 for no limit.
-        waiting: the number of messages that wait for its resource.
-        direct: whether senders may at present send to it directly, without central.
+        pool: the pool in which the handler shares the messages; "" without a pool.
+        pending: the most messages of this name that may wait for the handler; 0 for no limit.
+        waiting: the number of messages that wait for the handler's resource.
+        direct: whether senders may at present send to the handler directly, without central.
     """
 
     module: str
@@ -69,12 +69,12 @@ class MessageInfo(msgspec.Struct, frozen=True):
 
     Attributes:
         name: the message's name.
-        message_class: its class, such as "goal".
-        data: the format of its data, as a JSON Schema.
-        reply: the format of its reply or result, as a JSON Schema.
+        message_class: the message's class, such as "goal".
+        data: the format of the message's data, as a JSON Schema.
+        reply: the format of the reply or result, as a JSON Schema.
         progress: the format of a task's intermediate results; "" without any.
-        life_cycle: the table of a task's life cycle; "" for the general one.
-        handled_by: its handlers, newest first.
+        life_cycle: the table of a task's life cycle; "" for the general life cycle.
+        handled_by: the message's handlers, newest first.
     """
 
     name: str = msgspec.field(name="message")

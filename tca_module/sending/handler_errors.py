@@ -53,7 +53,8 @@ _NAMED = (
 def failure_of(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
     """Return the failure for an error that ended a handler, with its data.
 
-    A failure that a query or subtask ended with keeps its name, as a kind of "handler error".
+    If the error reports that a query or subtask has failed, the handler's failure has the same
+    name. It is also a kind of "handler error".
     """
     header, body = _named_failure(delivery, _unwrapped(error))
     return msgspec.structs.replace(header, text=_printable(header.text)), body
@@ -73,7 +74,7 @@ def module_end_failure(delivery: int, error: BaseException) -> tuple[Fail, bytes
 def _printable(text: str) -> str:
     """Return a text that can be encoded, and is short enough for central to store it whole.
 
-    Texts of Python may contain surrogates, mostly in file names, which can't be encoded.
+    Texts of Python may contain surrogates, mostly in file names. Surrogates can't be encoded.
     """
     return shortened(text.encode(errors="backslashreplace").decode())
 
@@ -96,7 +97,7 @@ def _named_failure(delivery: int, error: BaseException) -> tuple[Fail, bytes]:
 
 
 def _unwrapped(error: BaseException) -> BaseException:
-    """Return the Failure or Deadlock that is alone in its exception group, else *error*.
+    """Return the Failure or Deadlock if the group *error* contains nothing else; else *error*.
 
     asyncio.TaskGroup wraps every error in a group.
     """

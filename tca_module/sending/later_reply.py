@@ -1,6 +1,6 @@
 """A reply that is sent after the handler has returned.
 
-TCA calls these distributed responses; TDL has POSTPONE and RESUME.
+TCA calls such replies distributed responses; TDL has POSTPONE and RESUME.
 """
 
 import threading
@@ -21,12 +21,14 @@ from tca_wire.text.measures import numbered
 class LaterReply(ReportingTask, Generic[R]):
     """The reply that a handler owes: the handler returns this, and another thread replies later.
 
-    Keep a reference to it until you call ``reply`` or ``fail``, once, from any thread. Until then
-    its slot stays occupied, even if the task is killed: read ``cancelled``, stop the device, then
-    reply. If you accept a client's cancel, no reply is owed any more. ``accept``, ``report`` and
-    ``take`` must come before the reply. ``request`` is the oldest open request of a client.
+    Keep a reference to the LaterReply until you call ``reply`` or ``fail``. Call one of them once,
+    from any thread. Until then the handler's slot stays occupied, even if the task is killed. When
+    ``cancelled`` is true, stop the device, then reply. After you have accepted a client's cancel,
+    no reply is owed. ``accept``, ``report`` and ``take`` must come before the reply. ``request`` is
+    the oldest open request of a client.
 
-    A LaterReply that is dropped without a reply fails with "forgotten"; a killed task just ends.
+    If a LaterReply is dropped without a reply, its message fails with "forgotten". If the task was
+    killed, the task just ends.
 
     Example::
 
@@ -52,8 +54,8 @@ class LaterReply(ReportingTask, Generic[R]):
         self._open_delivery = current_delivery()  # of the handler that owes the reply
         self._lock = threading.Lock()
         self._answer: tuple[Reply | Fail, bytes] | None = None
-        # Whether the handler has returned. No answer is sent before: central would think that the
-        # handler's thread is free.
+        # Whether the handler has returned. No answer is sent before the return, because central
+        # would think that the handler's thread is free.
         self._has_returned = False
         self._why_closed = ""  # the reason why no answer is accepted any more
         self._is_stopped = False  # a client's cancel was accepted
@@ -74,12 +76,13 @@ class LaterReply(ReportingTask, Generic[R]):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the task has been killed while its reply is owed.
+        """Whether the task was killed or is retried, or the module ends, while the reply is owed.
 
-        Stop when that is safe, then reply.
+        When it is true, stop as soon as that is safe, then reply.
         """
         self._connection.check_process()
-        # A restarted central may use the number for another delivery: this names the right one.
+        # A restarted central may use the same number for another delivery. This block ensures that
+        # the number means the delivery of this reply.
         with working_on(self._open_delivery):
             return self.is_open and self._connection.session.open_deliveries.is_cancelled(
                 self._delivery.delivery
@@ -151,7 +154,7 @@ class LaterReply(ReportingTask, Generic[R]):
                 self._connection.call_soon(self._send)
 
     def handler_returned(self) -> None:
-        """The handler has returned: send the answer now, if there is one."""
+        """Record that the handler has returned, and send the answer if there is one."""
         with self._lock:
             self._has_returned = True
             if self._answer is not None:
@@ -163,7 +166,7 @@ class LaterReply(ReportingTask, Generic[R]):
             self._why_closed = self._why_closed or why
 
     def _on_stop(self) -> None:
-        """The task has ended at its client's request: the reply is not owed any more."""
+        """Answer without a value: the task has ended at its client's request."""
         if self.is_open:
             self._answer_with(Reply(self._delivery.delivery), NIL)
             self._is_stopped = True
@@ -183,7 +186,7 @@ class LaterReply(ReportingTask, Generic[R]):
         self._send()
 
     def module_ends(self) -> None:
-        """The handler's thread ends: a reply that is still owed has failed."""
+        """Send the answer, because the handler's thread ends. Without an answer, fail."""
         self.end("its module has ended")
         text = "its module ended before it was answered"
         failure = Fail(self._delivery.delivery, MODULE_LOST, text)

@@ -24,7 +24,7 @@ class QueryOptions(TypedDict, total=False):
 
     Args:
         timeout: the most seconds to wait for the reply; None waits for ever. Default: 30.
-        priority: the higher one is first at a busy resource. Default: 0.
+        priority: the query with the highest is first at a busy resource. Default: 0.
     """
 
     timeout: float | None
@@ -66,8 +66,7 @@ class QuestionServices(CentralServices):
             message: the Query.
             data: its data. Default: None, for a query without data.
             timeout: the most seconds to wait for the reply; None waits for ever. Default: 30.
-            priority: the higher one is first at a busy resource, -1,000,000 to 1,000,000. Default:
-                0.
+            priority: -1,000,000 to 1,000,000; the highest is first at a busy resource. Default: 0.
 
         Returns:
             The reply.
@@ -113,7 +112,7 @@ class QuestionServices(CentralServices):
         Args:
             message: the Query.
             data: its data. Default: None, for a query without data.
-            priority: the higher one is first at a busy resource. Default: 0.
+            priority: the query with the highest is first at a busy resource. Default: 0.
 
         Returns:
             A PendingReply: ``receive()`` waits for the reply; an async handler can ``await`` it.
@@ -184,8 +183,8 @@ class QuestionServices(CentralServices):
     ) -> list[R]:
         """Send a multi-query to all modules that handle it, and wait for their replies.
 
-        It ends when *maximum* replies have arrived, when no more can come, or when the time is
-        over.
+        The wait ends when *maximum* replies have arrived, when no more can come, or when the time
+        is over.
 
         Args:
             message: the MultiQuery.
@@ -198,7 +197,7 @@ class QuestionServices(CentralServices):
             out. [] means that no module handles the message, or that all were late.
 
         Raises:
-            QueryFailed: no handler replied, and at least one failed; the text names all.
+            QueryFailed: no handler replied, and at least one failed; the text names each failure.
             BadData: *data* does not fit the message.
             FormatRefused: other programs declare the message differently.
             CentralLost: central does not answer.
@@ -229,7 +228,7 @@ class QuestionServices(CentralServices):
     ) -> PendingReplies[R]:
         """Send a multi-query to all modules that handle it, and return at once.
 
-        The iteration ends as ``multi_query`` does.
+        The iteration ends when the wait of ``multi_query`` would end.
 
         Args:
             message: the MultiQuery.
@@ -282,7 +281,7 @@ class QuestionServices(CentralServices):
         """Ask and wait for the answer. Returns None if the message has no handler."""
         connection, request = self._send_question(message, data, blocking=True, if_handled=True)
         is_over = connection.wait(request, QUERY_TIMEOUT, message.title)
-        # Central answers a question that it sends. One that it does not send, it only accepts.
+        # Central answers a question that has a handler. It only accepts a question without one.
         if request.accepted is not None:
             return None
         if isinstance(message, MultiQuery):

@@ -24,7 +24,7 @@ QUERY_TIMEOUT = 30.0  # seconds that a query waits for its reply by default
 
 
 def reply_timeout(message: Message[Any, Any], timeout: float | None, why: str) -> Timeout:
-    """Return the Timeout of a query without a reply in time.
+    """Return the Timeout for a query that got no reply in time.
 
     *why* says where the query was; "" if that is unknown.
     """
@@ -46,7 +46,7 @@ class _Question:
         self._is_cancelled = False
 
     def cancel(self) -> None:
-        """Give the query up: a handler that has not started it never will."""
+        """Give the query up. If no handler has started it, no handler will."""
         if not self._is_cancelled:
             self._is_cancelled = True
             self.connection.abandon(self.request)
@@ -89,7 +89,7 @@ class PendingReply(_Question, Generic[R]):
         return self.receive_within(timeout, timeout)
 
     def receive_within(self, left: float | None, timeout: float | None) -> R:
-        """Wait for the reply. Only *left* seconds of the timeout remain."""
+        """Wait *left* seconds for the reply: the rest of the caller's *timeout*."""
         what = self._checked_name()
         try:
             has_reply = self.connection.wait(self.request, left, what)
@@ -110,13 +110,13 @@ class PendingReply(_Question, Generic[R]):
         return self._reply(*self.request.answers[-1])
 
     def _checked_name(self) -> str:
-        """Return the message for errors. Raises MisuseError if the query was given up."""
+        """Return the message's title for errors. Raises MisuseError if the query was given up."""
         if self._is_cancelled:
             raise MisuseError(f"{self._message.title} was given up: send it again to get a reply")
         return self._message.title
 
     def _reply(self, answer: Answer, body: bytes) -> R:
-        """Return the reply in an answer. Raises QueryFailed if it has no reply."""
+        """Return the reply in an answer. Raises QueryFailed if the answer reports a failure."""
         if answer.outcome is not Outcome.DONE:
             raise _query_failed(self._message, answer, body)
         return self._message.decode_reply(body)
@@ -125,8 +125,8 @@ class PendingReply(_Question, Generic[R]):
 class PendingReplies(_Question, Iterator[R], Generic[R]):
     """The replies to a multi-query, to iterate over as they arrive.
 
-    Each step waits for the next reply. The iteration ends as ``multi_query`` does. If all handlers
-    failed, it raises QueryFailed.
+    Each step waits for the next reply. The iteration ends when the wait of ``multi_query`` would
+    end. It raises QueryFailed if no handler replied and at least one failed.
 
     Example::
 
@@ -177,7 +177,7 @@ class PendingReplies(_Question, Iterator[R], Generic[R]):
 
 
 class Notification(Generic[R]):
-    """A query whose reply calls a function, once; ``query_notify`` returns it.
+    """A query and the function to call once with its reply; ``query_notify`` returns it.
 
     Attributes:
         is_over: whether the function has been called, or never will be.

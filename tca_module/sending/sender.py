@@ -49,21 +49,23 @@ class TaskOptions(TypedDict, total=False):
     """The options of a new goal or command.
 
     Args:
-        sequential: it is achieved after its previous sibling (SEQ_ACH). Default: True.
-        sequential_planning: it is planned after its previous sibling has been planned
+        sequential: the task is achieved after its previous sibling (SEQ_ACH). Default: True.
+        sequential_planning: the task is planned after its previous sibling has been planned
             (SEQ_PLANNING). Default: False.
-        plan_first: all of it is planned before any of it is achieved (PLAN_FIRST). Default: False.
-        delay_planning: it is planned only when it may be achieved (DELAY_PLANNING). Default: False.
-        priority: the higher one is first at a busy resource, -1,000,000 to 1,000,000. Default: 0.
+        plan_first: the whole task is planned before any part of it is achieved (PLAN_FIRST).
+            Default: False.
+        delay_planning: the task is planned only when it may be achieved (DELAY_PLANNING). Default:
+            False.
+        priority: -1,000,000 to 1,000,000; the highest is first at a busy resource. Default: 0.
         constraints: more constraints, in which ``this`` stands for the new task. Default: none.
         on_failure: exception handlers of the new task; the last one is asked first. Default: none.
-        deadline: seconds, above 0. If the task is not achieved within them, the failure "timeout"
+        deadline: seconds, above 0. If the task is not achieved in that time, the failure "timeout"
             is raised on it. Default: None, no bound.
-        delay: the seconds from now before which it does not start. Default: 0.
-        keep: retain its data, outcome and place in the tree after its end, as ``keep()`` does.
-            Default: False.
-        suspended: create it suspended; it starts after ``resume()``. Order it with other tasks
-            before that. Default: False.
+        delay: the seconds from now until the earliest start of the task. Default: 0.
+        keep: retain the task's data, outcome and place in the tree after its end, as ``keep()``
+            does. Default: False.
+        suspended: create the task suspended; it starts after ``resume()``. To order it with other
+            tasks, add the constraints before ``resume()``. Default: False.
     """
 
     sequential: Annotated[bool, checks.FLAG]
@@ -119,9 +121,10 @@ class Sender(WatchingServices, QuestionServices):
         Raises:
             BadData: *data* does not fit the message.
             FormatRefused: other programs declare the message differently.
-            Refused: central can't accept the task, for example since its constraints can never be
-                met. The first use of the task raises it, such as ``task.id``, or the next call of
-                this Sender. Otherwise the handler fails with it when it returns.
+            Refused: central can't accept the task, for example because its constraints can never be
+                met. The error is raised by the first use of the task, such as ``task.id``, or by
+                the next call of this Sender. Without either, the sending handler fails with this
+                error when it returns.
             CentralLost: central does not answer.
             MisuseError: an option is wrong.
 
@@ -169,7 +172,7 @@ class Sender(WatchingServices, QuestionServices):
     def _send_task(
         self, message: Message[D, R], data: D, options: TaskOptions, *, must_be_handled: bool
     ) -> SentTask[R] | None:
-        """Send a task and return it. Returns None if it *must_be_handled*, and has no handler."""
+        """Send a task and return it. Returns None if it *must_be_handled* but has no handler."""
         if options:
             check_options(message.title, options, TaskOptions)
         body, recoveries = message.encode_data(data), options.get("on_failure", ())
@@ -211,8 +214,9 @@ class Sender(WatchingServices, QuestionServices):
         """Return a Sender for monitors, goals and commands under *task*, anywhere in the tree.
 
         A goal or command joins the sequence of the task's children. With ``sequential=False`` it
-        waits for none of them. A monitor without a bound of its own ends with the task. A kill of
-        the task kills all that was sent. A send raises Refused ("too late") if the task has ended.
+        waits for none of them. A monitor without a bound of its own ends with *task*. A kill of
+        *task* also kills everything that was sent under it. A send raises Refused ("too late") if
+        *task* has ended.
 
         Args:
             task: a task that was sent or found.
@@ -237,8 +241,8 @@ class Sender(WatchingServices, QuestionServices):
         Blocks nest: a block counts as one element of the block around it.
 
         Args:
-            plan_ahead: the most elements that are planned beyond the one being achieved. With 0,
-                each is planned only when it may be achieved. Default: None, any number.
+            plan_ahead: the most elements that are planned beyond the element being achieved. With
+                0, each element is planned only when it may be achieved. Default: None, any number.
 
         Returns:
             The block.
@@ -273,13 +277,13 @@ class Sender(WatchingServices, QuestionServices):
         return self._ordering.parallel()
 
     def constrain(self, *constraints: Constraint) -> None:
-        """Add constraints between existing tasks: all of them, or none if one is refused.
+        """Add constraints between existing tasks. If one constraint is refused, none is added.
 
         Args:
             constraints: constraints such as ``a.achieving.end + 0.3 <= b.achieving.start``.
 
         Raises:
-            Refused: one comes "too late", or would close a cycle.
+            Refused: a constraint comes "too late", or would close a cycle.
             CentralLost: central does not answer.
             MisuseError: an argument is no constraint.
 
@@ -308,8 +312,9 @@ class Sender(WatchingServices, QuestionServices):
     ) -> Notification[R]:
         """Send a query, and have a function called with its reply.
 
-        The calls are made in this thread, one at a time, while it waits for central or for its next
-        message. An error in a function is logged, and so is a failure without *on_failure*.
+        This thread makes the calls, one at a time, while it waits for central or for its next
+        message. An error in a function is logged. Without *on_failure*, a failure of the query is
+        logged, too.
 
         Args:
             message: the Query.
@@ -317,7 +322,7 @@ class Sender(WatchingServices, QuestionServices):
             callback: a plain function that takes (sender, reply); the Sender sends under the root.
             on_failure: a plain function that takes (sender, error), with the error that ``query``
                 would raise. Default: None.
-            priority: the higher one is first at a busy resource. Default: 0.
+            priority: the query with the highest is first at a busy resource. Default: 0.
 
         Returns:
             A Notification, with ``wait()`` and ``cancel()``.
@@ -356,9 +361,9 @@ class Sender(WatchingServices, QuestionServices):
         Args:
             message: the Inform.
             data: its data. Default: None, for an inform without data.
-            wait: the most seconds to wait for room in the handler's queue; the call then returns
-                when central has accepted the message. With None, it returns at once, and a message
-                that finds the queue full is dropped. Default: None.
+            wait: the most seconds to wait for room in the handler's queue. The call then returns
+                when central has accepted the message. With None, the call returns at once, and the
+                message is dropped if the queue is full. Default: None.
 
         Raises:
             BadData: *data* does not fit the message.
@@ -384,8 +389,8 @@ class Sender(WatchingServices, QuestionServices):
     ) -> None:
         """Send a broadcast to every module that handles it: at most once each, and in order.
 
-        Arguments and errors are those of ``inform``. With *wait*, it returns when at least one
-        handler has room.
+        Arguments and errors are those of ``inform``. With *wait*, the call returns when at least
+        one handler has room.
 
         Example::
 
@@ -440,8 +445,8 @@ class Sender(WatchingServices, QuestionServices):
     def execute(self, message: Any, data: Any = None) -> Any:
         """Send a message of any class except a monitor (TCA 8.5: tcaExecute).
 
-        It does what ``goal``, ``command``, ``query``, ``multi_query``, ``inform`` or ``broadcast``
-        does.
+        Depending on the message's class, this does what ``goal``, ``command``, ``query``,
+        ``multi_query``, ``inform`` or ``broadcast`` does.
 
         Args:
             message: the message.

@@ -1,8 +1,8 @@
 """The order of a Sender's children: the constraints that the next child needs.
 
-A block (``sequence``, ``parallel``) is one element of the block around it. It starts with its
-*first* tasks, and ends when its *last* tasks have ended. A task that central refuses later counts
-as never sent.
+A block (``sequence``, ``parallel``) is one element of the block around it. The inner block starts
+with its *first* tasks, and ends when its *last* tasks have ended. A task that central refuses later
+counts as never sent.
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ from tca_wire.points import THIS, TaskId
 
 
 class _Block:
-    """A block, and the tasks that its next element comes after."""
+    """A block of children, and the tasks after which its next element comes."""
 
     def __init__(
         self, outer: "_Block | None", plan_ahead: int | None = None, *, is_parallel: bool = False
@@ -27,7 +27,7 @@ class _Block:
         self.last: list[TaskId] = []
         self.delays_planning: bool = plan_ahead == 0 or bool(outer and outer.delays_planning)
         self._planned_after = outer.next_planned_after() if outer else []
-        # The first tasks of each of the newest elements: as many as may be planned ahead.
+        # The first tasks of each of the newest elements; at most *plan_ahead* elements.
         self._starts: deque[list[TaskId]] = deque(maxlen=plan_ahead or 0)
         self._is_parallel = is_parallel
 
@@ -48,7 +48,7 @@ class _Block:
 
 
 def _replace_refused(tasks: Iterable[TaskId]) -> Iterator[TaskId]:
-    """Yield the tasks; a refused one is replaced by the tasks before it."""
+    """Yield the tasks. In place of a refused task, yield the tasks that it had to come after."""
     for task in tasks:
         if isinstance(task, SentId) and task.request.has_failed:
             yield from _replace_refused(task.request.after)
@@ -60,7 +60,7 @@ class SiblingOrder:
     """The order among the children of one Sender."""
 
     def __init__(self, *, is_shared: bool) -> None:
-        # Whether others send under the same parent: then they may have sent the last sibling.
+        # Whether other Senders may send under the same parent, and may have sent the last sibling.
         self._is_shared = is_shared
         self._epoch = ""
         self.forget()
@@ -75,7 +75,8 @@ class SiblingOrder:
     ) -> tuple[Flags, list[Constraint]]:
         """Return the flags and constraints of the next child.
 
-        A central of another *epoch* has forgotten the children before.
+        If *epoch* is not that of the last child, central was restarted and has forgotten the
+        earlier children.
         """
         if self._epoch and self._epoch != epoch:
             self.forget()
@@ -98,7 +99,7 @@ class SiblingOrder:
     def _follows_last_sibling(self, block: _Block) -> bool:
         """Whether the next child comes after its previous sibling only.
 
-        Then a flag replaces the constraints, and central need not check them for cycles.
+        If so, a flag replaces the constraints, and central need not check them for cycles.
         """
         if len(self._blocks) == 1:
             return block.after in ([], [self._newest])
@@ -114,7 +115,7 @@ class SiblingOrder:
 
     @contextmanager
     def sequence(self, plan_ahead: int | None = None) -> Iterator[None]:
-        """Start a block of children, each after the one before."""
+        """Start a block of children that are achieved one after the other."""
         check("sequence()", PLAN_AHEAD, plan_ahead=plan_ahead)
         with self._inside(_Block(self._blocks[-1], plan_ahead)):
             yield

@@ -19,21 +19,21 @@ from tca_wire.vocabulary import Scope
 
 
 class TaskInfo(NamedTuple):
-    """A snapshot of a task: its state, or its end if it is retained.
+    """A snapshot of a living task, or the record of a retained task that has ended.
 
     Attributes:
         id: the task's number.
-        message: the name of its message.
-        message_class: the class of its message, such as "goal".
-        parent: the number of the task above it; 0 for a top-level task.
-        reached: the moments that it has reached, in words.
-        held: for each moment that is held back, the number of constraints that hold it.
-        module: the module whose handler has the task now; "" if none has.
+        message: the name of the task's message.
+        message_class: the class of that message, such as "goal".
+        parent: the number of the task above this one; 0 for a top-level task.
+        reached: the moments that the task has reached, in words.
+        held: for each moment that is held back, the number of constraints that hold the moment.
+        module: the module whose handler has the task now; "" without any.
         suspended: whether the task is suspended.
-        killed: the reason of its kill; "" if it was not killed.
-        failure: the name of its failure; "" if it has none.
-        data: its data, encoded; ``SteerableTask.data()`` decodes them.
-        outcome: "" for a living task; of an ended one its ``Outcome``, such as "done".
+        killed: the reason of the task's kill; "" without a kill.
+        failure: the name of the task's failure; "" without a failure.
+        data: the task's data, encoded; ``SteerableTask.data()`` decodes them.
+        outcome: the ``Outcome`` of an ended task, such as "done"; "" for a living task.
         result: for an ended task, the handler's result or the failure's data, encoded.
     """
 
@@ -53,7 +53,7 @@ class TaskInfo(NamedTuple):
 
     @classmethod
     def from_row(cls, row: dict[str, Any], epoch: str) -> "TaskInfo":
-        """Return the info in a row of the answer of the central of that *epoch*."""
+        """Return the info in one row of central's answer. *epoch*: that of the central."""
         task = with_epoch(row["task"], epoch, numbered(row["message"], row["task"]))
         parent = with_epoch(row["parent"], epoch, numbered("task", row["parent"]))
         others = (row[key] for key in cls._fields[4:])
@@ -61,15 +61,16 @@ class TaskInfo(NamedTuple):
 
 
 _RELATIVES = {"self": "state", "kept": "kept tasks"}
-"""Relation -> the name of what it leads to, if it differs; for errors."""
+"""Relation -> its name in errors, if that is not the name of the relation itself."""
 
 
 class SteerableTask(TaskIntervals, NamedTask):
-    """A task of the tree that can be steered, by its handler, too: kill, suspend, retry, inspect.
+    """A task of the tree, with the calls that steer it: kill, suspend, retry, inspect.
 
-    ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
-    effect, False if the task had ended. ``on_termination`` and ``keep``, which promise something
-    for later, raise Refused ("too late") instead.
+    The task's own handler may call them, too. ``kill``, ``deadline``, ``fail``, ``retry``,
+    ``suspend`` and ``resume`` return True if they took effect, False if the task had ended.
+    ``on_termination`` and ``keep`` have their effect later. They raise Refused ("too late") if the
+    task had ended.
 
     All calls raise CentralLost if central does not answer, or was restarted and has forgotten the
     task.
@@ -131,9 +132,9 @@ class SteerableTask(TaskIntervals, NamedTask):
     def on_termination(self, message: Goal[Any] | Command[Any, Any], data: Any = None) -> None:
         """Send *message* if the task is killed after its start (TDL: ON TERMINATE).
 
-        Use it to leave things safe. The message is sent at once after the kill. It may run beside
-        handlers that have not yet returned, unless both share a resource of capacity 1. The task's
-        successors wait for it.
+        Use it to leave things safe. The message is sent at once after the kill. Its handler may run
+        beside handlers that have not yet returned, unless they share a resource of capacity 1. The
+        task's successors wait for the message.
 
         Args:
             message: a goal or command.
@@ -159,8 +160,8 @@ class SteerableTask(TaskIntervals, NamedTask):
     def deadline(self, seconds: float, point: Point | None = None) -> bool:
         """Raise the failure "timeout" if a point is not reached in time.
 
-        The failure is raised on the point's task. Every deadline counts: a later one does not
-        extend an earlier one.
+        The failure is raised on the point's task. Every deadline counts. A second call does not
+        extend the deadline of the first call.
 
         Args:
             seconds: the time from now, above 0.
@@ -214,8 +215,8 @@ class SteerableTask(TaskIntervals, NamedTask):
     def retry(self, message: Message[Any, Any] | None = None, data: Any = None) -> bool:
         """Handle the task again.
 
-        All tasks under it are killed, except monitors that another module put there. The task is
-        handled again when they and the calling exception handler have ended.
+        All tasks under the task are killed, except monitors that another module put there. The task
+        is handled again when these tasks and the calling exception handler have ended.
 
         Args:
             message: the task's message, if *data* is given. Default: None, the same data.
@@ -227,7 +228,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         Raises:
             Refused: "overload": exception handlers have retried the task too often.
             BadData: *data* does not fit the message.
-            MisuseError: *message* is not the task's message, or *data* comes without it.
+            MisuseError: *message* is not the task's message, or *data* comes without *message*.
 
         Example::
 
@@ -257,7 +258,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         return self._steer(headers.Suspend(0, self._tree_id(), origin=self._origin), "suspending")
 
     def resume(self) -> bool:
-        """Let a suspended task continue. It does nothing to a task that was not suspended.
+        """Let a suspended task continue. The call has no effect on a task that is not suspended.
 
         Returns:
             False if the task had ended.
@@ -272,13 +273,14 @@ class SteerableTask(TaskIntervals, NamedTask):
     def keep(self) -> None:
         """Retain the task's record after its end (TCM: SetPersistence; TDL: PERSISTENT).
 
-        Central retains it until ``release()``, until this module leaves, or until the record of its
-        parent is removed. Until then ``info()``, ``data()``, ``wait()`` and ``parent()`` answer,
-        and ``kept()`` of the parent lists it. Its constraints and the tasks under it are not
-        retained.
+        Central retains the record until ``release()``, until this module leaves, or until the
+        record of the task's parent is removed. Until then ``info()``, ``data()``, ``wait()`` and
+        ``parent()`` answer, and ``kept()`` of the parent lists the task. The task's constraints and
+        the tasks under it are not retained.
 
-        Central retains at most 10,000 tasks, living ones included, and 64 MiB of records. Beyond
-        that it removes the oldest records, with all under them.
+        Central retains at most 10,000 tasks, living tasks included, and refuses more. Central
+        retains at most 64 MiB of records. Beyond that, central removes the oldest records, each
+        with all records under it.
 
         Raises:
             Refused: "too late": the task has ended; "overload": central already retains 10,000
@@ -287,7 +289,7 @@ class SteerableTask(TaskIntervals, NamedTask):
         self._steer(headers.Keep(0, self._tree_id(), origin=self._origin), "keeping")
 
     def release(self) -> None:
-        """Undo ``keep`` for this module. It does nothing to a task that was not kept."""
+        """Undo ``keep`` for this module. The call has no effect on a task that was not kept."""
         self._steer(
             headers.Keep(0, self._tree_id(), release=True, origin=self._origin), "releasing"
         )
@@ -330,5 +332,8 @@ class SteerableTask(TaskIntervals, NamedTask):
             yield TaskInfo.from_row(row, request.epoch)
 
     def _steer(self, header: headers.ToCentral, action: str, body: bytes = b"") -> bool:
-        """Send a request to central; True if it took effect. *action* names it in errors."""
+        """Send a request to central; return whether it took effect.
+
+        *action* names the request in errors.
+        """
         return bool(self._connection().call(header, self._action(action), body))

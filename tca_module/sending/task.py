@@ -27,9 +27,9 @@ C = TypeVar("C")
 class Task(Sender, TaskNode, ReportingTask):
     """The message being handled, and a Sender: goals and commands sent with it become its subtasks.
 
-    ``kill``, ``suspend`` and the other steering calls concern the task itself. A Task belongs to
-    the handler's thread, until the handler returns. A query, inform or broadcast is not a task of
-    the tree: its *id* is 0, and its handler sends under the root.
+    ``kill``, ``suspend`` and the other steering calls concern the handled task itself. A Task
+    belongs to the handler's thread, until the handler returns. A query, inform or broadcast is not
+    a task of the tree: its *id* is 0, and its handler sends under the root.
 
     Attributes:
         message: the name of the message.
@@ -60,7 +60,7 @@ class Task(Sender, TaskNode, ReportingTask):
         self.message = message.name
         self._delivery = delivery
         self._accepts = accepts
-        self.is_async = False  #: its handler is a coroutine
+        self.is_async = False  #: the handler is a coroutine
         self._what = numbered(message.name, delivery.task) if delivery.task else f"'{message.name}'"
         epoch = connection.session.epoch
         task_id = with_epoch(delivery.task, epoch, self._what)
@@ -80,11 +80,11 @@ class Task(Sender, TaskNode, ReportingTask):
 
     @property
     def cancelled(self) -> bool:
-        """Whether the handler should return: a kill, a retry, or the module's end. Never waits.
+        """Whether the handler should return: after a kill or retry, or at the module's end.
 
-        Clean up and return when it is true. A handler that does not read it is woken once from its
-        next wait, with TaskKilled or Stopped. A handler that was notified of its module's end fails
-        with "module lost", whatever it returns.
+        Clean up and return when ``cancelled`` is true. Reading it never waits. If a handler does
+        not read it, the handler's next wait raises TaskKilled or Stopped, once. A handler that was
+        notified of its module's end fails with "module lost", whatever it returns.
 
         Example::
 
@@ -186,7 +186,7 @@ class Task(Sender, TaskNode, ReportingTask):
     def rejected(self, why: str = "") -> Exception:
         """Return the error to raise when the handler does not start the task.
 
-        Its client gets the failure "rejected".
+        The task's client gets the failure "rejected".
 
         Args:
             why: the reason, for people. Default: "".
@@ -201,7 +201,8 @@ class Task(Sender, TaskNode, ReportingTask):
     def aborted(self, why: str = "") -> TaskKilled:
         """Return the error to raise when all is safe after a client has asked for the task's end.
 
-        It is the short form of ``request.accept()`` and a return.
+        The call also accepts the client's request. ``raise task.aborted()`` replaces
+        ``request.accept()`` and a return.
 
         Args:
             why: the reason, for people. Default: "".
@@ -222,7 +223,7 @@ class Task(Sender, TaskNode, ReportingTask):
     def time(self) -> float:
         """Return the seconds of the clock by which handlers sleep.
 
-        It works even if central was restarted and has forgotten the task.
+        This works even if central was restarted and has forgotten the task.
         """
         return self._own_connection().transport.time()
 
@@ -241,12 +242,12 @@ class Task(Sender, TaskNode, ReportingTask):
         return self.sleep_until(self.time() + seconds)
 
     def sleep_until(self, moment: float) -> Any:
-        """Sleep until a moment of ``time()``. A loop that uses it does not drift.
+        """Sleep until a time on the clock of ``time()``. A loop of such sleeps does not drift.
 
         Errors are those of ``sleep``. In an async handler: ``await task.sleep_until(moment)``.
 
         Args:
-            moment: the moment, in seconds of ``time()``. A moment that has passed returns at once.
+            moment: the time, in seconds of ``time()``. If it has passed, the call returns at once.
 
         Example::
 
@@ -272,8 +273,8 @@ class Task(Sender, TaskNode, ReportingTask):
         """Wait until *is_over* returns true.
 
         The library calls *is_over* at the start, and whenever a thread calls ``wake()``. Central
-        counts the wait as work of the handler. With *on*, central counts it as a wait for changes
-        of these tasks. Errors are those of ``sleep``.
+        counts the wait as work of the handler. With *on*, central counts the wait as one for
+        changes of the tasks in *on*. Errors are those of ``sleep``.
 
         Args:
             is_over: a function without arguments.
@@ -316,10 +317,11 @@ class Task(Sender, TaskNode, ReportingTask):
     def reply_later(self) -> LaterReply[Any]:
         """Return a LaterReply: the handler returns it, and another thread or callback replies.
 
-        The message is complete when that has replied. Until then its slot stays occupied.
+        The message is complete when that thread or callback has replied. Until then the handler's
+        slot stays occupied.
 
         Returns:
-            The LaterReply; the same one at each call.
+            The LaterReply. Each call returns the same one.
 
         Example::
 
@@ -352,14 +354,14 @@ class Task(Sender, TaskNode, ReportingTask):
     def raise_send_errors(self) -> None:
         """Raise the error of a task that the handler has sent, if one is known.
 
-        The library calls it when the handler returns. For a direct message it waits until central
-        has acknowledged all sends, because central does not know that handler.
+        The library calls this when the handler returns. After a direct message, this waits until
+        central has acknowledged all sends, because central does not know the handler's delivery.
         """
         if self._link is not None:
             self._link.raise_send_errors(self._origin, wait=self.delivery < 0)
 
     def handler_returned(self) -> None:
-        """The handler has returned: this Task sends nothing more."""
+        """Record that the handler has returned. This Task sends nothing more."""
         self._link = self.later = None
 
     def _connection(self) -> Connection:

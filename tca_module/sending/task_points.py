@@ -17,15 +17,15 @@ class Order(Constraint, frozen=True):
     """A constraint that was written with ``<=``."""
 
     def __bool__(self) -> bool:
-        # Python reads a <= b <= c as (a <= b) and (b <= c): the value would be the second
-        # constraint only.
+        # Python reads a <= b <= c as (a <= b) and (b <= c). The value of that would be only the
+        # second constraint.
         raise MisuseError(
             f"constraint {self} is neither true nor false: write a <= b <= c as two constraints"
         )
 
 
 class LaterPoint:
-    """A moment a number of seconds after a point of a task."""
+    """A point of a task plus a delay in seconds: the first point of a constraint with a delay."""
 
     def __init__(self, point: Point, seconds: float) -> None:
         self.point, self.seconds = point, seconds
@@ -38,9 +38,10 @@ class LaterPoint:
 
 
 class TaskPoint(Point, frozen=True):
-    """A moment of a task. Comparing two of them with ``<=`` makes a constraint.
+    """A point of a task. Comparing two points with ``<=`` makes a constraint.
 
-    ``point + 2.5`` is 2.5 s later. ``>=`` compares, too; ``<`` and ``>`` raise MisuseError.
+    ``point + 2.5`` is 2.5 s after the point. ``>=`` makes a constraint, too; ``<`` and ``>`` raise
+    MisuseError.
 
     Example::
 
@@ -64,7 +65,7 @@ class TaskPoint(Point, frozen=True):
 
 
 def _checked(point: Point) -> Point:
-    """Return *point*. Raises MisuseError if it can't be the second one of a constraint."""
+    """Return *point*. Raises MisuseError if it can't be the second point of a constraint."""
     if isinstance(point, LaterPoint):
         raise MisuseError(f"{point} can't come second: write a + seconds <= b")
     check("a constraint", POINT, point=point)
@@ -93,17 +94,17 @@ class TaskIntervals:
 
     @property
     def handling(self) -> TaskInterval:
-        """The interval in which its handler runs."""
+        """The interval in which the task's handler runs."""
         return self._interval(Interval.HANDLING)
 
     @property
     def planning(self) -> TaskInterval:
-        """The interval in which it and everything under it are expanded into subtasks."""
+        """The interval in which the task and everything under it are expanded into subtasks."""
         return self._interval(Interval.PLANNING)
 
     @property
     def achieving(self) -> TaskInterval:
-        """The interval in which it and everything under it are done."""
+        """The interval in which the task and everything under it are done."""
         return self._interval(Interval.ACHIEVING)
 
     def _interval(self, interval: Interval) -> TaskInterval:

@@ -44,7 +44,7 @@ _NO_RESULT = (
 
 
 def tree_id_of(task: "TaskRef") -> TaskId:
-    """Return a task's id for requests; central may not have assigned it yet."""
+    """Return a task's id for requests. Central may not have assigned the id yet."""
     return task._tree_id()  # noqa: SLF001
 
 
@@ -52,11 +52,11 @@ class TaskNode(SteerableTask):
     """A task of the tree, with its relatives."""
 
     def parent(self) -> "TaskRef | None":
-        """Return the task above it; None for a top-level task, or if the task has ended."""
+        """Return the parent of the task; None for a top-level task, or if the task has ended."""
         return next(iter(self._relatives("parent")), None)
 
     def children(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return its living children, oldest first.
+        """Return the living children of the task, oldest first.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
@@ -64,7 +64,7 @@ class TaskNode(SteerableTask):
         return self._relatives("children", message)
 
     def ancestors(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the tasks above it, nearest first.
+        """Return the tasks above this one, nearest first.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
@@ -72,7 +72,7 @@ class TaskNode(SteerableTask):
         return self._relatives("ancestors", message)
 
     def descendants(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the living tasks under it, parents before children.
+        """Return the living tasks under this one, parents before children.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
@@ -80,7 +80,7 @@ class TaskNode(SteerableTask):
         return self._relatives("descendants", message)
 
     def kept(self, message: Message[Any, Any] | str | None = None) -> "list[TaskRef]":
-        """Return the ended tasks under it that are retained, in the order of their ends.
+        """Return the retained tasks that have ended under this task, in the order of their ends.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
@@ -100,12 +100,12 @@ class TaskNode(SteerableTask):
 class TaskRef(TaskNode, FollowedTask["Change"]):
     """A task of the tree: wait for it, follow it, steer it, inspect it.
 
-    ``user.tasks()`` and ``user.task()`` find one. A TaskRef belongs to the thread that sent or
+    ``user.tasks()`` and ``user.task()`` find tasks. A TaskRef belongs to the thread that sent or
     found the task. Other threads connect themselves, and find the task by its number.
 
     ``kill``, ``deadline``, ``fail``, ``retry``, ``suspend`` and ``resume`` return True if they took
-    effect, False if the task had ended. ``on_failure``, ``on_termination`` and ``keep``, which
-    promise something for later, raise Refused ("too late") instead.
+    effect, False if the task had ended. ``on_failure``, ``on_termination`` and ``keep`` have their
+    effect later. They raise Refused ("too late") if the task had ended.
 
     Attributes:
         message: the name of the task's message.
@@ -124,7 +124,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         self._link = connection
         self.message = message
         self._origin = origin
-        self._end: tuple[headers.Answer, bytes] | None = None  # how it ended, if known
+        self._end: tuple[headers.Answer, bytes] | None = None  # how the task ended, if known
 
     def __repr__(self) -> str:
         return numbered(self.message or "task", self.id)
@@ -133,8 +133,8 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
     def id(self) -> TaskId:
         """The task's number, as in the journal.
 
-        For a task that was just sent, the first use waits until central has assigned the number,
-        and raises Refused if central refused the task.
+        For a task that was just sent, the first use waits until central has assigned the number. It
+        raises Refused if central refused the task.
         """
         if isinstance(self._task_id, SentId):
             self._task_id = TaskId(self._task_id.assigned_id)
@@ -142,7 +142,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
 
     @property
     def _description(self) -> str:
-        """The task for people, with its id if that is known. Never waits for the id."""
+        """The task in words, with the id if that is known. Never waits for the id."""
         task = self._task_id
         return task.what if isinstance(task, SentId) else str(self)
 
@@ -162,16 +162,16 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
             timeout: the most seconds to wait. Default: None, no bound.
 
         Returns:
-            ``Outcome.DONE``, ``FAILED``, ``KILLED``, or ``RESOLVED``: *done after a failure*, which
-            an exception handler has resolved.
+            ``Outcome.DONE``, ``FAILED``, ``KILLED`` or ``RESOLVED``. ``RESOLVED`` means *done after
+            a failure*: an exception handler has resolved the failure.
 
         Raises:
-            Timeout: the task has not ended in time; the text says what it waits for.
-            Refused: central refused the task; or "too late": central no longer knows its outcome.
+            Timeout: the task has not ended in time; the text says what the task waits for.
+            Refused: central refused the task; or "too late": central has forgotten the outcome.
             Deadlock: in a handler: the wait would never end.
             CentralLost: central does not answer, or has forgotten the task.
             TaskKilled: in a handler, once: the handler's own task was killed.
-            Stopped: in a handler, once: its module ends.
+            Stopped: in a handler, once: the handler's module ends.
 
         Example::
 
@@ -181,7 +181,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         return self._await_end(timeout)[0].outcome
 
     def wait_for(self, point: Point, timeout: float | None = None) -> Outcome:
-        """Wait until a point, of this task or another one, is reached.
+        """Wait until a point of this task or of another task is reached.
 
         A killed task reaches all its points at once.
 
@@ -226,9 +226,9 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
 
     @contextmanager
     def _recalled_if_lost(self) -> Iterator[None]:
-        """Return a block that waits for the task; if central is lost, the task is recalled.
+        """Return a block for a wait for the task. It gives up the task if central is lost.
 
-        Only a task that central has not acknowledged is recalled.
+        A task is given up only if central has not acknowledged it. Central then kills the task.
         """
         try:
             yield
@@ -252,7 +252,7 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         return self._connection().request(header, wants_answer=True, is_awaited=is_awaited)
 
     def _describe_point(self, point: Point) -> str:
-        """Return a point for people. Never waits for the id of its task."""
+        """Return a point in words. Never waits for the id of the point's task."""
         if isinstance(point.task, SentId) and not point.task.request.is_over:
             return f"{describe_moments(point.moment)[0]} of {point.task.what}"
         return f"{point} ('{self.message}')" if point.task == self._tree_id() else str(point)
@@ -269,10 +269,10 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
         """Attach an exception handler, for failures of the task and of the tasks below it.
 
         Args:
-            failure: the failure that it handles; None for any failure.
+            failure: the failure that *handler* handles; None for any failure.
             handler: the ExceptionHandler. It must accept the failure's data, see
                 ``Sender.on_failure``.
-            maximum: how often it may be called for this task. Default: None, any number.
+            maximum: how often *handler* may be called for this task. Default: None, any number.
 
         Returns:
             The AttachmentRef; its ``remove()`` detaches the handler.
@@ -295,22 +295,24 @@ class TaskRef(TaskNode, FollowedTask["Change"]):
 
 
 class Change:
-    """A change of a task's state, as observers see it; or, if *is_late*, the state that they found.
+    """A change of a task's state, as an observer sees it.
+
+    If *is_late*, there was no change: this is the state that the observer found.
 
     Attributes:
         task: the task.
-        message: the name of its message.
-        serial: the number of changes of the task's state, this one included.
-        state: the task's state after the change; "" if it ended while this program had no
+        message: the name of the task's message.
+        serial: the number of changes of the task's state, this change included.
+        state: the task's state after the change; "" if the task ended while this program had no
             connection.
         transition: the transition that led to the state; "" if *is_late*.
         by: the ``Party`` that made the transition: client, server or central.
         module: the module of that client or server.
         text: the reason, for people.
-        is_late: whether this is the state that the observer found, not a change that it saw.
+        is_late: whether this is the state that the observer found, and not a change.
         is_over: whether the task has ended.
-        outcome: the task's ``Outcome`` if it has ended; None otherwise, or if it is unknown.
-        missed: the number of changes before this one that this observer did not see.
+        outcome: the task's ``Outcome`` if the task has ended and the outcome is known; else None.
+        missed: the number of changes that this observer missed directly before this change.
     """
 
     def __init__(
@@ -338,16 +340,16 @@ class Change:
 
     @cached_property
     def goal(self) -> Any:
-        """The task's data; plain values if its message is not declared here."""
+        """The task's data; plain values if the task's message is not declared here."""
         return self._goal_of(self._observed.change.goal)
 
     @cached_property
     def data(self) -> Any:
-        """The data of the change; None without any.
+        """The data of the change; None for a change without data.
 
-        For a request of a client, they are the new goal. For an intermediate result, they are that
-        result; if *is_late*, the newest one. At the end, they are the task's result, or the data of
-        its failure.
+        After a client's request, this is the new goal. After an intermediate result, it is that
+        result. If *is_late*, it is the newest intermediate result. At the end of the task, it is
+        the task's result, or the data of the task's failure.
         """
         data, message = self._observed.change.data, self._message
         if is_progress(self._observed):
@@ -365,7 +367,7 @@ class Change:
 
 
 def change_of(connection: Connection, observed: ObservedChange, origin: int = 0) -> Change:
-    """Return a change of any task's state, as its observers see it."""
+    """Return a change of any task's state, as an observer sees it."""
     name = observed.change.message
     task = TaskRef(connection, name, observed.task, origin)
     return Change(observed, task, connection.declared(name))
@@ -402,7 +404,7 @@ class SentTask(TaskRef, Generic[R]):
 
         Raises:
             TaskFailed: the task failed; the error has the failure's name and data.
-            TaskKilled: the task was killed. In a handler, also, once: its own task was killed.
+            TaskKilled: the task was killed; or, in a handler, once: the handler's own task was.
             Timeout: the task has not ended in time.
             Refused: central refused the task.
             BadData: central no longer retains the result.
@@ -434,7 +436,7 @@ class SentTask(TaskRef, Generic[R]):
         return self._result(*self._end)
 
     def _result(self, answer: headers.Answer, body: bytes) -> R:
-        """Return the result in an answer, or raise the error that it reports."""
+        """Return the result in an answer, or raise the error that the answer reports."""
         if answer.outcome is Outcome.FAILED:
             raise TaskFailed(repr(self), answer.failure, answer.text, body)
         if answer.outcome is Outcome.KILLED:

@@ -1,8 +1,8 @@
 """A task's state on its server's side, and the requests of clients: a new goal, the task's end.
 
-The table of the task's life cycle says what the handler may do; anything else is refused here. The
-check knows the requests that the handler has read. If a client was faster, central decides
-(tca_central/life_cycles).
+The table of the task's life cycle says which transitions the handler may make. Other transitions
+are refused here, without central. This check knows only the requests that have been read here. If
+another request of a client is on its way, central decides (tca_central/life_cycles).
 """
 
 import threading
@@ -29,14 +29,14 @@ from tca_wire.vocabulary import Party
 class TaskRequest:
     """A request of a client, such as "update" or "cancel": ``accept()`` or ``reject()`` it.
 
-    It is a transition of the task that the client has taken. It stays open until the handler
-    answers, or until another request overtakes it.
+    The client has made a transition of the task's state. The request stays open until the handler
+    answers, or until another request overtakes this one.
 
     Attributes:
         transition: the name of the transition.
         goal: the new goal of an update; None for other requests.
         why: the client's reason; "" without one.
-        serial: the number of changes of the task's state, this one included.
+        serial: the number of changes of the task's state, the client's transition included.
 
     Example::
 
@@ -65,7 +65,7 @@ class TaskRequest:
 
     @property
     def is_open(self) -> bool:
-        """Whether it waits for the handler's answer. Never waits."""
+        """Whether the request is still to be answered by the handler. Never waits."""
         return self._server_state.is_open(self)
 
     def accept(self, goal: Any = None) -> bool:
@@ -74,8 +74,8 @@ class TaskRequest:
         After a cancel, the handler should return.
 
         Args:
-            goal: for an update, the goal that the task gets instead of the requested one; useful if
-                an update names only what changes. Default: None, the requested goal.
+            goal: for an update, the goal that the task gets instead of the requested goal. It is
+                useful if updates name only what changes. Default: None, the requested goal.
 
         Returns:
             False if another request has overtaken this one.
@@ -96,7 +96,7 @@ class TaskRequest:
             False if another request has overtaken this one.
 
         Raises:
-            MisuseError: the task's life cycle does not allow to reject it.
+            MisuseError: the task's life cycle has no transition that rejects the request.
         """
         return self._server_state.reject(self, why)
 
@@ -116,9 +116,9 @@ class ServerState:
         """*accepts*: the handler itself accepts the task."""
         self.life_cycle = cycle = life_cycle_of(message)
         self._state = cycle.initial if accepts else cycle.accepted.target
-        #: a Server's methods answer requests: no wait returns them
+        #: a Server's methods answer the requests, so no wait returns a request
         self.has_request_methods = False
-        #: returns the function that is called when the task is stopped: a weak reference to it
+        #: weak reference to the function to call when the task is stopped; it may return None
         self.on_stop: Callable[[], Callable[[], object] | None] = lambda: None
         self._is_started_by_refusal = False
         self._serial = 0  # of the newest transition of a client
@@ -131,8 +131,9 @@ class ServerState:
         self._task = with_epoch(delivery.task, epoch, self._what)
         self._origin = with_epoch(delivery.delivery, epoch, self._what)
         self._lock = threading.RLock()
-        # A coroutine awaits this in place of the clients' requests. With a path, it looks like a
-        # direct request: central is not informed of the wait, which any client may end.
+        # A coroutine that waits for a client's request awaits this Request. Because of its path, it
+        # looks like a direct request, so central is not informed of the wait. Central need not
+        # know, because any client may end the wait.
         self._awaited = Request(Observe(0), b"", wants_answer=True)
         self._awaited.path = self
         open_delivery.on_request += (self._wake,)
@@ -141,7 +142,7 @@ class ServerState:
         return self._what
 
     def abandon(self, _: Request) -> None:
-        """Do nothing: a wait for requests has ended, and central need not know."""
+        """Do nothing, because central does not know of the wait for requests that has ended."""
 
     def _wake(self) -> None:
         """Wake the coroutine that waits for requests."""
@@ -199,7 +200,7 @@ class ServerState:
         with self._lock:
             while self.open_delivery.requested:
                 header, body = self.open_delivery.requested.popleft()
-                if header.serial > self._serial:  # otherwise central has sent it twice
+                if header.serial > self._serial:  # otherwise central has sent the request twice
                     self._apply_request(header, body)
 
     def _apply_request(self, header: Requested, body: bytes) -> None:
@@ -208,7 +209,7 @@ class ServerState:
         rows = (one for one in cycle.transitions if one.name == header.transition)
         row = cycle.step(self._state, header.transition, Party.CLIENT) or next(rows)
         self._state = row.target
-        # The new request overtakes those that wait for an answer.
+        # The new request overtakes the requests that wait for an answer.
         self._open = [one for one in self._open if not self._needs_answer(one)]
         try:
             goal = self._message.decode_data(body) if body else None
@@ -220,12 +221,12 @@ class ServerState:
         self._open.append(TaskRequest(self, row, header, goal))
 
     def _needs_answer(self, request: TaskRequest) -> bool:
-        """Whether the task is in a state that only the handler's answer ends."""
+        """Whether the request led to a state that only the handler's answer ends."""
         cycle, state = self.life_cycle, request.row.target
         return cycle.ends_on_request(state) or bool(cycle.grant(state) or cycle.refusal(state))
 
     def accept(self, request: TaskRequest, goal: Any) -> bool:
-        """Grant a request, with *goal* in place of its own. False if it is no longer open."""
+        """Grant a request; *goal* may replace its goal. Returns False if it is no longer open."""
         is_goal = request.row.effect is Effect.NEW_GOAL
         if goal is not None and not is_goal:
             raise MisuseError(f"{request} has no goal: accept() it without one")
@@ -244,7 +245,7 @@ class ServerState:
             return True
 
     def reject(self, request: TaskRequest, why: str) -> bool:
-        """Refuse a request. False if it is no longer open."""
+        """Refuse a request. Returns False if it is no longer open."""
         with self._lock:
             if request not in self._open:
                 return False
@@ -296,7 +297,7 @@ class ServerState:
         return f"{self} is '{self._state}': '{name}' is possible while it is {sources}{advice}"
 
     def report(self, body: bytes) -> None:
-        """Report an intermediate result, which is dropped if the task has just been stopped."""
+        """Report an intermediate result. If the task has just been stopped, the result is lost."""
         with self._lock:
             if self.is_over:
                 return
@@ -380,10 +381,12 @@ class ReportingTask:
     def accept(self) -> None:
         """Accept the task, in a handler that is declared with ``accepts=True``.
 
-        It does nothing if an early cancel was rejected: that has started the task.
+        The call does nothing if the handler has rejected an early cancel, because the rejection has
+        started the task.
 
         Raises:
-            MisuseError: the handler has accepted the task already, or is not declared so.
+            MisuseError: the task was accepted already, or the handler is declared without
+                ``accepts=True``.
         """
         self._server_state().accept_task()
 
@@ -438,16 +441,17 @@ class ReportingTask:
     def request(self) -> TaskRequest | None:
         """The oldest open request of a client; None without any. Never waits.
 
-        It is for handlers that declare in ``takes=`` which requests they decide about.
+        Use it in handlers that name in ``takes=`` the requests that they decide about.
         """
         return self._server_state().oldest
 
 
 class Requests(Iterator[TaskRequest], AsyncIterator[TaskRequest]):
-    """The requests of clients of a task, to iterate over: each once.
+    """The requests of a task's clients, to iterate over. Each request is returned once.
 
-    ``for`` waits for each; in an async handler use ``async for``. The task's kill raises
-    TaskKilled, and the module's end Stopped; in an async handler both raise CancelledError.
+    ``for`` waits for the next request; in an async handler use ``async for``. The wait raises
+    TaskKilled if the task is killed, Stopped if the module ends. In an async handler it raises
+    CancelledError in both cases.
     """
 
     def __init__(self, server_state: ServerState) -> None:

@@ -34,7 +34,10 @@ from tca_wire.vocabulary import Condition
 
 
 class Watched(TypedDict, total=False):
-    """The options of a monitor that watches, also as a listener; see ``MonitorOptions``."""
+    """The options of every monitor, also of one that is a wiretap's listener.
+
+    See ``MonitorOptions``.
+    """
 
     period: Annotated[float, checks.DURATION_OR_NONE]
     maximum: Annotated[int | None, checks.MAXIMUM]
@@ -51,17 +54,17 @@ class MonitorOptions(Watched, total=False):
     Args:
         period: the seconds, above 0, between a polling monitor's tests. A polling monitor needs it.
         maximum: the number of actions after which the monitor ends. Default: None, no bound.
-        fire_every: send an action only each n-th time that the condition holds, or the monitor is
+        fire_every: send the action only every n-th time that the condition holds or the monitor is
             fired. Default: 1.
         initial_wait: a polling monitor tests first after one period, not at once. Default: False.
         duration: the seconds, above 0, after which the monitor ends. Default: None, no bound.
         until: the point at which the monitor ends. Default: None, no bound.
-        waited_for: the parent waits for the monitor's end, which *maximum*, *duration*, *until* or
-            a call of ``end()`` must bring about. Default: False.
+        waited_for: the parent waits for the monitor's end. Give *maximum*, *duration* or *until*,
+            or call ``end()``, so that the monitor ends. Default: False.
         sequential: a point monitor tests after its previous sibling has been achieved. Default:
             True.
         constraints: more constraints, in which ``this`` stands for the new monitor. Default: none.
-        suspended: create it suspended; it watches after ``resume()``. Default: False.
+        suspended: create the monitor suspended; it watches after ``resume()``. Default: False.
     """
 
     sequential: Annotated[bool, checks.FLAG]
@@ -74,7 +77,7 @@ TASK = checks.instance_of("a task that was sent or found, such as tasks(WALK)[0]
 
 
 def checked_states(call: str, message: object, states: Collection[str]) -> list[str]:
-    """Return the states that an observer asks for as a list.
+    """Check the states that an observer wants to see, and return them as a list.
 
     Raises MisuseError for a state that the message's tasks never have.
     """
@@ -117,16 +120,16 @@ class WatchingServices(CentralServices):
     def sent_task(self, message: Message[Any, R], task_id: int, epoch: str = "") -> SentTask[R]:
         """Return a task that an earlier run of this program has sent, to wait for its end.
 
-        If it ended long ago, its ``wait()`` raises Refused ("too late").
+        If the task ended long ago, its ``wait()`` raises Refused ("too late").
 
         Args:
             message: the task's goal or command.
             task_id: the task's number, which the earlier run stored: ``task.id``.
             epoch: the central that assigned the number: ``task.id.epoch``. Default: "", the present
-                one.
+                central.
 
         Raises:
-            CentralLost: this is another central than *epoch*.
+            CentralLost: the present central does not have that *epoch*.
             MisuseError: *message* is no goal or command.
         """
         check("sent_task()", checks.NUMBER, task_id=task_id)
@@ -156,7 +159,7 @@ class WatchingServices(CentralServices):
     def time(self) -> float:
         """Return the seconds of the clock of callbacks and sleeps.
 
-        It never jumps; a test may step it.
+        That clock never jumps, but a test may step it.
         """
         return self._connection().transport.time()
 
@@ -171,14 +174,14 @@ class WatchingServices(CentralServices):
         """Observe the changes of state of tasks, of any sender and handler.
 
         First comes the present state of each living task (``is_late``), then each change as it
-        happens. After a restart of central the present states come again. The stream ends with the
-        task *below* which it observes.
+        happens. After a restart of central the present states come again. With *below*, the stream
+        ends when that task ends.
 
         Args:
             message: only tasks of this message or name. Default: None, all.
-            states: only changes to one of these states. The others then do not count as missed.
-                Default: all states.
-            below: only tasks below this one. Default: None, the whole tree.
+            states: only changes to one of these states. Changes to other states then do not count
+                as missed. Default: all states.
+            below: only tasks below this task. Default: None, the whole tree.
             timeout: the most seconds that a step of the iteration waits. Default: None, no bound.
 
         Returns:
@@ -220,13 +223,14 @@ class WatchingServices(CentralServices):
         before: float | None = None,
         why: str = "",
     ) -> int:
-        """Cancel the living tasks that this Sender has sent, as ``cancel()`` of each does.
+        """Cancel the living tasks that this Sender has sent: call ``cancel()`` of each task.
 
-        It remembers the newest 10,000 tasks. Tasks whose life cycle has no cancel are not affected.
+        A Sender remembers the newest 10,000 tasks that it has sent. Tasks whose life cycle has no
+        cancel are not affected.
 
         Args:
             message: only tasks of this message. Default: None, all.
-            before: only tasks that were sent before this moment of ``time()``. Default: None, all.
+            before: only tasks that were sent before this value of ``time()``. Default: None, all.
             why: the reason, for people. Default: "".
 
         Returns:
@@ -266,14 +270,15 @@ class WatchingServices(CentralServices):
     ) -> AttachmentRef:
         """Attach an exception handler: *handler* handles *failure*.
 
-        The search for an exception handler goes from the failing task up the tree. On each task its
-        own exception handlers come first, then those of its message, the newest first. The root
-        comes last (TCA 8.5: AddExceptionHandler, AddExceptionHandlerToMessage). Attaching the same
-        pair again replaces the first.
+        The search for an exception handler goes from the failing task up the tree. On each task,
+        the exception handlers of that task come first, then those of its message. Newer ones come
+        before older ones. The root comes last (TCA 8.5: AddExceptionHandler,
+        AddExceptionHandlerToMessage). Attaching the same *failure* and *handler* again replaces the
+        first attachment.
 
-        The handler gets the failure's data, or none if it is declared without data. Its data type
-        must be that of the failure, a union with it, or a dataclass with fewer fields. A handler of
-        any failure must also accept None.
+        The handler gets the failure's data, or none if the handler is declared without data. The
+        handler's data type must be the failure's type, a union that includes it, or a dataclass
+        with fewer fields. A handler of any failure must also accept None.
 
         Args:
             failure: the failure; None for any failure.
@@ -281,8 +286,8 @@ class WatchingServices(CentralServices):
             of: a message: all its tasks. A task: that task and those below it. Default: None, the
                 root: all tasks.
             maximum: how often *handler* may be called for each task that it is attached to.
-                Default: None, any number. Its retry of a task that has been handled 100 times is
-                refused, and the search continues.
+                Default: None, any number. A retry of a task that has been handled 100 times is
+                always refused, and the search continues.
 
         Returns:
             The AttachmentRef; its ``remove()`` detaches the handler.
@@ -318,19 +323,20 @@ class WatchingServices(CentralServices):
     ) -> AttachmentRef:
         """Attach a wiretap: *listener* is sent when *condition* comes true for a message or task.
 
-        The listener gets the data of the tapped message (TCA 8.5: TapMessage, TapReference).
-        *Before* conditions hold their moment until the listener's task is done. *When* conditions
-        hold the end of the tapped task. *While* and *after* conditions hold nothing. A listener
-        without a handler is skipped. The same wiretap of several modules fires once, until each has
-        removed it. Attached again by one module, it replaces the first and its *options*.
+        The listener gets the data of the tapped message (TCA 8.5: TapMessage, TapReference). A
+        *before* condition holds the moment that it names until the listener's task is done. A
+        *when* condition holds the end of the tapped task. *While* and *after* conditions hold
+        nothing. A listener without a handler is skipped. If several modules attach the same
+        wiretap, it fires once for each event, until each module has removed it. If one module
+        attaches it again, the new *options* replace the old ones.
 
         For a single task the condition may have come true already. Then the wiretap is refused
         ("too late"), or with *at_once* the listener is sent now, once (TCM: InvokeWhen). Central
-        has the data of an ended task only if it was kept; otherwise the listener must be declared
-        without data.
+        has the data of an ended task only if the task was kept. Otherwise the listener must be
+        declared without data.
 
-        A polling or demon monitor that listens *while* a task is in progress, or *when sent*, is
-        placed under that task and ends with it.
+        A polling or demon monitor may listen *while* a task is in progress, or *when sent*. The
+        monitor is then placed under that task, and ends with the task.
 
         Args:
             condition: a ``Condition``, such as ``Condition.BEFORE_HANDLING``.
@@ -345,9 +351,9 @@ class WatchingServices(CentralServices):
             The AttachmentRef; its ``remove()`` removes the wiretap.
 
         Raises:
-            Refused: "too late"; or the listener is a monitor that would never end; or a command or
-                monitor would hold a goal's planning. With *at_once*, also: the condition is a
-                *before* condition, or one of success, failure or reply.
+            Refused: "too late"; or *listener* is a monitor that would never end; or *listener* is a
+                command or monitor that would hold a goal's planning. With *at_once*, also:
+                *condition* is a *before* condition, or one of success, failure or reply.
             MisuseError: an argument is wrong.
             CentralLost: central does not answer, or has forgotten the task.
 
@@ -403,8 +409,8 @@ class WatchingServices(CentralServices):
     ) -> MonitorRef[Any]:
         """Start a monitor under the task being handled. Returns at once.
 
-        A polling or demon monitor ends at the latest when its parent waits only for these monitors.
-        With *waited_for*, the parent waits for the monitor's own end.
+        A polling or demon monitor ends at the latest when only such monitors are left under its
+        parent. With *waited_for*, the parent waits until the monitor ends by itself.
 
         Args:
             monitor: the monitor.
@@ -418,7 +424,8 @@ class WatchingServices(CentralServices):
         Raises:
             BadData: *data* does not fit the monitor.
             MisuseError: an option is wrong, or a polling monitor has no period.
-            Refused: as for ``goal``: its first use raises it, or the next call of this Sender.
+            Refused: as for ``goal``. The first use of the monitor raises it, or the next call of
+                this Sender.
             CentralLost: central does not answer.
 
         Example::
@@ -524,7 +531,7 @@ def fired_with(monitor: Monitor[Any]) -> str:
 def _watch_options(
     monitor: Monitor[Any], options: Watched | MonitorOptions, declared: type
 ) -> WatchOptions:
-    """Return the options as central knows them. Raises MisuseError for an unsuitable option."""
+    """Return the options in the form for central. Raises MisuseError for an unsuitable option."""
     what = monitor.title
     check_options(what, options, declared)
     for name in ("period", "initial_wait"):

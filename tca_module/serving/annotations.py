@@ -11,7 +11,7 @@ from tca_wire.messages.formats import type_name
 
 
 def check_annotation(name: str, function: Callable[..., Any], message: Message[Any, Any]) -> None:
-    """Raise MisuseError if a handler's data is annotated with a type that it never has.
+    """Raise MisuseError if a handler's data is annotated with a type that the data never has.
 
     An annotation that can't be judged passes, such as a type that is imported for type checkers
     only.

@@ -32,9 +32,9 @@ ObservingFunction = Callable[[Sender, Change], object] | Callable[[Change], obje
 
 
 class DueTime:
-    """When something is due: once, or at multiples of a period. Missed multiples are skipped.
+    """The time at which a callback is due: once, or at each multiple of a period.
 
-    The caller passes the time.
+    Missed multiples are skipped. The caller passes the time.
     """
 
     def __init__(self, seconds: float, *, is_once: bool) -> None:
@@ -58,9 +58,10 @@ class DueTime:
 class Callback(Sender):
     """A function that a module's thread calls between messages.
 
-    ``module.every()``, ``after()`` and ``on_readable()`` declare such functions, and call them with
-    their Callback. It is a Sender: the tasks that the function sends with it become children of the
-    root. It can send only while the function runs; ``cancel`` works at any time.
+    ``module.every()``, ``after()`` and ``on_readable()`` declare such functions. Each function is
+    called with its Callback. A Callback is a Sender: the tasks that the function sends with it
+    become children of the root. A Callback can send only while its function runs; ``cancel`` works
+    at any time.
 
     Example::
 
@@ -76,7 +77,7 @@ class Callback(Sender):
         super().__init__()
         self.name = getattr(function, "__qualname__", repr(function))
         self.function = function
-        self.when = when  #: None: waits for a file
+        self.when = when  #: when the function is due; None if it waits for a file
         self.arguments = check_function("a callback", function, "(callback) or ()", (1, 0))
         self._owner = owner
 
@@ -104,11 +105,11 @@ class Callback(Sender):
 class Callbacks:
     """The callbacks of one thread, called in the order in which they come due.
 
-    Their times start again with each thread, that is, with each run of the module.
+    The callbacks' times start again with each thread, that is, with each run of the module.
     """
 
     def __init__(self, module: str) -> None:
-        self.connection: Connection | None = None  #: the connection of the thread that calls them
+        self.connection: Connection | None = None  #: of the thread that calls the callbacks
         self._lock = threading.RLock()
         self._known: dict[Callback, None] = {}  #: in order of declaration
         self._observers: list[Callable[[Connection], None]] = []  #: called when the thread starts
@@ -150,7 +151,7 @@ class Callbacks:
     ) -> None:
         """Call a function with changes of tasks' states, from the thread's start on.
 
-        It sees the tasks of all senders and handlers.
+        The changes are those of the tasks of all senders and handlers.
         """
         check_function("observes()", function, "(sender, change) or (change)", (2, 1))
         wanted = checked_states("observes()", message, states)
@@ -182,7 +183,7 @@ class Callbacks:
             observer(connection)
 
     def end(self) -> None:
-        """Stop: the thread ends."""
+        """Call nothing more, because the thread ends."""
         with self._lock:
             self.connection = None
             self._due.clear()
@@ -205,7 +206,7 @@ class Callbacks:
     def queue_due(self, ready: Mapping[int, bool]) -> None:
         """Queue the callbacks that are due after a wait.
 
-        *ready*: the files that became readable (True), or are closed (False).
+        *ready*: file -> True if it became readable, False if it is closed.
         """
         with self._lock:
             now = self._transport.time()

@@ -1,12 +1,12 @@
 """Tells central which answers a coroutine awaits, so that it detects deadlocks through ``await``.
 
-A handler *stands* when each of its asyncio tasks awaits either an answer from central, or only
-other tasks of this handler that stand. Then only central's answers let it continue, and central may
-treat it as waiting for the first of them. Central is informed when the handler has stood for a
-second.
+A handler *stands* when only answers from central let it continue. Each of its asyncio tasks then
+awaits an answer from central, or only other asyncio tasks of the same handler. Central may treat
+the handler as waiting for the first of these answers. Central is informed when the handler has
+stood for a second.
 
-A handler that awaits anything else, a timer or a device, may continue without central: central is
-told nothing.
+A handler that awaits anything else, such as a timer or a device, may continue without central. So
+central is not informed.
 """
 
 import asyncio
@@ -26,9 +26,9 @@ from tca_wire.packets.headers import AwaitAny
 
 T = TypeVar("T")
 
-MOST_AWAITED = 1000  # answers; a handler that awaits more at a time is ignored
+MOST_AWAITED = 1000  # answers; a handler that awaits more answers at a time is ignored
 
-_Numbers = tuple[int, ...]  # of the requests at which a handler stands
+_Numbers = tuple[int, ...]  # the numbers of the requests at which a handler stands
 
 
 class CoroutineWaits:
@@ -90,8 +90,8 @@ class CoroutineWaits:
     def report_standing(self, now: float) -> bool:
         """Inform central of the handlers that have stood for a second.
 
-        Call it from time to time while it returns True. False means that central knows where each
-        handler stands: then call it again only after a change.
+        Call this from time to time while it returns True. False means that central knows where each
+        handler stands. Then call this again only after a change.
         """
         session = self._connection.session
         for handler in list(self._tasks_of):
@@ -119,13 +119,13 @@ class CoroutineWaits:
         session = self._connection.session
         if session.open_deliveries.is_open(handler):
             delivery = with_epoch(handler.delivery, session.epoch, handler.name)
-            with suppress(CentralLost):  # it was restarted just now
+            with suppress(CentralLost):  # central was restarted just now
                 self._connection.post(AwaitAny(delivery, list(standing)), b"")
 
     def _standing(self, handler: OpenDelivery) -> _Numbers:
-        """Return the requests of which any answer lets a handler continue.
+        """Return the requests at which a handler stands: an answer to any one lets it continue.
 
-        Empty if anything else may let it continue.
+        Returns () if anything else may let the handler continue.
         """
         if self._loop.get_task_factory() != self._factory:
             return ()  # the user's task factory creates asyncio tasks that are unknown here
@@ -148,7 +148,7 @@ class CoroutineWaits:
 def _members(task: "asyncio.Task[Any]") -> Collection[Any]:
     """Return the asyncio tasks that a task waits for, with gather(), wait() or in a TaskGroup.
 
-    Empty if it waits for anything else.
+    Returns () if the task waits for anything else.
     """
     future = getattr(task, "_fut_waiter", None)
     if future is None or future.done():

@@ -26,7 +26,7 @@ from tca_wire.packets.headers import Deliver
 
 T = TypeVar("T")
 
-# seconds between two exchanges with central while every handler awaits an answer of central
+# the most seconds between two exchanges with central while every handler awaits its answers
 _CALM = 1.0
 
 
@@ -51,7 +51,7 @@ class EventLoop:
         self._timer: asyncio.TimerHandle | None = None  #: calls ``_keep_alive``
         #: a flush is scheduled for when all ready coroutines have run
         self._is_flushing = False
-        #: an exception of a handler that must end the module
+        #: a handler's error that must end the module
         self._fatal: BaseException | None = None
         #: the handlers that have ended since the loop last turned
         self._ended: list[OpenDelivery] = []
@@ -67,7 +67,7 @@ class EventLoop:
         )
         for file in files:
             self._loop.add_reader(file, self._on_news)
-        #: when central's silence starts at the earliest; when ``_keep_alive`` was last called
+        #: the earliest start of central's silence; the time of the last ``_keep_alive``
         self._silent_since = self._kept_alive = self._loop.time()
         connection.await_news, connection.await_moment = self._await_news, selector.sleep_until
 
@@ -159,9 +159,10 @@ class EventLoop:
         self._connection.await_news = self._connection.await_moment = None
 
     def _has_work(self) -> bool:
-        """Return whether there is something to do, which its file may no longer show.
+        """Return whether there is something to do.
 
-        A blocking call in a coroutine may have read the packets.
+        The connection's files may not show it, because a blocking call in a coroutine may have read
+        the packets.
         """
         connection = self._connection
         return (
@@ -202,7 +203,7 @@ class EventLoop:
         return silence
 
     def _keep_alive(self) -> None:
-        """Keep the connection alive, and give up on a silent central, as every wait does."""
+        """Keep the connection alive. If central is silent too long, end all waits with an error."""
         self._schedule_keep_alive(STEP)
         before, now = self._kept_alive, self._loop.time()
         self._kept_alive = now
@@ -246,9 +247,9 @@ class EventLoop:
 
 
 class _Selector(selectors.DefaultSelector):
-    """A selector that does not wait while *has_work* is true: then it reports *file* as readable.
+    """A selector that does not wait while *has_work* is true. It then reports *file* as readable.
 
-    It also ends the sleeps of coroutines, on the handlers' clock: a test may step that.
+    It also ends the sleeps of coroutines, by the handlers' clock, which a test may step.
     """
 
     def __init__(
@@ -293,7 +294,7 @@ class _Selector(selectors.DefaultSelector):
     def _until_next(self) -> float:
         """Return the real seconds to the next end of a sleep.
 
-        They are infinite if a test steps the clock: the step ends the wait.
+        They are infinite if a test steps the clock, because the step ends the wait.
         """
         if not self._sleeping:
             return math.inf

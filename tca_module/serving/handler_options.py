@@ -26,22 +26,22 @@ class HandlerOptions(TypedDict, total=False):
 
     Args:
         resource: Name of the resource that handles the message. Default: None, the module's own.
-        pool: Name of a pool. The modules of a pool share the messages: a free one gets the next.
-            Default: None, no pool.
-        pending: Number of messages that may wait for this handler. One more displaces the oldest:
-            an inform or broadcast is dropped, a query fails with "overload", a goal or command is
-            killed. Default: None, no bound.
+        pool: Name of a pool. The modules of a pool share the messages: a free module gets the next
+            message. Default: None, no pool.
+        pending: Number of messages that may wait for this handler. One more displaces the oldest
+            message: an inform or broadcast is dropped, a query fails with "overload", a goal or
+            command is killed. Default: None, no bound.
         direct: Let senders send this inform or query straight to this handler. This is faster, but
             has no priority, and the journal does not record the data. While a wiretap or another
             handler wants the message, it goes through central. Default: False.
         accepts: The handler calls ``task.accept()`` itself. Default: False, a task counts as
             accepted when the handler starts.
         takes: Requests of clients that the handler decides about, such as ["update", "cancel"].
-            Default: none; then an update restarts the task with the new goal, and a cancel kills
-            it.
+            Default: none. An update then restarts the task with the new goal, and a cancel kills
+            the task.
         refuses: Requests of clients that are always refused. Default: none.
         when_busy: The fate of a task that would have to wait: "queue" (it waits), "preempt" (the
-            others are cancelled) or "reject". Default: None, as its resource says.
+            other tasks are cancelled) or "reject". Default: None, the resource's *when_busy*.
     """
 
     resource: Annotated[str | None, checks.NAME_OR_NONE]
@@ -65,7 +65,7 @@ class ResourcePlan(NamedTuple):
     """Seconds after which a hung handler is left behind; 0: never."""
     when_busy: WhenBusy = "queue"
     is_declared: bool = False
-    """Declared with ``resource()``; other resources are only named by a handler."""
+    """Whether ``resource()`` declared it. Other resources are only named in options."""
 
 
 def checked_format(
@@ -76,8 +76,8 @@ def checked_format(
 ) -> HandlerFormat:
     """Return a handler as it is declared to central.
 
-    *own_resource*: the default, which has the module's name. Raises MisuseError for options with
-    which the message can't be handled.
+    *own_resource*: the name of the module's own resource, the default. Raises MisuseError for
+    options with which the message can't be handled.
     """
     checks.check("handles()", checks.MESSAGE, message=message)
     check_options(message.title, options, HandlerOptions)

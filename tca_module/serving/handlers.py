@@ -28,7 +28,7 @@ WithoutData = Callable[[Task], T] | Callable[[Task, None], T]
 class HandlerDecorator(Protocol[D, R]):
     """Declares the decorated function as a handler, and returns it unchanged.
 
-    If no form fits, a type checker names the first one.
+    If no overload fits, a type checker names the first overload.
     """
 
     @overload
@@ -85,7 +85,7 @@ class Handler:
         self.format = handler_format  #: this handler, as it is declared to central
         self.name = getattr(function, "__qualname__", repr(function))
         self.is_async = is_async(function)
-        # Without data, one argument is tried first: a second parameter with a default keeps it.
+        # Without data, one argument is tried first, so that a second parameter keeps its default.
         has_data = message.data.kind is not type(None)
         wanted = f"(task, data: {message.data})" if has_data else "(task)"
         what, possible = f"a handler of {message.title}", (2,) if has_data else (1, 2)
@@ -144,10 +144,10 @@ class Handler:
             task.later.end(f"its handler failed: {type(error).__name__}")
         is_woken = isinstance(error, asyncio.CancelledError | TaskKilled) and task.cancelled
         is_stopped = isinstance(error, Stopped) and task_is_killed()
-        # The handler was asked to end, and does: no failure.
+        # The handler was asked to end, and does so. That is no failure.
         if is_woken or is_stopped or isinstance(error, Aborted):
             return Reply(task.delivery), NIL
-        # The handler itself was not cancelled, but a coroutine that it ran.
+        # Not the handler was cancelled, but a coroutine that it ran.
         if isinstance(error, asyncio.CancelledError) and not self.is_async:
             return handler_error(task.delivery, error)
         return failure_of(task.delivery, error)

@@ -39,9 +39,9 @@ class ModuleCallbacks(Sender):
                 callbacks only.
 
         Returns:
-            A decorator that returns the function unchanged. The function takes the ``Callback``,
-            with which it sends and can ``cancel()``, or nothing. A parameter with a default keeps
-            it: ``lambda n=n: ...``.
+            A decorator that returns the function unchanged. The function takes nothing, or the
+            ``Callback``, with which it sends and can ``cancel()``. A parameter with a default keeps
+            its default: ``lambda n=n: ...``.
 
         Raises:
             MisuseError: an argument has the wrong type or range, or the function takes other
@@ -70,13 +70,13 @@ class ModuleCallbacks(Sender):
     ) -> Callable[[O], O]:
         """Call the decorated function with each change of state of the tasks of *message*.
 
-        First it is called with the present state of each living task (``is_late``). The senders and
+        The first calls are for the present state of each living task (``is_late``). The senders and
         handlers of the tasks need not know of the observer. The thread of *resource* makes the
         calls between messages. Errors are logged.
 
         Args:
             message: the message whose tasks are observed. Default: None, all tasks.
-            states: call it only for changes to one of these states. Default: every change.
+            states: call the function only for changes to these states. Default: every change.
             resource: the resource whose thread makes the calls. Default: None, a thread for
                 callbacks only.
 

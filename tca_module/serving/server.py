@@ -64,22 +64,24 @@ class Server(ABC, Generic[D, R]):
             goal: The new goal, of the same type as the task's data.
 
         Returns:
-            True to adopt it. False rejects it; ``raise task.rejected("the reason")`` adds a reason.
+            True to adopt the goal. False rejects it; ``raise task.rejected("the reason")`` adds a
+            reason.
         """
         raise NotImplementedError
 
     def cancel(self, task: Task, why: str) -> bool:
         """Decide whether the task ends, as a client wants. Should not take long.
 
-        If it ends, leave everything safe and return True. The task then ends as cancelled: a
-        blocking handler is woken with TaskKilled, and a reply that is still owed is dropped.
+        To end the task, leave everything safe and return True. The task then ends as cancelled. A
+        blocking handler is woken with TaskKilled. A reply that is still owed is no longer needed.
 
         Args:
             task: The task.
             why: The client's reason.
 
         Returns:
-            True to end it. False rejects; ``raise task.rejected("the reason")`` adds a reason.
+            True to end the task. False rejects the request; ``raise task.rejected("the reason")``
+            adds a reason.
         """
         raise NotImplementedError
 
@@ -91,7 +93,8 @@ class Server(ABC, Generic[D, R]):
             request: The client's request, with its transition and data.
 
         Returns:
-            True to grant it. False rejects it; ``raise task.rejected("the reason")`` adds a reason.
+            True to grant the request. False rejects it; ``raise task.rejected("the reason")`` adds
+            a reason.
         """
         raise NotImplementedError
 
@@ -132,7 +135,7 @@ class ServerHandler(Handler):
         self._server = server
 
     def task(self, connection: Connection, delivery: Deliver) -> Task:
-        """Create the Task of a delivered message; the server answers its clients' requests."""
+        """Create the Task of a delivered message. The server answers the requests of clients."""
         task = super().task(connection, delivery)
         server_state = task._server_state()  # noqa: SLF001 - not for users
         server_state.has_request_methods = True

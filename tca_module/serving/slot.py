@@ -46,7 +46,7 @@ class Serving(NamedTuple):
     handlers: Mapping[str, Handler]
     stop: Stop
     attachments: LastingAttachments
-    """The module's; its first connection makes them again at a restarted central."""
+    """The module's attachments. Its first connection reattaches them after central's restart."""
 
 
 class Slot:
@@ -58,15 +58,15 @@ class Slot:
     def __init__(self, serving: Serving, hello: Hello, callbacks: Callbacks) -> None:
         self.error: BaseException | None = None  #: the error that ended the thread early
         self.handling = ""  #: the message whose handler runs
-        self.is_replaced = False  #: its handler hung, and another slot has taken its place
-        self.callbacks = callbacks  #: the callbacks that its thread calls
-        self.ready = threading.Event()  #: set when it handles messages, or cannot (see *error*)
+        self.is_replaced = False  #: the handler hung, and another slot has taken this slot's place
+        self.callbacks = callbacks  #: the callbacks that the slot's thread calls
+        self.ready = threading.Event()  #: set when the slot handles messages, or has an *error*
         self._serving = serving
-        #: names its resource and the number of its connection
+        #: names the slot's resource and the number of its connection
         self.hello = hello
         self._connection: Connection  # set when the thread has opened it
         self._loop: EventLoop | None = None  #: created when first needed
-        #: replies that handlers owe. Weak: a LaterReply that the program drops counts as lost
+        #: replies that handlers owe; weak references, so that a dropped LaterReply fails
         self._owed = WeakSet[LaterReply[Any]]()
         self._log = log_of(hello.module)
         name = f"{hello.resource} {hello.connection}"
@@ -181,8 +181,8 @@ class Slot:
             if loop is None:
                 handle = partial(self._handle_delivery, in_loop=True)
                 loop = self._loop = EventLoop(connection, handle)
-            # The reply leaves when the loop has stopped: the next message must not be handled
-            # inside this one.
+            # The reply leaves when the loop has stopped, so that the next message is not handled
+            # inside the handling of this message.
             answer = loop.run(begun, handler.handle_async(task, body))
             with working_on(begun):
                 self._finish(handler, task, answer)
@@ -193,7 +193,8 @@ class Slot:
     def _finish(self, handler: Handler, task: Task, answer: Answer) -> None:
         """Send the outcome of a handler to central, or register the reply that it owes."""
         if task.later is not None and not isinstance(answer, LaterReply):
-            # Other threads may have reported results, which must come before the failure.
+            # Other threads may have reported intermediate results. They must come before the
+            # failure.
             self._connection.run_requested_calls()
         task.handler_returned()
         if self.is_replaced:
@@ -206,7 +207,7 @@ class Slot:
             return
         header, body = answer
         open_deliveries = self._connection.session.open_deliveries
-        # The handler may have stopped halfway.
+        # A handler that was woken because its module ends may have stopped halfway.
         if isinstance(header, Reply) and open_deliveries.was_woken_to_end(task.delivery):
             text = f"its module ended while {handler.name} ran"
             header, body = Fail(task.delivery, MODULE_LOST, text), b""
@@ -237,9 +238,9 @@ class Slots:
     def open(
         self, resources: Iterable[str], plans: Mapping[str, ResourcePlan], open_slot: OpenSlot
     ) -> None:
-        """Open the slots of *resources*, and wait until messages are handled.
+        """Open the slots of *resources*, and wait until they handle messages.
 
-        Raises the error that prevents it.
+        Raises the error that prevents a slot from handling messages.
         """
         with self._lock:
             self._open_slot = open_slot
@@ -253,9 +254,9 @@ class Slots:
                 raise slot.error
 
     def close(self, why: BaseException | None) -> list[BaseException]:
-        """Wait until all slots have ended; return the errors that ended some early.
+        """Wait until all slots have ended; return the errors that ended slots early.
 
-        A long wait is logged, with *why* the module ends.
+        A long wait is logged. *why*: the error because of which the module ends, if any.
         """
         with self._lock:
             self._open_slot = None
@@ -282,9 +283,10 @@ class Slots:
         return {resource for resource, callbacks in self._callbacks.items() if callbacks}
 
     def callbacks(self, resource: str) -> Callbacks:
-        """Return the callbacks of a resource's thread, which is started if the module runs.
+        """Return the callbacks of a resource's thread.
 
-        Raises MisuseError if it can't be started.
+        If the module runs, the resource must have a thread, or this raises MisuseError. Only the
+        thread of ``CALLBACKS`` is started here.
         """
         with self._lock:
             if self._open_slot is not None and not self._has_thread(resource):

@@ -2,7 +2,7 @@
 
 A restarted central counts from 1 again, so an old number may belong to another task by now. Each
 number therefore carries the epoch of its central, and ``Connection`` checks all headers that leave.
-A plain number counts as one of the central that receives it.
+A plain number without an epoch counts as a number of the central that receives it.
 """
 
 from collections.abc import Callable, Iterable
@@ -37,10 +37,10 @@ N = TypeVar("N", bound=int)
 
 
 def with_epoch(number: N, epoch: str, what: str) -> N:
-    """Return the number as one of the central of *epoch*.
+    """Return the number, marked as a number of the central of *epoch*.
 
-    It returns the plain number if that names nothing (0), or if the central never restarts (epoch
-    "").
+    A number of 0 or less stays plain, because it names nothing of central. All numbers stay plain
+    if *epoch* is "".
     """
     if number <= 0 or not epoch:
         return number
@@ -74,7 +74,7 @@ _NUMBER_TYPES = (TaskId, Point, Point | None, list[Constraint], WatchOptions | N
 
 @cache
 def _reader(kind: type) -> Callable[[msgspec.Struct], tuple[Any, ...]]:
-    """Return a reader of the fields that may hold such numbers; cached for speed."""
+    """Return a reader of the header fields that may hold an EpochNumber; cached for speed."""
     hints = get_type_hints(kind)
     fields = hints.items()
     names = [name for name, hint in fields if name in _NUMBER_FIELDS or hint in _NUMBER_TYPES]

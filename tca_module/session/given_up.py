@@ -1,7 +1,7 @@
 """Giving up requests whose answers are no longer wanted.
 
-Central is informed. A task that central has not acknowledged is killed, because nothing else could
-find it.
+Central is informed. A task that central has not acknowledged is killed, because no program knows
+its id.
 """
 
 from typing import Any
@@ -16,11 +16,12 @@ def abandon(session: Session, request: Request) -> None:
     """Give up a request."""
     number, origin = request.header.number, getattr(request.header, "origin", 0)
     if isinstance(request.header, headers.Release | headers.GiveUp):
-        return  # central must get it, though nothing waits for its answer
+        return  # central must get this request, although nothing waits for an answer
     if request.path is not None:
         request.path.abandon(request)
     elif session.requests.pop(number, None) is not None and request.wants_answer:
-        # Central may have it, even if it is away now. The GiveUp is repeated as any request is.
+        # Central may have received the request before it went away. The GiveUp is repeated after
+        # a break, as every request is.
         if request.was_sent:
             abandon_asking_why(session, request)
     elif _is_killed_if_given_up(session, request.header) and not (request.what and request.is_over):

@@ -1,4 +1,4 @@
-"""Joins replies: a slot with prefetched messages answers several with one header."""
+"""Joins replies: a slot with prefetched messages answers several messages with one header."""
 
 from typing import Any
 
@@ -43,9 +43,9 @@ class HeldReplies:
         return True
 
     def joined(self, items: list[Item], now: float) -> list[Item]:
-        """Return the items to send, with adjacent held replies joined. They are no longer held."""
-        # From the newest to the oldest, because a joined header says how long ago the handler after
-        # its last one started.
+        """Return the items to send, with adjacent held replies joined. Forget all held replies."""
+        # From the newest to the oldest: the header for some replies says how long ago the handler
+        # after the last of them started.
         found: list[Item] = []
         next_began_ago = -1.0 if self._started is None else now - self._started
         runs: list[EndedRun] = []

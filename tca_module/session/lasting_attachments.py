@@ -1,7 +1,7 @@
 """The exception handlers and wiretaps that a program has attached to messages and to the root.
 
-They are attached again at a restarted central. All connections of a program share one list, from
-several threads.
+They are attached again at a restarted central. All connections of a program share one list, which
+several threads use.
 """
 
 import threading
@@ -51,7 +51,7 @@ class LastingAttachments:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._wanted: dict[tuple[Any, ...], LastingAttachment] = {}
-        #: removed, but still known to a central that another connection of the program talks to
+        #: removed attachments of a central that the removing connection did not know yet
         self.unwanted: list[LastingAttachment] = []
 
     def add(
@@ -59,8 +59,8 @@ class LastingAttachments:
     ) -> None:
         """Add an attachment that central has accepted.
 
-        The same wiretap keeps its place. Any other attachment that replaces an equal one becomes
-        the newest.
+        A wiretap that is attached again unchanged keeps its place in the order. Any other
+        attachment that replaces an earlier one becomes the newest.
         """
         header, key = msgspec.structs.replace(header, number=0, origin=0), _key(header)
         with self._lock:
@@ -71,19 +71,20 @@ class LastingAttachments:
             self._wanted.pop(key, None)
             name = header.listener if isinstance(header, Tap) else header.attachment.handler
             named = [known[each] for each in (name, header.message) if each in known]
-            # The messages that a monitor consists of must be declared before it.
+            # The messages that a monitor consists of must be declared before the monitor.
             parts = [known[part] for one in named for part in one.parts if part in known]
             self._wanted[key] = LastingAttachment(header, [*parts, *named], number)
 
     def find(self, header: Attach | Tap) -> LastingAttachment | None:
-        """Return the attachment made by a request; None if it was to a task or has been removed."""
+        """Return the attachment made by a request; None for one to a task, or a removed one."""
         with self._lock:
             return self._wanted.get(_key(header)) if is_lasting(header) else None
 
     def unknown_to(self, epoch: str) -> list[LastingAttachment]:
         """Return the attachments to make at the central of that epoch, oldest first.
 
-        These are the first one that it lacks and all newer ones, so that the order is kept.
+        These are the oldest attachment that central lacks and all newer ones, so that their order
+        at central stays the same.
         """
         with self._lock:
             wanted = list(self._wanted.values())
@@ -96,7 +97,7 @@ class LastingAttachments:
             return self._wanted.get(_key(attachment.header)) is attachment
 
     def forget(self, attachment: LastingAttachment, epoch: str) -> None:
-        """Remove an attachment. *epoch*: of the central that the caller's connection knows."""
+        """Remove an attachment. *epoch*: that of the central that the caller's connection knows."""
         with self._lock:
             key = _key(attachment.header)
             if self._wanted.get(key) is attachment:
@@ -105,7 +106,7 @@ class LastingAttachments:
                 self.unwanted.append(attachment)
 
     def pop_unwanted(self, epoch: str) -> list[LastingAttachment]:
-        """Remove and return the unwanted attachments that the central of that epoch still has."""
+        """Remove and return the unwanted attachments of the central of that epoch."""
         with self._lock:
             unwanted = [one for one in self.unwanted if one.number.epoch == epoch]
             self.unwanted = [one for one in self.unwanted if one.number.epoch != epoch]
@@ -118,7 +119,7 @@ class LastingAttachments:
 
 
 def _key(header: Attach | Tap) -> tuple[Any, ...]:
-    """Return a key that is equal where one attachment replaces another."""
+    """Return a key that is equal for two attachments if one replaces the other."""
     if isinstance(header, Tap):
         return Tap, header.message, header.condition, header.listener
     return Attach, header.message, header.attachment.failure, header.attachment.handler

@@ -1,11 +1,11 @@
 """The deliveries that are not answered yet, and what their handlers have been told.
 
-A handler is woken from its present or next wait once because its task was killed or is retried, and
-once because its module ends. Reading ``task.cancelled`` as true counts as being woken. Later waits
-work as usual, so the handler can clean up.
+A handler is woken from its present or next wait at most twice. The one reason is a kill or retry of
+its task, the other its module's end. Reading ``task.cancelled`` as true counts as being woken.
+Later waits work as usual, so the handler can clean up.
 
-The context identifies the waiting handler. An asyncio task counts as part of the handler that
-started it.
+A context variable identifies the waiting handler. An asyncio task counts as part of the handler
+that started it.
 """
 
 from collections import deque
@@ -29,7 +29,7 @@ def never() -> bool:
 
 
 class OpenDelivery:
-    """A delivery that is being handled, or about to be. It represents its handler."""
+    """A delivery that is being handled, or about to be. It also stands for its handler."""
 
     __slots__ = (
         "delivery",
@@ -50,18 +50,18 @@ class OpenDelivery:
         self, owner: "OpenDeliveries", delivery: int, *, is_suspended: bool = False
     ) -> None:
         self.owner = owner
-        self.delivery = delivery  #: its number
-        self.name = ""  #: its message, for people; "" until its handler starts
-        self.is_killed = False  #: its task was killed, is retried, or was forgotten
+        self.delivery = delivery  #: the number of the delivery
+        self.name = ""  #: the message, for people; "" until the handler starts
+        self.is_killed = False  #: the task was killed, is retried, or was forgotten
         self.why_killed = ""  #: the reason of the kill
-        self.is_shielded = False  #: its handler cleans up and must not be woken
-        self.is_suspended = is_suspended  #: its task is suspended
-        self.knows_of_kill = False  #: its handler knows of the kill
-        self.knows_of_end = False  #: its handler knows that the module ends
+        self.is_shielded = False  #: the handler cleans up and must not be woken
+        self.is_suspended = is_suspended  #: the task is suspended
+        self.knows_of_kill = False  #: the handler knows of the kill
+        self.knows_of_end = False  #: the handler knows that the module ends
         #: requests of clients, if any
         self.requested: deque[tuple[Requested, bytes]] | None = None
         self.on_request: tuple[Callable[[], None], ...] = ()  #: called soon after each request
-        #: the state of its task as the handler knows it, created when first needed
+        #: the state of the task as the handler knows it, created when first needed
         self.state: Any = None
 
 
@@ -71,7 +71,7 @@ class OpenDeliveries:
     def __init__(self) -> None:
         #: whether the module ends, so that handlers must be woken
         self.is_ending: Callable[[], bool] = never
-        #: by number; a direct delivery (< 0) is added when its handler starts
+        #: number -> delivery; a direct delivery (< 0) is added when its handler starts
         self._known: dict[int, OpenDelivery] = {}
 
     def __contains__(self, delivery: int) -> bool:
@@ -108,7 +108,7 @@ class OpenDeliveries:
             handler.is_suspended = is_suspended
 
     def request(self, header: Requested, body: bytes) -> tuple[Callable[[], None], ...]:
-        """Add a client's request to a delivery; return the functions to call because of it."""
+        """Add a client's request to a delivery; return the functions to call for the request."""
         if (handler := self._known.get(header.delivery)) is None:
             return ()
         if handler.requested is None:
@@ -134,7 +134,7 @@ class OpenDeliveries:
         return handler
 
     def remove(self, delivery: int) -> bool:
-        """Remove a delivery that has been handled; return False if central has forgotten it."""
+        """Remove a delivery that has been handled; return False if it is no longer open."""
         handler = self._find(delivery)
         if not self.is_open(handler):
             return False
@@ -144,7 +144,8 @@ class OpenDeliveries:
     def _find(self, delivery: int) -> OpenDelivery | None:
         """Return the open delivery of that number.
 
-        A restarted central may use the number again: the handler itself still gets its own.
+        A restarted central may use the number again. Within the handler of an older delivery of
+        that number, this returns the older delivery.
         """
         own = current_delivery()
         if own is not None and own.owner is self and own.delivery == delivery:
@@ -179,12 +180,15 @@ class OpenDeliveries:
         return is_cancelled
 
     def is_suspended(self, delivery: int) -> bool:
-        """Return whether the task of a delivery is suspended; False once it must end instead."""
+        """Return whether a delivery's task is suspended; False once its handler should return."""
         handler = self._find(delivery)
         return handler is not None and handler.is_suspended and not self.is_cancelled(delivery)
 
     def was_woken_to_end(self, delivery: int) -> bool:
-        """Return whether only its module's end woke a handler, which may have stopped halfway."""
+        """Return whether a handler was woken by its module's end, and its task was not killed.
+
+        Such a handler may have stopped halfway.
+        """
         handler = self._find(delivery)
         return handler is not None and handler.knows_of_end and not handler.is_killed
 
@@ -201,7 +205,7 @@ class OpenDeliveries:
         return ENDS if self.is_ending() and not knows_of_end else ""
 
     def mark_notified(self, handler: OpenDelivery | None) -> None:
-        """Record that a handler knows whether its task was killed and whether its module ends."""
+        """Record that a handler knows of a kill of its task and of its module's end, if any."""
         if handler is not None:
             handler.knows_of_kill = handler.is_killed
             handler.knows_of_end = self.is_ending()
@@ -241,7 +245,7 @@ _at_work: ContextVar[OpenDelivery | None] = ContextVar("at_work", default=None)
 
 # A class rather than a generator, which would cost every message two microseconds.
 class working_on:  # noqa: N801
-    """A block whose work is for the handler of one delivery; None: for no handler."""
+    """A block whose work counts as that of a delivery's handler; with None, as no handler's."""
 
     __slots__ = ("_handler", "_token")
 

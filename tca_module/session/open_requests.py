@@ -29,7 +29,7 @@ class OpenRequests:
         self.outgoing: list[Item] = []
         #: functions that the connection's thread must call soon
         self.pending_calls: deque[Callable[[], None]] = deque()
-        #: lines for the log, such as central's errors that answer no request
+        #: lines for the log, such as errors from central that belong to no request
         self.complaints: list[str] = []
         self._posted = 0  #: number of statements sent on this connection
         self.is_welcome = False  #: central has welcomed this connection
@@ -45,7 +45,7 @@ class OpenRequests:
     def send(self, header: headers.Send | ChangeState, body: bytes, what: str) -> Request:
         """Send a task, or a change of a task's state, without waiting for central.
 
-        *what* names it. If central refuses it, ``sends`` retains the error.
+        *what* names the task or change. If central refuses it, ``sends`` retains the error.
         """
         check_fields(header)
         if isinstance(header, headers.Send):
@@ -62,7 +62,7 @@ class OpenRequests:
         self.outgoing.append((request.header, request.body))
 
     def adopt(self, request: Request) -> None:
-        """Send a request to central: a new one, or one whose direct handler will not start it."""
+        """Send a request to central: a new one, or a direct one that its slot will not start."""
         request.path = None
         self._number(request)
         if self.is_welcome:
@@ -76,13 +76,13 @@ class OpenRequests:
         self.requests[self._newest] = request
 
     def _refuse(self, request: Request) -> None:
-        """End a request that central will not answer, unless it redeclares something."""
+        """End a request that central will not answer, unless the request redeclares something."""
         if request.on_over is None:
             request.refused = self.refused
             self.finish(request)
 
     def finish(self, request: Request, why_lost: str = "") -> None:
-        """Finish a request, and notify its waiters. *why_lost*: how it was lost, if it was."""
+        """Finish a request, and notify its waiters. *why_lost*: how the request was lost, if so."""
         self.requests.pop(request.header.number, None)  # a direct request has no number here
         request.is_over = True
         request.why_lost = why_lost or request.why_lost
@@ -93,7 +93,7 @@ class OpenRequests:
         self._notify_waiters(request)
 
     def _finish_send(self, request: Request) -> None:
-        """Finish a send that central has accepted or refused, or never will."""
+        """Finish a send that central has accepted or refused, or that is lost."""
         self.sends.unacknowledged -= 1
         origin = request.header.origin
         if request.why_lost:
@@ -107,7 +107,7 @@ class OpenRequests:
             self.complaints.append(request.why_failed)  # the sender could not avoid being late
         elif not origin or origin in self.open_deliveries:
             self.sends.add(request)
-        else:  # its handler has returned, and central has failed it
+        else:  # the sending handler has returned, and counts as failed in central
             self.complaints.append(request.error_for_log)
 
     def _notify_waiters(self, request: Request) -> None:

@@ -1,8 +1,8 @@
 """Repeats to a restarted central everything that it has forgotten, in order.
 
-First the messages; then exception handlers and wiretaps, oldest first; then the module waits for
-the messages that it requires. Only then are its handlers declared, because other modules may rely
-on its attachments. A refused request is logged and tried again.
+First come the messages, then the exception handlers and wiretaps, oldest first. Then the module
+waits until the messages that it requires have handlers. Only then does it declare its own handlers,
+because other modules may rely on its attachments. A refused request is logged and tried again.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Ask = Callable[..., Request]
 class Redeclaration:
     """Declares everything to a restarted central.
 
-    Of a module's connections, only the one that declares its handlers does so.
+    Only one connection of a module does this: the one that declares the module's handlers.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Redeclaration:
         log: Callable[[str], None],
         on_over: Callable[[], None],
     ) -> None:
-        self.required: list[str] = []  #: messages without which the module does not serve
+        self.required: list[str] = []  #: messages that must have handlers before the module serves
         self.is_over = True  #: handlers may be declared
         self._attachments = attachments
         self._ask = ask
@@ -50,7 +50,7 @@ class Redeclaration:
         self._unanswered = 0  #: number of unanswered requests
         self._attached = 0  #: number of attachments that were made again
         self._is_refused = False
-        self._is_waiting = False  #: for required messages
+        self._is_waiting = False  #: waits for the handlers of required messages
         self._due = _NEVER  #: when there is something to do even if central sends nothing
         self._logged.clear()
 
@@ -62,7 +62,7 @@ class Redeclaration:
     def begin(self, epoch: str, messages: dict[str, MessageFormat]) -> None:
         """Start with the central of that epoch, which knows nothing.
 
-        If there are only handlers to declare, this is over at once.
+        If only handlers are to be declared, the redeclaration is over at once.
         """
         self._reset(epoch, messages)
         self.is_over = not (self.required or self._attachments.unknown_to(epoch))
@@ -105,11 +105,11 @@ class Redeclaration:
         self, request: Request, what: str, attachment: LastingAttachment | None
     ) -> None:
         if request.why_lost:
-            return  # central was restarted once more: ``begin`` follows
+            return  # central was restarted once more, so ``begin`` will be called
         self._unanswered -= 1
         if request.refused is not None:
             text = f"central was restarted, and refuses {what}: {request.refused.text}"
-            # A later refusal may only follow from the first one: it is not logged.
+            # A later refusal of an attachment may follow from the first refusal: it is not logged.
             if not self._is_refused or attachment is None:
                 again = f"tried again every {RETRY_AFTER:g} s, and no handler is declared before"
                 self._log_once(f"{text}; {again}")
@@ -140,7 +140,7 @@ class Redeclaration:
         self._on_over()
 
     def send_due(self, now: float) -> float:
-        """Make the requests that are due; return when the next ones will be."""
+        """Make the requests that are due; return when the next requests will be due."""
         for attachment in self._attachments.pop_unwanted(self._epoch):
             self._ask(headers.Remove(0, attachment.number))
         is_answered_soon = self._unanswered > 0 and not self._is_waiting

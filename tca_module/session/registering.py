@@ -6,8 +6,8 @@ from tca_wire.packets.headers import Register
 from tca_wire.packets.parts import HandlerFormat, MessageFormat
 from tca_wire.vocabulary import Limit
 
-# The most declarations, and bytes of formats, in one request. Less than central accepts, because
-# central handles nothing else at the same time.
+# The most declarations, and the most bytes of formats, in one request. Central would accept more,
+# but handles nothing else at the same time.
 _MOST = int(Limit.LIST) // 2
 _MOST_BYTES = int(Limit.HEADER) // 2
 

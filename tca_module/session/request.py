@@ -50,9 +50,9 @@ class RequestPath(Protocol):
 class Request:
     """A numbered request and its answers.
 
-    It is over when central has accepted it, when its last answer has arrived, or when it was
-    refused or lost with central's memory. A query that central did not send, because the message
-    has no handler, is accepted with id 0.
+    A request is over when central has accepted it, when its last answer has arrived, or when it was
+    refused or lost with central's memory. If central did not send a query, because its message has
+    no handler, the request is accepted with id 0.
     """
 
     __slots__ = (
@@ -86,38 +86,38 @@ class Request:
     def __init__(self, header: Any, body: bytes, *, wants_answer: bool) -> None:
         self.header = header
         self.body = body
-        self.wants_answer = wants_answer  #: an Answer follows, so Accepted does not end it
-        self.was_sent = False  #: central may have received it
-        self.epoch = ""  #: of the central that it was sent to last
-        self.was_repeated = False  #: it was sent more than once
+        self.wants_answer = wants_answer  #: an Answer follows Accepted, and ends the request
+        self.was_sent = False  #: central may have received the request
+        self.epoch = ""  #: the epoch of the central that the request was sent to last
+        self.was_repeated = False  #: the request was sent more than once
         self.is_over = False
-        self.answers_seen = 0  #: number of its answers since it was sent, without the last one
-        #: central knows that its sender, which did not wait at first, now waits for the answer
+        self.answers_seen = 0  #: number of answers since it was sent, without the final answer
+        #: central knows that the sender, which did not wait at first, now waits for the answer
         self.is_announced = False
-        self.accepted: EpochNumber | None = None  #: the id of the task or message that it became
+        self.accepted: EpochNumber | None = None  #: the id of the resulting task or message
         self.answers: deque[tuple[headers.Answer, bytes]] = deque()
         self.refused: headers.Refused | None = None
-        self.why_lost = ""  #: how it was lost with central's memory
-        #: the name of its object, if a restarted central has forgotten that
+        self.why_lost = ""  #: how the request was lost with central's memory
+        #: the name of the object of the request, if a restarted central has forgotten the object
         self.forgotten_subject = ""
-        self.why_lock_lost = ""  #: for a granted lock: how it was lost
-        self.path: RequestPath | None = None  #: the direct path on which it was sent, if any
-        self.path_number = 0  #: its number on that path
+        self.why_lock_lost = ""  #: how the lock that the request was granted was lost
+        self.path: RequestPath | None = None  #: the direct path of the request, if any
+        self.path_number = 0  #: the number of the request on that path
         # The next three are for tasks and changes that were sent without waiting for central.
-        self.what = ""  #: its name, for people
-        self.sender_name = ""  #: the message whose handler has sent it
-        self.after: list[TaskId] = []  #: the siblings it must come after, until it is accepted
-        self.statements_before = 0  #: number of statements that were sent before it
-        #: called soon after each answer, and when it is over
+        self.what = ""  #: the name of the task or change, for people
+        self.sender_name = ""  #: the message whose handler has sent the task or change
+        self.after: list[TaskId] = []  #: the siblings before the task, until it is accepted
+        self.statements_before = 0  #: number of statements that were sent before the request
+        #: called soon after each answer, and soon after the request is over
         self.notify: Callable[[], None] | None = None
         #: called like *notify*; wakes the coroutines that await the request
         self.wake: Callable[[], None] | None = None
-        #: called at once by the session when it is over
+        #: called by the session at once when the request is over
         self.on_over: Callable[[Request], None] | None = None
 
     @property
     def is_unannounced(self) -> bool:
-        """Whether it is open, and central does not know whether its sender waits by now."""
+        """Whether the request is open, and must be announced if its sender now waits."""
         header = self.header
         if self.is_over or self.is_announced or not isinstance(header, Send):
             return False
@@ -133,18 +133,18 @@ class Request:
 
     @property
     def is_ended_by_kill(self) -> bool:
-        """Whether a kill ended it."""
+        """Whether a kill ended the request."""
         is_refused = self.refused is not None and self.refused.refusal is Refusal.TOO_LATE
         return is_refused or (bool(self.answers) and self.answers[-1][0].outcome is Outcome.KILLED)
 
     @property
     def has_failed(self) -> bool:
-        """Whether it was refused or lost."""
+        """Whether the request was refused or lost."""
         return self.is_over and (self.refused is not None or bool(self.why_lost))
 
     @property
     def why_failed(self) -> str:
-        """Its error in words, "" if it has none."""
+        """The error of the request in words; "" without an error."""
         try:
             self.check(self.what)
         except TcaError as error:
@@ -153,7 +153,7 @@ class Request:
 
     @property
     def error_for_log(self) -> str:
-        """Its error for the log, because its sender did not receive it."""
+        """The error of the request for the log, for a sender that did not receive the error."""
         if not self.sender_name:
             return self.why_failed
         advice = "reading the '.id' of a sent task raises its error in the handler"
@@ -161,7 +161,7 @@ class Request:
         return f"{error}; {advice}"
 
     def check(self, what: object) -> None:
-        """Raise its error, if it has one. *what* names the request."""
+        """Raise the error of the request, if any. *what* names the request."""
         if self.refused is not None:
             kind = _KINDS.get(self.refused.refusal, Refused)
             raise kind(str(what), self.refused.refusal, self.refused.text)

@@ -24,8 +24,8 @@ class Acknowledging(Protocol):
 class SentId(EpochNumber):
     """The id of a sent task, which central may not have assigned yet.
 
-    Reading it waits for central. A header names the task by the number of the request that sent it
-    instead, and so needs no wait.
+    Reading the id waits for central. A header needs no wait: instead of the id it contains the
+    number of the request that sent the task.
     """
 
     connection: Acknowledging
@@ -39,14 +39,14 @@ class SentId(EpochNumber):
 
     @property
     def assigned_id(self) -> EpochNumber:
-        """The assigned id. Waits for it; raises the error of the send."""
+        """The assigned id. Waits until central has assigned it; raises the error of the send."""
         if self.request.accepted is not None:
             return self.request.accepted
         return self.connection.wait_for_id(self.request)
 
     @property
     def on_wire(self) -> int:
-        """The number that names the task to central on the connection that has sent it."""
+        """The number for headers on the sending connection: the id, or minus the request number."""
         request = self.request
         return int(request.accepted) if request.accepted is not None else -request.header.number
 
@@ -64,7 +64,7 @@ class SentId(EpochNumber):
     def check_nameable(self, connection: object) -> None:
         """Ensure that headers on *connection* can name the task. Raises the error of the send.
 
-        On another connection than the task's own, central knows it only by its assigned id.
+        On another connection than the sending one, central knows the task only by its assigned id.
         """
         if self.request.is_over or self.connection is not connection:
             self.assigned_id  # noqa: B018
@@ -80,7 +80,7 @@ class SentId(EpochNumber):
     def __eq__(self, other: object) -> bool:
         if isinstance(other, SentId):
             return self.request is other.request
-        # 0 names no task: this needs no wait.
+        # Comparing with 0, which names no task, needs no wait.
         return other != 0 and self.assigned_id == other
 
     def __ne__(self, other: object) -> bool:
@@ -120,7 +120,7 @@ class TaskSends:
 
     def __init__(self) -> None:
         self.unacknowledged = 0  #: number of sends that central has neither accepted nor refused
-        #: sends that are lost with central's memory, until their error is raised
+        #: sends that are lost with central's memory, and whose error was not raised yet
         self.lost: list[Request] = []
         self.failed: dict[int, list[Request]] = {}  #: delivery of the sender -> refused sends
         self._known: dict[int, int] = {}  #: delivery -> number of refusals that its handler knows
@@ -155,7 +155,7 @@ class TaskSends:
             self._known[origin] = self._known.get(origin, 0) + len(failed)
 
     def pop_refusals(self, delivery: int) -> tuple[int, list[str]]:
-        """Return, for an ended handler, how many refusals it knows, and its unraised errors."""
+        """Return how many refusals an ended handler knows, and its errors that were not raised."""
         if not (self._known or self.failed):  # the usual case, fast
             return 0, []
         errors = [one.error_for_log for one in self.failed.pop(delivery, [])]

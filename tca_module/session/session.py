@@ -1,15 +1,16 @@
 """One connection's side of the protocol, without I/O: requests, their repetition, and deliveries.
 
-Headers go in through ``receive`` and come out in ``outgoing``; time is passed in. Until central's
-Welcome, only Hello leaves. A numbered request is retained until its answer arrives. After a break
-it is repeated, in order: central recognises its number and never carries it out twice. Statements
-(informs, broadcasts, variable changes without a number) may be lost.
+Headers go in through ``receive`` and come out in ``outgoing``. The caller passes the time. Until
+central's Welcome, only Hello leaves. A numbered request is retained until its answer arrives. After
+a break, open requests are repeated in order. Central recognises the number of a request and never
+carries it out twice. Statements (informs, broadcasts, variable changes without a number) may be
+lost.
 
 A Welcome with another epoch means that central was restarted and has lost its tree. Open requests
 are lost too, with two exceptions. The first: requests that name nothing of the old tree and only
-ask about the present state. The second: requests that certainly never reached the old central. They
-did not leave, or left once and were answered by Unknown. Messages and handlers are declared again
-(``redeclaration``).
+ask about the present state. The second: requests that certainly never reached the old central. Such
+a request did not leave, or it left once and the answer was Unknown. Messages and handlers are
+declared again (``redeclaration``).
 """
 
 from collections import deque
@@ -39,17 +40,17 @@ from tca_wire.packets.routes import Barred, EntranceGone, Route
 from tca_wire.text.measures import numbered
 from tca_wire.vocabulary import Outcome, Refusal
 
-HELLO_NUMBER = 1  # of every Hello, also a repeated one
+HELLO_NUMBER = 1  # the number of every Hello, also of a repeated one
 QUIET = 2.5  # seconds of silence after which a connection that waits for central probes it
-IDLE = 45.0  # the same for an idle connection, to which central sends a heartbeat every 30 seconds
+IDLE = 45.0  # the same for an idle connection; central sends it a heartbeat every 30 seconds
 REPEAT = 1.0  # seconds between two probes
 CONFIRM_EVERY = 100  # unconfirmed statements after which central is probed
 PREFETCH = 64  # messages that a slot may prefetch
-# replies to repeat after a break; a later delivery shows that older ones arrived
+# replies to repeat after a break; a later delivery shows that older replies have arrived
 _REPLIES_RETAINED = PREFETCH + 8
 
-# The probe. It declares nothing, so it changes nothing, but central answers it: with Accepted, or
-# with Unknown if Hello is due again.
+# The probe. It declares nothing, so it changes nothing. Central answers it with Accepted, or with
+# Unknown if Hello must be sent again.
 _PROBE = headers.Register(0, [], [])
 
 _STATEMENTS = headers.Send | headers.SetVariable
@@ -64,11 +65,11 @@ def quiet_within(patience: float, *, is_idle: bool = False) -> float:
 class Session(OpenRequests):
     """The state of one connection to central."""
 
-    #: opens another slot in place of one that hangs
+    #: opens another slot in place of a hanging slot
     replace_slot: Callable[[int, str], object] | None = None
 
     def __init__(self, hello: headers.Hello, attachments: LastingAttachments | None = None) -> None:
-        """*attachments*: those of the module, if it has several connections.
+        """*attachments*: the attachments of the module, if it has several connections.
 
         After a restart of central, the module's first connection makes them again.
         """
@@ -76,7 +77,7 @@ class Session(OpenRequests):
         self._hello = msgspec.structs.replace(hello, number=HELLO_NUMBER)
         self.messages: dict[str, MessageFormat] = {}  #: name -> declared message, to declare again
         self._handlers: dict[str, HandlerFormat] = {}
-        #: central knows that all attachments of the start are made
+        #: central knows that the module has made all attachments of its start
         self._is_ready = False
         #: granted locks that the program still refers to
         self._locks: WeakValueDictionary[int, Request] = WeakValueDictionary()
@@ -111,13 +112,13 @@ class Session(OpenRequests):
     # --- calls of the module ----------------------------------------------------------------------
 
     def request(self, header: Any, body: bytes = b"", *, wants_answer: bool = False) -> Request:
-        """Make a numbered request of central. Raises MisuseError if central could not read it."""
+        """Make a numbered request to central. Raises MisuseError if central could not read it."""
         check_fields(header)
         self.return_before_claim(header)
         return self.ask(header, body, wants_answer=wants_answer)
 
     def post(self, header: headers.ToCentral, body: bytes = b"") -> bool:
-        """Send a header that has no answer; return False if it is lost: central is not there."""
+        """Send a header that has no answer. Returns False if it is lost: central is away."""
         is_statement = isinstance(header, _STATEMENTS)
         if not self.is_welcome:
             self.dropped += is_statement
@@ -148,8 +149,8 @@ class Session(OpenRequests):
     def lost(self) -> int:
         """The number of messages that are lost, or may be.
 
-        These are statements that never left, or were on their way when a connection broke. They are
-        also tasks that may not have reached a central that ended.
+        A lost statement never left, or was on its way when a connection broke. A lost task may not
+        have reached a central that ended.
         """
         return self.dropped + self.doubtful + len(self.sends.lost)
 
@@ -196,7 +197,10 @@ class Session(OpenRequests):
 
     @property
     def is_claiming(self) -> bool:
-        """Whether a claim is requested or given up. Prefetched messages may have to wait for it."""
+        """Whether a claim is being requested or given up.
+
+        Prefetched messages may have to wait for that claim.
+        """
         return any(
             isinstance(one.header, headers.Lock | headers.GiveUp) for one in self.requests.values()
         )
@@ -204,7 +208,8 @@ class Session(OpenRequests):
     def return_before_claim(self, header: headers.ToCentral) -> None:
         """Return the prefetched messages to central before a claim, which might wait for them.
 
-        If a callback makes the claim, the next message stays, unless central recalls it.
+        If a callback makes the claim, the next prefetched message stays here, unless central
+        recalls it.
         """
         if isinstance(header, headers.Lock) and self.prefetched:
             retained = [self.prefetched.popleft()] if self.may_begin_next else []
@@ -227,23 +232,23 @@ class Session(OpenRequests):
         *,
         is_ready: bool = False,
     ) -> None:
-        """Remember what central has accepted, to declare it again after a restart."""
+        """Remember declarations that central has accepted, to repeat them after a restart."""
         self.messages.update({message.name: message for message in messages})
         self._handlers.update({handler.message: handler for handler in handlers})
         self._is_ready |= is_ready
 
     def forget_handlers(self) -> None:
-        """Forget the handlers and attachments: this module handles nothing more."""
+        """Forget the handlers and attachments, because this module handles nothing more."""
         self._handlers.clear()
         self.attachments.clear()
 
     # --- the connection ---------------------------------------------------------------------------
 
     def send_due(self, now: float, since: float, quiet: float = QUIET) -> float:
-        """Send a probe or Hello if one is due; return when there is more to do if nothing arrives.
+        """Send a probe or Hello if it is due; return when to call this again if nothing arrives.
 
-        After *quiet* seconds of silence, central is probed every second. Silence counts from
-        *since* at the earliest, when the caller started to listen.
+        After *quiet* seconds of silence, central is probed every second. Silence counts at the
+        earliest from *since*, the time at which the caller started to listen.
         """
         if self.is_to_withdraw:
             self.is_to_withdraw = False
@@ -262,7 +267,7 @@ class Session(OpenRequests):
         return min(probe_at, due)
 
     def break_off(self) -> None:
-        """Start over with Hello: the connection broke, or central does not know it."""
+        """Start again with Hello, because the connection broke or central does not know it."""
         self.breaks += 1
         self.is_welcome = False
         unsent = 0
@@ -301,8 +306,8 @@ class Session(OpenRequests):
         if was_welcomed and has_declared and (self.redeclaration.is_over or not is_new_epoch):
             is_over, messages = self.redeclaration.is_over, list(self.messages.values())
             handlers = list(self._handlers.values()) if is_over else []
-            # Without a number: central counts a request as answered if its number is lower than the
-            # highest one so far, and the requests repeated below have lower numbers.
+            # Without a number, because a new number would be higher than those of the requests
+            # repeated below. Central counts all requests below its highest number as answered.
             self._declare(messages, handlers, is_ready=is_over and self._is_ready)
         if was_welcomed and not is_new_epoch:
             self._repeat_declarations()
@@ -318,7 +323,7 @@ class Session(OpenRequests):
     def _repeat_declarations(self) -> None:
         """Declare the handlers that central may have accepted and forgotten with the connection.
 
-        Repeating the request is not enough: central then only repeats its first answer.
+        Repeating the request is not enough, because central would only repeat its first answer.
         """
         for header in [request.header for request in self.requests.values() if request.was_sent]:
             if isinstance(header, headers.Register) and (header.handlers or header.is_ready):
@@ -327,7 +332,7 @@ class Session(OpenRequests):
     def _observe_again(self) -> None:
         """Observe again under new numbers.
 
-        Changes that central sent in the meantime are lost; the new observation starts with the
+        Changes that central sent during the break are lost. The new observation starts with the
         present state.
         """
         observing = [
@@ -368,7 +373,7 @@ class Session(OpenRequests):
         """Drop everything that belongs to the tree of a central that was restarted."""
         for number, request in list(self.requests.items()):
             if request.on_over is not None:
-                del self.requests[number]  # ``redeclaration`` starts again and repeats it
+                del self.requests[number]  # ``redeclaration`` starts again and makes a new request
                 continue
             subject = first_foreign(numbers_in(request.header), self.epoch)
             if subject is not None or refers_to_tasks(request.header):
@@ -388,7 +393,7 @@ class Session(OpenRequests):
         self.prefetched.clear()
 
     def _confirm_arrival(self, number: int) -> Request | None:
-        """Return the request that central answers. All that was sent before it has arrived."""
+        """Return the request that central has answered. Record that all earlier sends arrived."""
         request = self.requests.get(number)
         if request is not None:
             self._arrived = max(self._arrived, request.statements_before)
@@ -425,7 +430,7 @@ class Session(OpenRequests):
                 self._on_not_welcome(header)
             elif header.refusal is not Refusal.TOO_LATE:
                 self.complaints.append(f"central refused: {header.text}")
-            elif not header.number:  # with a number, it was given up in the meantime
+            elif not header.number:  # a request with a number was given up in the meantime
                 self.complaints.append(header.text)
         elif header.refusal is Refusal.TOO_LATE and request.was_repeated and request.wants_answer:
             self._ask_again(request)
@@ -436,8 +441,8 @@ class Session(OpenRequests):
     def _on_not_welcome(self, header: headers.Refused) -> None:
         """End everything that waits for a central that refused Hello. Hello is repeated.
 
-        The number is 0 if central could not read Hello, because it speaks another version, or if it
-        no longer accepts this connection.
+        The refusal has number 0 in two cases: central speaks another version and could not read
+        Hello, or central no longer accepts this connection.
         """
         if not header.number and header.refusal is Refusal.PROTOCOL:
             other = f"central speaks another protocol than this module's {headers.PROTOCOL_VERSION}"
@@ -484,14 +489,14 @@ class Session(OpenRequests):
             # The reply may be lost, for example with the power of central's computer.
             self.outgoing.append(reply)
             return
-        # Central counts *ahead* deliveries as unanswered, so it has all earlier replies.
+        # Central counts *ahead* deliveries as unanswered, so it has received all older replies.
         self._drop_old_replies(max(0, header.ahead - len(self.open_deliveries)))
         self.open_deliveries.add(header.delivery, is_suspended=header.suspended)
         (self.prefetched if header.ahead else self.deliveries).append((header, body))
 
     def _on_taken(self, header: headers.Taken, _: bytes) -> None:
         lock = self._locks.pop(header.number, None) or self.requests.get(header.number)
-        # The answer that granted it may have been lost: then the request is still open.
+        # If the answer that granted the lock was lost, the request is still open.
         if lock is not None:
             lock.why_lock_lost = header.text
 
@@ -501,13 +506,14 @@ class Session(OpenRequests):
 
     def _on_unknown(self, header: headers.Unknown, _: bytes) -> None:
         if (request := self.requests.get(header.number)) is not None:
-            # This central did not carry it out. If it was sent only once, no other did either.
+            # This central did not carry out the request. If it was sent only once, no earlier
+            # central did either.
             request.was_sent = request.was_repeated
         if self.is_welcome:
             self.break_off()
 
     def _on_closing(self, header: headers.Closing, _: bytes) -> None:
-        if not self._hello.connection:  # only the module's own connection logs it
+        if not self._hello.connection:  # only the module's own connection logs central's end
             self.complaints.append(
                 f"central ends: {header.text}" if header.text else "central ends"
             )

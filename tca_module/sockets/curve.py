@@ -1,4 +1,4 @@
-"""Keys on this program's sockets to central: over TCP they encrypt, and authenticate both ends."""
+"""Keys for this program's sockets: over TCP, keys encrypt, and authenticate both ends."""
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -20,8 +20,8 @@ _EVENTS = (
 def set_client_key(socket: "zmq.Socket[bytes]", address: str) -> ClientKey | None:
     """Set this program's key for the central at *address* on a socket, before it connects.
 
-    The socket then talks to no other central. Returns the key; None if none is used. Raises
-    MisuseError.
+    The socket then talks to no other central. Returns the key; None if this program uses no key.
+    Raises MisuseError.
     """
     if (key := key_for(address)) is not None:
         set_key(socket, key)
@@ -36,7 +36,7 @@ def set_key(socket: "zmq.Socket[bytes]", key: ClientKey) -> None:
 
 
 def key_for(address: str) -> ClientKey | None:
-    """Return the key that this program uses for the central at *address*; None if none.
+    """Return the key that this program uses for the central at *address*; None without a key.
 
     Raises MisuseError.
     """
@@ -47,9 +47,9 @@ def key_for(address: str) -> ClientKey | None:
 
 
 def make_server(socket: "zmq.Socket[bytes]") -> str:
-    """Make a socket accept only clients that know its public key, which is new.
+    """Give a socket a new key, so that only clients that know its public key can connect.
 
-    Call it before the socket is bound. Returns the key.
+    Call this before the socket is bound. Returns the public key.
     """
     public, secret = zmq.curve_keypair()
     socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -58,15 +58,15 @@ def make_server(socket: "zmq.Socket[bytes]") -> str:
 
 
 def use_server_key(socket: "zmq.Socket[bytes]", server: str) -> None:
-    """Make a socket talk only to the owner of the public key *server*; it gets a new key itself."""
+    """Make a socket talk only to the owner of the public key *server*, and give it a new key."""
     public, secret = zmq.curve_keypair()
     set_key(socket, ClientKey("", public.decode(), secret.decode(), server))
 
 
 def key_problem(context: "zmq.Context[zmq.Socket[bytes]]", address: str) -> str:
-    """Return why the central at *address* rejects this program's key; "" if it does not.
+    """Return why the central at *address* rejects this program's key; "" if it accepts the key.
 
-    It tries to connect, for up to 2.5 seconds.
+    This tries to connect, for up to 2.5 seconds.
     """
     if not address.startswith("tcp://"):
         return ""

@@ -1,8 +1,9 @@
-"""The sockets of direct messages: a slot's entrance, and a sender's path to one.
+"""The sockets of direct messages: a slot's entrance, and a sender's path to an entrance.
 
-An entrance is reachable for every program that reaches central. It lies in the folder of central's
-socket, or listens on the network interface through which this computer reaches central. If central
-requires keys, the entrance has a key of its own, which central gives to permitted senders.
+Every program that reaches central can reach an entrance. The entrance is a file in the folder of
+central's socket, or listens on the network interface through which this computer reaches central.
+If central requires keys, the entrance has a key of its own. Central gives its public key to
+permitted senders.
 """
 
 import contextlib
@@ -22,12 +23,12 @@ from tca_wire.vocabulary import Limit
 MOST_UNDER_WAY = 1000  # messages under way from a sender to an entrance, at most
 
 _OPTIONS = (
-    (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached, because senders count
+    (zmq.SNDHWM, MOST_UNDER_WAY + 100),  # never reached, because senders count their messages
     (zmq.RCVHWM, MOST_UNDER_WAY + 100),
     (zmq.LINGER, 1000),
     (zmq.MAXMSGSIZE, int(Limit.PACKET)),
     (zmq.HANDSHAKE_IVL, 2000),
-    *KEEPALIVE,  # no ZeroMQ heartbeats (see transport.py); senders greet instead
+    *KEEPALIVE,  # without ZeroMQ heartbeats (see transport.py): senders greet instead
 )
 _LONGEST_PATH = 100  # bytes in the path of a Unix socket; systems allow 103 to 107
 _SUFFIX = ".direct"
@@ -38,7 +39,7 @@ Address = bytes
 
 
 class _DirectSocket:
-    """A ZeroMQ socket for direct messages. *kind*: such as zmq.DEALER."""
+    """A ZeroMQ socket for direct messages. *kind*: the type of socket, such as zmq.DEALER."""
 
     def __init__(self, kind: int) -> None:
         self._socket: zmq.Socket[bytes] = context().socket(kind)
@@ -110,9 +111,9 @@ class PathSocket(_DirectSocket):
 
     def __init__(self, entrance: Entrance) -> None:
         super().__init__(zmq.DEALER)
-        # Not IMMEDIATE: with it, libzmq 4.3.5 discards packets that have arrived and were not read
-        # when the far end closes. These may be the last answers of a slot. The sender's count
-        # bounds what waits for a slot that has disconnected.
+        # Without the option IMMEDIATE, packets for a disconnected slot wait here. The sender's
+        # count bounds their number. With the option, libzmq 4.3.5 would discard unread packets when
+        # the far end closes. These may be the last answers of a slot.
         self._socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5000)
         try:
             if entrance.curve:
@@ -141,8 +142,9 @@ class PathSocket(_DirectSocket):
 
 
 def _bind(socket: "zmq.Socket[bytes]", central: str) -> str:
-    """Listen where every program that reaches *central* also reaches this socket; return the
-    endpoint.
+    """Listen where every program that reaches *central* can reach this socket.
+
+    Returns the endpoint.
     """
     if central.startswith("tcp://"):
         name, _, port = central.removeprefix("tcp://").rpartition(":")
@@ -171,7 +173,7 @@ def _remove_stale_sockets(folder: Path) -> None:
     """Remove the socket files of processes that were killed."""
     for path in folder.glob(f"*{_SUFFIX}"):
         try:
-            os.kill(int(path.name.partition("-")[0]), 0)  # sends nothing
+            os.kill(int(path.name.partition("-")[0]), 0)  # signal 0 only tests for the process
         except ProcessLookupError:
             with contextlib.suppress(OSError), sockets.socket(sockets.AF_UNIX) as probe:
                 try:

@@ -1,6 +1,6 @@
 """The pulse of this process: a socket that echoes central's heartbeats, as proof of life.
 
-ZeroMQ's own C code echoes them, so they need not wait for Python's lock
+ZeroMQ's own C code echoes the heartbeats, so that no echo waits for Python's lock
 (docs/decisions/0063-the-pulse-of-a-process.md).
 """
 
@@ -28,9 +28,9 @@ class Pulse:
 
     def __init__(self, address: str) -> None:
         self.users = 0
-        # A fixed routing id is safe here: it is unique, and a line that it shuts out is merely not
-        # watched.
-        self.name = b"pulse " + token_hex(8).encode()  #: its routing id
+        # A fixed routing id is safe here, because it is unique. If the remains of an old line
+        # keep a new line out, this process is not watched, but nothing else is lost.
+        self.name = b"pulse " + token_hex(8).encode()  #: the routing id of the socket
         self._key = os.getpid(), address  # a forked child has a pulse of its own
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         socket = self._context.socket(zmq.DEALER)
@@ -44,8 +44,8 @@ class Pulse:
             target=_echo, args=(socket, is_started), name="pulse", daemon=True
         )
         self._thread.start()
-        # The thread must run before central knows of it, and before another one holds Python's lock
-        # for long.
+        # The thread must run before central knows of the pulse, and before another thread holds
+        # Python's lock for long.
         is_started.wait()
 
     def release(self) -> None:
@@ -65,9 +65,9 @@ _OPTIONS = (
     (zmq.LINGER, 0),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 500),
-    # Without it, the kernel tries for minutes to reach a computer that is away.
+    # Without this, the kernel tries for minutes to reach a computer that is away.
     (zmq.CONNECT_TIMEOUT, 5000),
-    *KEEPALIVE,  # the socket only answers, so it would never notice on its own that central is away
+    *KEEPALIVE,  # a socket that only answers never notices by itself that central is away
 )
 _lock = threading.Lock()
 _pulses: dict[tuple[int, str], Pulse] = {}

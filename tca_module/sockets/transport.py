@@ -24,15 +24,15 @@ _OPTIONS = (
     # No routing id: central identifies connections by Hello, and a fixed id can leave a zombie
     # behind (libzmq #2892).
     (zmq.IMMEDIATE, 1),  # refuse a packet for a central that is away, instead of losing it
-    # An empty message on each new line: a central that does not know this connection says so.
+    # Sends an empty message on each new line: a central that does not know the line says so.
     (zmq.PROBE_ROUTER, 1),
     (zmq.SNDHWM, 1000),
     (zmq.LINGER, 1000),
     (zmq.RECONNECT_IVL, 100),
     (zmq.RECONNECT_IVL_MAX, 500),  # all modules reconnect to a restarted central within a second
-    # No HEARTBEAT_IVL: a heartbeat that is due on a lingering socket whose far end has closed ends
-    # the process (libzmq 4.3.5: "Assertion failed: !_io_error"; libzmq #3937). TCP keepalive
-    # detects a dead line.
+    # No HEARTBEAT_IVL, because a heartbeat can end the process. That happens when it is due on a
+    # lingering socket after the far end has closed (libzmq 4.3.5: "Assertion failed: !_io_error";
+    # libzmq #3937). TCP keepalive detects a dead line instead.
     *KEEPALIVE,
 )
 
@@ -42,12 +42,12 @@ _LIVELY = 0.02  # seconds after a packet in which the next one is likely
 
 
 class EventSource(Protocol):
-    """A source of events that is waited for together with packets from central."""
+    """A source of events. A thread waits for them and for packets from central at once."""
 
     def fileno(self) -> int:
         """Return a file that becomes readable when something may have arrived.
 
-        Ask ``has_arrived`` before each wait for it.
+        Call ``has_arrived`` before each wait for the file.
         """
 
     def has_arrived(self) -> bool:
@@ -57,7 +57,7 @@ class EventSource(Protocol):
 class Transport(EventSource, Protocol):
     """Carries packets to one central and back.
 
-    It may lose packets when the connection breaks, but keeps their order.
+    Packets may be lost when the connection breaks, but their order is kept.
     """
 
     @property
@@ -67,18 +67,19 @@ class Transport(EventSource, Protocol):
     def send(self, packet: bytes, wait_seconds: float) -> bool:
         """Send a packet; return whether it left.
 
-        Waits *wait_seconds* at most for central to be there and to accept it.
+        Waits at most *wait_seconds* until central is there and accepts the packet.
         """
 
     def receive(self, timeout_seconds: float, alarm: float = math.inf) -> bytes | None:
         """Return the next packet, or None if none comes in time or another event ends the wait.
 
-        *alarm*, a time of the handlers' clock, is such an event.
+        The wait also ends at *alarm*, a time of the handlers' clock.
         """
 
     def files(self) -> Collection[int]:
-        """Return the files; one becomes readable when something may have arrived or ``wake`` is
-        called.
+        """Return the files to wait for.
+
+        One of them becomes readable when something may have arrived, or when ``wake`` is called.
         """
 
     def waker(self) -> "Waker":
@@ -91,15 +92,15 @@ class Transport(EventSource, Protocol):
         """Return the time of the handlers' clock, in seconds. It never jumps."""
 
     def seconds_until(self, moment: float) -> float:
-        """Return the seconds to wait until a moment of that clock.
+        """Return the seconds to wait until *moment*, a time of the handlers' clock.
 
-        The thread then pauses until the moment, which a stepped clock remembers.
+        The thread then pauses until that time. A stepped clock remembers the time.
         """
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
         """Return a block in which the thread waits for files, among them this transport's.
 
-        ``receive`` does not need it.
+        ``receive`` does not need the block.
         """
 
     def close(self) -> None:
@@ -118,7 +119,7 @@ class Waker:
         self._is_set = False
 
     def fileno(self) -> int:
-        """Return the file that is readable while this is set."""
+        """Return the file that is readable while the waker is set."""
         return self._read_end
 
     def set(self) -> None:
@@ -129,7 +130,7 @@ class Waker:
                 os.write(self._write_end, _ONE)
 
     def clear(self) -> bool:
-        """Reset; return whether it was set."""
+        """Reset the waker; return whether it was set."""
         if not self._is_set:
             return False
         with self._lock:
@@ -140,7 +141,7 @@ class Waker:
     def close(self) -> None:
         """Close for good. May be called twice."""
         with self._lock:
-            # Set, so that no later ``set`` writes into a file that gets the same number.
+            # So that no later ``set`` writes into another file that gets the same number.
             self._is_set = True
             files, self._read_end, self._write_end = {self._read_end, self._write_end}, -1, -1
             for file in files - {-1}:
@@ -153,13 +154,13 @@ _ONE = (1).to_bytes(8, sys.byteorder)  # an eventfd requires eight bytes; a pipe
 def accepts_connections(address: str) -> bool:
     """Return whether the operating system accepts connections to *address*.
 
-    It does so for a stopped process, but not for one that has ended. *address* is ``ipc://`` or
-    ``tcp://``.
+    The system accepts them for a stopped process, but not for a process that has ended. *address*
+    is ``ipc://`` or ``tcp://``.
     """
     try:
         _probe(address).close()
     except OSError as error:
-        # A Unix socket whose queue is full: its process is stopped.
+        # EAGAIN: the queue of the Unix socket is full, because its process is stopped.
         return error.errno == errno.EAGAIN
     except ValueError:
         return False
@@ -235,7 +236,8 @@ class DealerTransport:
         self._receive_timeout = -1
         self._waker = Waker()
         self._is_woken_at_once = False
-        self._is_lively = False  #: a packet was sent or requested lately
+        #: a packet was sent lately, or each packet since then came soon after the one before
+        self._is_lively = False
         #: waits for the socket and all other sources
         self._selector: selectors.DefaultSelector | None = None
         self._sources: dict[EventSource, int] = {}  #: other source -> its file
@@ -314,7 +316,7 @@ class DealerTransport:
     def has_arrived(self) -> bool:
         """Return whether something has arrived, or ``wake`` was called since the last call."""
         is_woken = self._waker.clear()
-        # All are asked, not only the first with news: that resets their files.
+        # Every source is asked, even if an earlier one has news, because the call resets its file.
         arrived = [source.has_arrived() for source in self._sources]
         return bool(int(self._socket.getsockopt(EVENTS)) & POLLIN) or is_woken or any(arrived)
 
@@ -323,7 +325,7 @@ class DealerTransport:
         return time.monotonic()
 
     def seconds_until(self, moment: float) -> float:
-        """Return the seconds to wait for a moment of that clock."""
+        """Return the seconds to wait until *moment*, a time of the handlers' clock."""
         return moment - time.monotonic()
 
     def pausing(self) -> contextlib.AbstractContextManager[Any]:
@@ -333,13 +335,14 @@ class DealerTransport:
     def fileno(self) -> int:
         """Return a file that becomes readable when a packet arrives.
 
-        Ask ``has_arrived`` before each wait for it.
+        Call ``has_arrived`` before each wait for the file.
         """
         return self._full_selector().fileno()
 
     def files(self) -> Collection[int]:
-        """Return the files; one becomes readable when something may have arrived or ``wake`` is
-        called.
+        """Return the files to wait for.
+
+        One of them becomes readable when something may have arrived, or when ``wake`` is called.
         """
         return self._file, self._waker.fileno(), *self._sources.values()
 
