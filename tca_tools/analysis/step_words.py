@@ -78,9 +78,10 @@ def why_not_sooner(run: Run, step: PathStep) -> str:
 
 
 def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
-    """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on.
+    """Yield, in words, the waits of a task that ended at a time.
 
-    For example ``waited until walk {2} is achieved``, ``walk {2} was killed: ...``.
+    Then yield the waits of the awaited task that ended at the same time, and so on. For example
+    ``waited until walk {2} is achieved``, ``walk {2} was killed: ...``.
     """
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
