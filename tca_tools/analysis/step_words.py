@@ -115,7 +115,8 @@ def _in_words(run: Run, waits: list[Wait], time: float) -> str:
 def still_handled(run: Run, message_id: int, until: float) -> str:
     """Return a remark on a handler that still handled a query after its sender gave up.
 
-    The handler is that of the message, or one in the resource for which the message was queued.
+    The handler is that of the message, or another one in the resource for which the message was
+    queued.
     For example ``; look {8} was given up at 7.000 s, but cam handled it until 9.000 s``; "" if no
     handler did.
     """

@@ -229,8 +229,8 @@ class CheckedRun:
     def _ask_properties(self, world: JournalWorld) -> None:
         """Ask the properties after an event.
 
-        They see the messages changed by this event or the one before, since some states last for
-        one event only.
+        They see the messages that this event or the previous event changed, since some states last
+        for one event only.
         """
         if not self.judges:
             return

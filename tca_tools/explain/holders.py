@@ -72,7 +72,8 @@ def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
     place = next((place for place, one in enumerate(line.pending) if one is claim), 0)
     own: set[int] = set()
     handling = claim.by
-    while handling is not None:  # nor is a handler a holder that waits for this one in its slot
+    # The requesting handler is no holder, nor is a handler that waits for it in the same slot
+    while handling is not None:
         own.add(id(handling))
         handling = line.waiting_in_slot.get(id(handling))
     running = at.running_in_copies(claim.module, claim.resource)

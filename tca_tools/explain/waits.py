@@ -409,7 +409,7 @@ def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
     """Yield the waits for exception handlers.
 
     The waits for handlers of the task's own failures follow one another. The waits for handlers of
-    failures raised beside the task's handler may overlap with them.
+    failures raised beside the task's handler may overlap with these and with each other.
     """
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]

@@ -1,7 +1,7 @@
 """The life cycle of a task as its clients, its server and observers see it. Pure.
 
-The journal has a fact for a transition only if no other fact implies it. Implied transitions are:
-a handler is called with a task and thereby accepts it, a task starts again, a task ends.
+The journal has a fact for a transition only if no other fact implies it. Three transitions are
+implied: the call of a handler accepts the task, a task starts again, and a task ends.
 """
 
 from bisect import bisect_right
@@ -36,7 +36,7 @@ def _read(text: str) -> LifeCycle:
 
 
 def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
-    """Return the effect of a transition; of several with the name, of the one to *state*."""
+    """Return the effect of a transition. Of several with its name, the one to *state* counts."""
     rows = [one for one in cycle_of(run, task).transitions if one.name == transition]
     return next(
         (one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE

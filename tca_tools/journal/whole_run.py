@@ -90,8 +90,8 @@ class Run(Reactions):
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
         self.message_of: dict[int, int] = {}
-        """By delivery whose number is not its message's: the message. Such a delivery is that of a
-        retry, or goes to one of many receivers.
+        """By delivery: its message. Only deliveries whose number is not that of their message are
+        listed: those of a retry, and those to one of many receivers.
         """
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []

@@ -50,7 +50,7 @@ class Actor:
         self.asked = 0  #: the number of requests that it has stored so far
         self.step: steps.Step | None = None  #: the step whose result it waits for
         self.number = RequestNumber(0)  #: its request without a reply of central; 0 for none
-        self.times_out_at: float | None = None  #: the end of its wait; None for none
+        self.times_out_at: float | None = None  #: when its wait times out; None: never
         self.is_killed = False  #: its task was killed
         self.is_ending = False  #: its module leaves
         self.was_ending = False  #: when it last received a result, its task or module was ending

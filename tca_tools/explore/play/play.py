@@ -167,7 +167,7 @@ class Play(Exchange):
             )
 
     def killable(self, message: str) -> list[MessageRecord]:
-        """Return the tasks of that message which the operator may kill."""
+        """Return the tasks of *message* that the operator may kill."""
         return [
             task
             for task in self.world.tasks
@@ -175,7 +175,7 @@ class Play(Exchange):
         ]
 
     def suspendable(self, message: str) -> list[MessageRecord]:
-        """Return the tasks of that message which the operator may suspend."""
+        """Return the tasks of *message* that the operator may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
     # --- actions played ---------------------------------------------------------------------------
