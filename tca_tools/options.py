@@ -131,7 +131,7 @@ class Asked:
 def shared_options(command: _Command) -> _Command:
     """Add the shared options to a command.
 
-    It is called with an `Asked`, and with its own options by name.
+    The command is called with an `Asked`, and with its own options by name.
     """
 
     @wraps(command)

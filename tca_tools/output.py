@@ -2,7 +2,8 @@
 
 A report, chart or tree is often made again, so a file that tca has made is overwritten silently.
 Any other file is overwritten only on request, and a segment of a journal never. A file of tca has a
-mark at its end, which readers of its format skip. An export is recognised by its first bytes.
+mark at its end, which programs that show the file ignore. An export has no mark, and is recognised
+by its first bytes.
 """
 
 from collections.abc import Iterator

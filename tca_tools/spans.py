@@ -14,8 +14,9 @@ _T = TypeVar("_T")
 
 
 class Cover:
-    """The times at which at least *at_least* spans are active; finds their sum in any window in
-    O(log n).
+    """The times at which at least *at_least* spans are active.
+
+    ``within`` returns the sum of these times in any window, in O(log n).
     """
 
     def __init__(self, spans: Iterable[Span], at_least: int = 1) -> None:
@@ -49,7 +50,7 @@ class Cover:
 
 
 class Lanes:
-    """Lanes in which spans do not overlap; a span gets the first lane free at its start."""
+    """Lanes in which spans do not overlap. A span gets the first lane that is free at its start."""
 
     def __init__(self) -> None:
         self._ends: list[float] = []
@@ -65,7 +66,7 @@ class Lanes:
             heapq.heappush(self._free, heapq.heappop(self._busy)[1])
         if self._free and self._ends[self._free[0]] <= start:
             return heapq.heappop(self._free)
-        # A span that is reported late may start before another lane became free
+        # A span that is reported late may start before some of the free lanes became free
         for lane in sorted(self._free):
             if self._ends[lane] <= start:
                 self._free.remove(lane)
@@ -109,7 +110,7 @@ def most_at_once(spans: Iterable[Span]) -> int:
 
 
 class Overlaps(Generic[_T]):
-    """Items with spans; finds those active in a window in O(log n) for each of them."""
+    """Items with spans. ``within`` finds those active in a window, in O(log n) for each of them."""
 
     def __init__(self, things: Iterable[_T], span: Callable[[_T], Span]) -> None:
         spans = sorted(((*span(thing), thing) for thing in things), key=itemgetter(0))

@@ -26,7 +26,7 @@ def columns_of(text: str) -> int:
 
 
 def cut(text: str, width: int | None) -> str:
-    """Cut a text to at most *width* columns; it then ends with "…"."""
+    """Cut a text to at most *width* columns. A text that was cut ends with "…"."""
     if width is None or columns_of(text) <= width:
         return text
     start, room = [], width - 1

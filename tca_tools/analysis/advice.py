@@ -1,7 +1,7 @@
 """Advice on making a run shorter, from the critical path and from idle resources. Pure.
 
-Each piece of advice has its own bound. Several may concern the same seconds, so do not add bounds
-up.
+Each piece of advice has its own bound: the most seconds that it could save. Two pieces may concern
+the same seconds, so do not add their bounds up.
 """
 
 from collections import defaultdict
@@ -35,7 +35,7 @@ class PrecedingWait(NamedTuple):
     """The wait that ended when a step started."""
 
     words: Words
-    """The words for waits of its kind."""
+    """The templates of the advice on such a wait."""
     name: str
     """The awaited resource or query."""
     start: float
@@ -73,7 +73,7 @@ def advice(
 ) -> list[Advice]:
     """Return all advice, sorted by the saving on the critical path, then by the whole saving.
 
-    A bound is at most the duration of the run, or of the path that it concerns.
+    The saving is at most the duration of the run, or of the path that the advice concerns.
 
     Args:
         run: The run.
@@ -83,7 +83,7 @@ def advice(
         uses: The uses of the resources.
         kinds: The failures by kind.
         at_least: The least saving of a piece of advice, in seconds.
-        other: The critical path of another task; it gives advice that only ends that task sooner.
+        other: The critical path of another task. Advice from it ends only that task sooner.
     """
     window_of_run, least = span_of(run), max(at_least, _LEAST_SAVING)
     found = [_on_overlap(run, path, overlap) for overlap in overlaps]
@@ -188,7 +188,7 @@ def _on_overlap(run: Run, path: CriticalPath | None, overlap: Overlap) -> Advice
 
 
 def _on_queue(queue: GrowingQueue, path_advice: list[Advice], window: Span) -> Advice:
-    """Return advice on a growing queue; it replaces advice on waits on the path in that queue."""
+    """Return advice on a growing queue. It replaces the path's advice on waits in that queue."""
     name = place(*queue.key)
     title = words.QUEUE.title.format(name=name)
     waits = next((one for one in path_advice if one.title == title), None)
@@ -302,7 +302,7 @@ def _on_standstills(run: Run, path: CriticalPath | None, window: Span) -> Iterat
 
 
 def _standstills(run: Run) -> Iterator[tuple[Topic, int, Span, str]]:
-    """Yield the standstills: topic, message, span, and the module that suspended it."""
+    """Yield each standstill: its topic, its message, its span, and words for who suspended it."""
     for one in run.queueings:
         if not one.module:
             yield Topic.HANDLER, one.message_id, (one.start, one.until), ""
@@ -318,18 +318,21 @@ _TOPICS = {Doing.NO_HANDLER: Topic.HANDLER, Doing.SUSPENDED: Topic.SUSPENDED}
 
 # --- the waits on the critical path, and the largest possible savings -----------------------------
 
-# Waits in one queue overlap: the last message in it waits for all others, and no message can save
-# more than its own wait. Therefore the path is walked back once more. At each step after a wait of
-# the kind in question, the walk continues with the waiting message at the start of its wait, not
-# with the awaited one. Everything on this walk had to happen before the end even without such
-# waits; only the spans that the walk left out could have been saved. They do not overlap, so their
-# sum is at most the duration of the path.
+# Waits in one queue overlap: the last of five messages waits for the other four. The sum of the
+# waits is therefore more than could be saved. To find the saving for one kind of wait, the path is
+# walked back a second time, as if such waits took no time. From the end of such a wait, this walk
+# jumps to its start and continues with the waiting message, not with the awaited one. Everything on
+# this walk had to happen even without such waits. Only the spans that the walk jumped over could
+# have been saved. These spans do not overlap, so their sum is at most the duration of the path.
 
 
 def _wait_groups(
     run: Run, causes: Causes, path: CriticalPath, window: Span, at_least: float
 ) -> Iterator[WaitGroup]:
-    """Yield the waits before the steps of a path, in groups of *at_least* seconds in a window."""
+    """Group the waits before the steps of a path by kind and name.
+
+    Yield each group that lasts at least *at_least* seconds in the window.
+    """
     found: dict[tuple[Words, str], list[tuple[PrecedingWait, PathStep]]] = {}
     for step in path.steps:
         if wait := _preceding_wait(run, step):
@@ -342,7 +345,10 @@ def _wait_groups(
 
 
 def _preceding_wait(run: Run, step: PathStep) -> PrecedingWait | None:
-    """Return a step's wait in a queue, or its handler's wait for a reply or a lock; else None."""
+    """Return the wait that ended when a step started; None if there was none.
+
+    The message waited in a queue, or its handler waited for a reply or a lock.
+    """
     message = run.messages.get(step.message_id)
     if message and (queueing := queueing_before(run, step)):
         module, resource = queueing.module, queueing.resource
@@ -355,7 +361,7 @@ def _preceding_wait(run: Run, step: PathStep) -> PrecedingWait | None:
     if wait is None or wait.moment or not wait.awaited or step.doing is not Doing.WORK:
         return None
     if message is None or message.message_class.has_reply:
-        return None  # queries of a query's handler are part of the wait for its reply
+        return None  # the wait for the outer query's reply contains this wait
     template, span = words.REPLY, (wait.start, step.start)
     if (wanted := run.claims.get(wait.awaited)) is not None:
         name = place(called(wanted.module), wanted.resource)
@@ -368,7 +374,10 @@ def _preceding_wait(run: Run, step: PathStep) -> PrecedingWait | None:
 
 
 def _avoidable_spans(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]:
-    """Yield the waits like the one before a step that a walk back from the step leaves out."""
+    """Walk back from *last*. Yield the waits that this walk skips.
+
+    They have the same kind and name as the wait before *last*.
+    """
     like = _preceding_wait(run, last)
 
     def since(step: PathStep) -> float | None:
@@ -382,8 +391,9 @@ def _avoidable_spans(run: Run, causes: Causes, last: PathStep) -> Iterator[Span]
 
 
 def _handled_spans(run: Run, step: PathStep) -> Iterator[Span]:
-    """Yield the wait before a step, without the time in which the query had no handler: there is
-    separate advice on that.
+    """Yield the wait before a step, without the time in which the awaited query had no handler.
+
+    That time has advice of its own.
     """
     if (wait := _preceding_wait(run, step)) is None:
         return

@@ -33,7 +33,7 @@ class Advice:
     saving: float
     """The largest possible saving, in seconds."""
     on_path: float
-    """The part of the saving on the report's first critical path; only it ends the run sooner."""
+    """The part of the saving on the report's first critical path. Only it ends the run sooner."""
     times: int
     """The number of cases."""
     example: str
@@ -41,7 +41,7 @@ class Advice:
     window: Span
     """The span of the example."""
     sooner: str = ""
-    """The task that would end sooner, if it is not the one that ended last."""
+    """The task that would end sooner; "" for the task that ended last."""
 
 
 class Words(NamedTuple):

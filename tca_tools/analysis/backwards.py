@@ -1,13 +1,15 @@
 """The causes at any instant of a run: a walk backwards through the last wait of each step. Pure.
 
-Theory. An entry of the journal contains all facts that one event caused, and entries have unique
-times. The cause of a fact is therefore the event of its entry. The entry names the event's origin:
-the run of a handler, a program outside of handlers, or none, if a time was due.
+Theory. An entry of the journal contains all facts that one event caused, and no two entries have
+the same time. The cause of a fact is therefore the event of its entry. The entry names the event's
+origin: the run of a handler, or a program outside of handlers. An event without an origin happened
+because a time was due.
 
-A handler had been working since it started, or since it last resumed after a wait. The event of
-that earlier entry let it start or resume, and so on, back to a program that acted on its own. A
-handling that was cut off leads to its wait at that time. Each step goes back in time, so the cost
-of a walk is proportional to the steps it passes.
+The handler of the origin had been working since it started, or since it last resumed after a wait.
+An earlier entry let the handler start or resume. That entry has an origin, too, and so on, back to
+a program that acted on its own. If a handling was cut off, the walk continues with the wait of its
+message at that time. Each step goes back in time, so the cost of a walk is proportional to the
+number of its steps.
 """
 
 from bisect import bisect_left, bisect_right
@@ -49,16 +51,20 @@ class _Position:
     handling: Handling | None = None
     """The run of the handler; None at an event."""
     wait: HandlerWait | None = None
-    """The wait that ended at this time, if the walk came here from its end."""
+    """The wait whose end, at ``time``, led the walk here; None if the walk came another way."""
 
 
 _EndedWait = tuple[float, float, HandlerWait]
-"""The end of a wait, the time of the newest awaited event by then, and the wait for that event."""
+"""The end of a wait, the time of the newest event that was awaited until then, and the wait for
+that event. The third is this wait or an earlier one.
+"""
 _END = itemgetter(0)
 _StepBack = tuple[PathStep | None, _Position | None]
-"""A step back, if it took time, and the position before it; None at the start of the walk."""
+"""A step back and the position before it. The step is None if no step was needed to get there. The
+position is None where the walk ends.
+"""
 _WaitStart = Callable[[PathStep], float | None]
-"""Returns the start of a wait before a step, if the walk leaves that wait out."""
+"""A function of a step: the start of the wait before it if the walk skips that wait, else None."""
 
 
 class Causes:
@@ -76,7 +82,7 @@ class Causes:
             name: self._ended_waits(one.waits, is_outside=True) for name, one in run.modules.items()
         }
         self._in_handlers: dict[int, list[_EndedWait]] = {}
-        """The ended waits of each handler's run that a walk has passed."""
+        """By identity of a handling that a walk has passed: its ended waits."""
 
     def back_from(
         self, time: float, message_id: int = 0, handling: Handling | None = None
@@ -95,8 +101,9 @@ class Causes:
 
         Args:
             step: The step from which the walk starts.
-            since: Returns the start of a wait before a step that is left out, else None. From that
-                start the walk continues with the waiting side, not with the awaited one.
+            since: Returns the start of the wait before a step if the walk skips that wait, else
+                None. After a skip the walk continues at that start with the message or handler that
+                waited, not with the awaited one.
         """
         start = since(step)
         return self._back(_position_before(step, step.start if start is None else start), since)
@@ -122,7 +129,7 @@ class Causes:
         if (ended := self._in_handlers.get(id(handling))) is None:
             ends = ends_waited_for(self._run, handling)
             waits = list(handling.waits)
-            if ends:  # any change wakes a coordinator, so its waits for changes have no cause
+            if ends:  # a coordinator waits for any change: only the ends of its tasks are causes
                 waits = [wait for wait in waits if wait.kind is not WaitKind.CHANGE]
             ended = self._in_handlers[id(handling)] = self._ended_waits([*waits, *ends])
         place = bisect_right(ended, here.time, key=_END)
@@ -136,10 +143,12 @@ class Causes:
     ) -> list[_EndedWait]:
         """Return the ended waits that let their handler or program resume, sorted by their ends.
 
-        These waits have no effect: a wait in a handler that takes no time, a wait in vain for a
-        change, and the wait for the first of several tasks if the end of another one ended it. A
-        wait that takes no time has one outside of handlers: the program reads the result of an
-        ended task, which it could not do before the task's end.
+        Waits for the presence of a module are left out. So are waits in vain for a change, and
+        waits in a handler that took no time. A handler may also wait for the first of several
+        tasks. Then only the wait for the task that ended counts.
+
+        Outside of handlers, a wait that took no time counts if it was for a task that had ended
+        before. The program read the task's result, and could not have done so before that end.
         """
         found: list[_EndedWait] = []
         ended = [(wait.end, wait) for wait in waits if wait.end is not None]
@@ -178,10 +187,10 @@ class Causes:
         return (None, None) if here.wait is None else self._over_wait(here.wait, here.time)
 
     def _asker(self, here: _Position, message: Message | None) -> Handling | None:
-        """Return the handler that returned at an event, or requested it.
+        """Return the handler that returned at an event, or that requested the event; else None.
 
-        A handler that was cut off while it waited did nothing. If several handlers were lost with
-        their module, it is that of the message.
+        A handler that was cut off while it waited does not count, since it did nothing. If several
+        handlers were lost with their module, the handler of the message is returned.
         """
         own = self._returned.get((message.id, here.time)) if message else None
         asker = own or self._run.asker_at(here.time)
@@ -204,7 +213,7 @@ class Causes:
         return step, _Position(start, wait.awaited, wait=wait)
 
     def _at_claim(self, here: _Position) -> _StepBack | None:
-        """Go back over a lock that was released at an event, or over the wait for one."""
+        """Go back over a lock that was released at an event, or over the wait for a lock."""
         time, number = here.time, here.message_id
         wanted, held = self._run.claims.get(number), self._released.get(time)
         since = held.granted if held is not None and held is not wanted else None
@@ -215,7 +224,7 @@ class Causes:
         return PathStep(since, time, Doing.LOCKED, number, held.sender), _Position(since, held.id)
 
     def _to_request(self, claim: Claim, time: float) -> _StepBack:
-        """Go back to the request for a lock: it was not granted, or why is unknown."""
+        """Go back to the request for a lock that was not granted, or was for an unknown reason."""
         if claim.start >= time:
             return self._to_sender(claim.sender, claim.by, claim.id, time)
         number = claim.by.message_id if claim.by else claim.id
@@ -245,7 +254,7 @@ class Causes:
         return self._from_cut_off(message, here)
 
     def _over_delay(self, task: Task, hold: Hold, time: float) -> _StepBack:
-        """Go back over a delay to its start, or to its request if that was later."""
+        """Go back over a delay to its start; to its request if it did not start before *time*."""
         start, cause = delay_of(self._run, task, hold)
         start = start if start < time else min(hold.added, time)
         return PathStep(start, time, Doing.DELAY, task.id), _Position(start, cause)
@@ -261,7 +270,7 @@ class Causes:
         return PathStep(start, time, Doing.WATCHING, monitor.id), _Position(start, monitor.id)
 
     def _from_cut_off(self, message: Message, here: _Position) -> _StepBack:
-        """Go back from a kill, a suspension or a wait in vain to the message's own wait."""
+        """Go back to the wait of a message that a kill, a suspension or a timeout cut off."""
         time = here.time
         if (back := self._to_wait_cause(message, time)) is not None:
             return back
@@ -305,27 +314,31 @@ def _resumed(task: Task, time: float) -> PathStep | None:
 
 
 def _position_before(step: PathStep, since: float) -> _Position:
-    """Return the position before a step without its wait: in its handler, or when it was queued."""
+    """Return the position at *since*, the start of the wait before a step.
+
+    If the handler waited, the position is in the handler. If the message was queued, the position
+    is at the event that queued it.
+    """
     return _Position(since, step.message_id, step.handling if step.resumed else None)
 
 
 # --- the cause of a wait at an instant ------------------------------------------------------------
 
-# A walk follows all waits of a task, and those of the awaited nodes, each node once. Descendants
-# count first. If none of them is active, the walk leads to other tasks, through the constraints and
-# through handlers that wait.
+# This walk visits the nodes for which a task waits, the nodes for which those wait, and so on, each
+# node once. Constraints and waiting handlers may lead the walk out of the task's subtree. A cause
+# that is found outside is less important than one inside.
 
 
 class WaitCause(NamedTuple):
-    """The node for which a task waits in the end at an instant."""
+    """The end of a chain of waits at an instant: a node that runs, or that stands still."""
 
     node: Node
     is_elsewhere: bool
-    """Whether it is not a descendant of the task."""
+    """Whether the node is outside of the waiting task's subtree."""
     message_id: int
     """The message that runs, or whose event started the standstill."""
     handling: Handling | None
-    """The handler that ran until then."""
+    """The handler that runs, or that ran until the standstill; None if an event started it."""
     standstill: PathStep | None
     """The step in which nothing ran; None if the node was running."""
 
@@ -337,10 +350,11 @@ class WaitCause(NamedTuple):
 
 
 def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
-    """Return the cause of a wait that lasted *until* just after an instant; None if it is unknown.
+    """Return the cause of a message's wait at an instant; None if it is unknown.
 
-    A running handler is preferred to a standstill, and the longest standstill to others; a
-    watching monitor comes last.
+    The wait ended at *until*, just after the instant. Of several causes, a watching monitor comes
+    last, and a cause outside of the subtree just before it. Of the others, a running handler comes
+    first, then the longest standstill.
     """
     return _WaitWalk(at, message, until).first() or _cycle(at, message, until)
 
@@ -348,8 +362,8 @@ def wait_cause(at: RunAt, message: Message, until: float) -> WaitCause | None:
 def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
     """Return the cause of an open task's wait at the end of the journal.
 
-    The list describes the waits that lead to the cause if it is not a descendant of the task. If
-    the cause is unknown, it is the standstill since the last change under the task.
+    The list describes the waits that lead to a cause outside of the task's subtree; else it is
+    empty. If no cause is known, the standstill since the last change under the task is returned.
     """
     at = RunAt(run)
     walk = _WaitWalk(at, task, run.time)
@@ -364,7 +378,10 @@ def cause_at_end(run: Run, task: Task) -> tuple[WaitCause, list[str]]:
 
 
 def _cycle(at: RunAt, message: Message, until: float) -> WaitCause | None:
-    """Return the cycle of waits that blocks a message, since its last wait; None if none does."""
+    """Return the cycle of waits that blocks a message; None if no cycle does.
+
+    Its standstill starts with the last change of a member, since that change closed the cycle.
+    """
     run, ends, later = at.run, Ends.at(at), nextafter(at.instant, inf)
     found = next(iter(ends.of(message.id)), None)
     if found is None or found.kind is not WaitKind.CIRCLE:
@@ -376,8 +393,9 @@ def _cycle(at: RunAt, message: Message, until: float) -> WaitCause | None:
 
 
 def last_change(run: Run, message: Message, before: float) -> float:
-    """Return the last change of a message or its descendants before a time: a new state, or a
-    handler that started to wait or returned.
+    """Return when a message or one of its descendants last changed before a time.
+
+    A change is a new state, or a handler that started to wait or returned.
     """
     below = [*run.under(message)] if isinstance(message, Task) else []
     handlings = [one for each in (message, *below) for one in each.handlings]

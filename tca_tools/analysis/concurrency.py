@@ -1,17 +1,17 @@
-"""Find overlaps that would help: *act, then plan the next step* that could be *act while planning*.
-Pure.
+"""Find planning after a command that could have been done during the command. Pure.
 
-Method. Between two commands of one resource there is a gap in which it does not act. The gap's
-causes are walked backwards, from the second command to the end of the first. A planning step may
-have been ready before that end while an order held it back: a constraint, the parent's turn, a
-waiting handler or script. Then all planning in the gap could have been done during the command.
+Method. Between two commands of one resource there is a gap in which it does not act. The causes of
+the gap are walked backwards, from the second command to the end of the first. A planning step may
+have been ready before the first command ended, but an order held it back. The order was a
+constraint, the parent's turn, or a handler or program that waited before it continued. Then all
+planning in the gap could have been done during the first command.
 
-The saving is the least of three bounds: the planning in the gap, the duration of the command before
-it, and the time in which the planners were free then. A command counts for one gap
+The saving has three bounds, and the least one counts: the planning in the gap, the duration of the
+first command, and the free time of the planners during that command. A command counts for one gap
 only: this is one step of lookahead, as in the Ambler.
 
-The saving is a bound, not a promise: the plan may need the result of the command, and the journal
-does not show that.
+The saving is a bound, not a promise. The plan may need the result of the command, and the journal
+does not show whether it does.
 """
 
 from collections.abc import Iterator
@@ -154,7 +154,7 @@ class _Gaps:
 
 def _was_held(run: Run, step: PathStep, gap: float) -> bool:
     """Whether a step was ready before the start of the *gap*, and only an order held it back."""
-    if (wait := step.resumed) is not None:  # a lock is no order
+    if (wait := step.resumed) is not None:  # a wait for a lock is not due to an order
         return wait.start < gap and wait.awaited not in run.claims
     task = run.tasks.get(step.message_id)
     if task is None or step.doing is not Doing.WORK:
@@ -212,7 +212,11 @@ def _remedy(run: Run, held: PathStep) -> str:
 def _saving(
     run: Run, covers: dict[Key, Cover], held: PathStep, steps: list[PathStep], acts_since: float
 ) -> float:
-    """Return the least of the planning, limited by each resource's free time, and the acting."""
+    """Return the possible saving in seconds.
+
+    The planning could have started at *acts_since*, or when it was ready if that was later. From
+    then until its real start, each resource can take as much of the planning as it has free time.
+    """
     if held.resumed:
         since = max(acts_since, held.resumed.start)
     else:
@@ -241,7 +245,7 @@ def _full_seconds(run: Run, covers: dict[Key, Cover], key: Key, window: Span) ->
 
 
 def _earliest_start(run: Run, task: Task, held: PathStep) -> float:
-    """Return the earliest time for planning a task without the order that held it back last."""
+    """Return when a task could have been planned without the order that held it back last."""
     constraints = (hold.constraint for hold in task.holds)
     planned = (one.before for one in constraints if one.after.moment in _PLANNING)
     points = [Point(task.parent, Moment.START_PLANNING)]

@@ -1,7 +1,7 @@
-"""The critical path: the last cause of a task's end, its own last cause, and so on. Pure.
+"""The critical path: the last cause of a task's end, the last cause of that cause, and so on. Pure.
 
-The path has no gaps, so the durations of its steps add up to its whole duration. Shortening a step
-is the only way to end sooner; it helps until another path is the longest.
+The path has no gaps, so the durations of its steps add up to its whole duration. The task ends
+sooner only if a step of the path is shortened. That helps until another path is longer.
 """
 
 from dataclasses import dataclass, field
@@ -21,11 +21,11 @@ class CriticalPath:
 
     task: Task
     is_open: bool
-    """Whether the task had not ended: then the path leads to the last activity."""
+    """Whether the task had not ended. If so, the path leads to its last activity."""
     steps: list[PathStep]
     """The steps, oldest first; each starts when the one before ends."""
     because: list[str] = field(default_factory=list)
-    """The waits that lead outside of an open task, in words."""
+    """The waits, in words, that lead from an open task to a cause outside of its subtree."""
 
     @property
     def start(self) -> float:

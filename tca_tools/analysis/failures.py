@@ -48,7 +48,9 @@ class Case:
     """The exception handlers called, in order, with their outcomes."""
     fate: Fate
     why: str
-    """Why a task was killed, or the outcome of its retried ancestor; for a query, its asker."""
+    """For a task, why it was killed, or which ancestor was retried. For a query, whether its asker
+    got the report, and what the asker did then.
+    """
     lost: float
     """Seconds of lost work: of the handler that failed, or of the task that was ended."""
     recovery: float
@@ -93,8 +95,9 @@ class FailureKind:
 def failures(run: Run) -> list[FailureKind]:
     """Return the failures by name and message.
 
-    Kinds with the most failures that stopped something come first, then by cost. A failure that
-    was not reported to an asker counts less, since it caused no other failure.
+    The kinds are sorted by the number of failures that stopped something. Kinds with the same
+    number are sorted by failures that were not reported to an asker, then by cost. A failure that
+    was not reported caused no other failure, so it counts less.
     """
     kinds: dict[tuple[str, str], FailureKind] = {}
     for one in all_failures(run):
@@ -136,7 +139,10 @@ def _case(run: Run, one: Failed) -> Case:
 
 
 def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
-    """Yield a case, with its kind, for each refused wait whose handler did not fail with it."""
+    """Yield a case, with its kind, for each wait that was refused as a deadlock.
+
+    If the handler failed because of the refusal, that failure is a case already: none is yielded.
+    """
     if not run.deadlocks:
         return
     waits = [wait for handling in run.handlings for wait in handling.waits]
@@ -155,7 +161,7 @@ def _refused_waits(run: Run) -> Iterator[tuple[tuple[str, str], Case]]:
 
 
 def _fate_of_refused(run: Run, wait: HandlerWait) -> Fate | None:
-    """Return the fate of a refused wait; None if its handler failed with it: a separate case."""
+    """Return the fate of a refused wait; None if its handler failed with the same deadlock."""
     if not isinstance(wait.by, Handling):
         return Fate.REPORTED
     handling, failed = wait.by, failing(run, wait.by)

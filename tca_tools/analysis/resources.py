@@ -89,10 +89,11 @@ def capacity_of(run: Run, key: Key) -> int:
 def locked_out(
     run: Run, key: Key, start: float, end: float, sender: str = "", but: Claim | None = None
 ) -> tuple[float, Claim | None]:
-    """Return for how many seconds of a wait claims blocked a resource, and the last such claim.
+    """Return for how many seconds of a wait a resource was blocked by claims, and by which one.
 
-    A granted claim blocks the resource in all copies of its module. A pending claim does so if it
-    was requested before the wait.
+    That is the last granted claim, or the last pending one if none was granted. A granted claim
+    blocks the resource in all copies of its module. So does a pending claim that was requested
+    before the wait.
 
     Args:
         run: The run.

@@ -78,9 +78,10 @@ def why_not_sooner(run: Run, step: PathStep) -> str:
 
 
 def _cause_chain(run: Run, task: Task, time: float) -> Iterator[str]:
-    """Yield the waits of a task that ended at a time, those of the awaited tasks, and so on.
+    """Yield, in words, the waits of a task that ended at a time.
 
-    For example ``waited until walk {2} is achieved``, ``walk {2} was killed: ...``.
+    Then yield the waits of the awaited task that ended at the same time, and so on. For example
+    ``waited until walk {2} is achieved``, ``walk {2} was killed: ...``.
     """
     waits, seen = _ended_at(run, task, time), {task.id}
     if waits:
@@ -114,7 +115,8 @@ def _in_words(run: Run, waits: list[Wait], time: float) -> str:
 def still_handled(run: Run, message_id: int, until: float) -> str:
     """Return a remark on a handler that still handled a query after its sender gave up.
 
-    The handler is that of the message, or one in the resource for which the message was queued.
+    The handler is that of the message, or another one in the resource for which the message was
+    queued.
     For example ``; look {8} was given up at 7.000 s, but cam handled it until 9.000 s``; "" if no
     handler did.
     """

@@ -16,12 +16,12 @@ class Doing(StrEnum):
     OUTSIDE = "outside"  # a module worked outside of any handler
     DELAY = "delay"  # a constraint with a delay
     NO_HANDLER = "no handler"  # no module handled the message
-    QUEUED = "queued"  # for a resource whose holder is not known
+    QUEUED = "queued"  # the message waited for a resource whose holder is not known
     LOCKED = "locked"  # a program outside of handlers held a lock, or a lock was not granted
-    SUSPENDED = "suspended"  # and no descendant was running any more
+    SUSPENDED = "suspended"  # the task was, and no handler below it was running any more
     # The task ran until another module killed it or raised a failure on it
     KILLED = "until it was killed"
-    HELD = "held"  # by a constraint, or its parent
+    HELD = "held"  # by a constraint, or by the task's parent
     CIRCLE = "in a cycle of waits"  # a deadlock
     WATCHING = "watching"  # a monitor, until its next test or until its condition held
     UNKNOWN = "not known"  # the journal does not contain the cause of the wait

@@ -22,7 +22,7 @@ class Summary:
     """A run at a glance."""
 
     began: float | None
-    """Wall-clock time (seconds since 1970) of the entries' 0."""
+    """The wall-clock time (seconds since 1970) at which the entries' clock was 0."""
     start: float
     """When the first task was sent, else the first message, in seconds since the run started. A
     standby monitor does not count.
@@ -141,7 +141,7 @@ def is_over(task: Task) -> bool:
 
 
 def _outcome(run: Run, top: list[Task], failures: int) -> str:
-    """Return one sentence: the tasks that ended well, badly or not, and the first reason."""
+    """Return the outcome: how many tasks were achieved, were not, or are open, and a reason."""
     if not run.top:
         return "No task was sent."
     bad = [task for task in top if task.state in ENDED_BADLY]

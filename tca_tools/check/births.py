@@ -135,7 +135,7 @@ def timed_out(world: JournalWorld, after: MessageRecord, fact: facts.TimedOut) -
 
 
 def _too_soon(world: JournalWorld, hold: Hold) -> str:
-    """Return by how much a delay ended too early; "" if it did not, or that is unknown."""
+    """Return by how much a delay ended too early; "" if it did not, or if its start is unknown."""
     if hold.due is None:
         is_known = hold.before is not None and not hold.before.is_incomplete
         return "before it started" if is_known else ""

@@ -29,7 +29,7 @@ class CheckedRun:
 
     def __init__(self, wanted: Iterable[Property] = (), history: History | None = None) -> None:
         self.judges = [Judge(one) for one in wanted]
-        self.unbroken = list(self.judges)  #: of properties that hold so far
+        self.unbroken = list(self.judges)  #: the judges of properties that hold so far
         self.messages: set[str] = set()  #: the names of all messages so far
         self.modules: set[str] = set()  #: the names of all modules so far
         #: The messages that the event before the current one changed.
@@ -43,7 +43,8 @@ class CheckedRun:
         self.is_closed = False  #: central has closed the run
         self._is_in_event = False  #: an event is being checked
         self._epoch, self._segment = "", 0
-        self._may_have_missed_opening = False  #: of a segment, in a part that can't be read
+        #: Whether the start of a segment may be in a part that can't be read.
+        self._may_have_missed_opening = False
         self.began = 0.0
         self._shortened = -1.0  #: the time until which ended records were removed
         self.first = self.last = 0  #: the numbers of the first and last entry
@@ -89,7 +90,7 @@ class CheckedRun:
         return not self.gaps
 
     def apply(self, entry: facts.Entry) -> None:
-        """Check the next entry. Several entries of one number are one event."""
+        """Check the next entry. Entries with the same number are one event."""
         if self._check_shortened(entry):
             self.skip_entry(entry, "")
             return
@@ -110,7 +111,7 @@ class CheckedRun:
                 apply_fact(self.world, fact)
 
     def _check_shortened(self, entry: facts.Entry) -> bool:
-        """Add a gap for facts that ``tca log prune`` removed; return whether the entry is in it."""
+        """Add a gap for facts that ``tca log prune`` removed; return whether it has the entry."""
         for fact in entry.facts[1:2]:
             if isinstance(fact, facts.Shortened):
                 self._shortened = fact.until
@@ -119,7 +120,7 @@ class CheckedRun:
         return entry.time <= self._shortened
 
     def skip_places(self, places: int) -> None:
-        """Skip places that can't be read: nothing is claimed about messages sent before.
+        """Skip places that can't be read. Nothing more is claimed about messages sent before them.
 
         Args:
             places: The number of such places before the next entry.
@@ -131,7 +132,7 @@ class CheckedRun:
         self._reset(f"after {self.world.now:.2f} s {which} can't be read")
 
     def skip_entry(self, entry: facts.Entry, why: str) -> None:
-        """Skip an entry: nothing is claimed about it, nor about messages sent before.
+        """Skip an entry. Nothing is claimed about the entry and about messages sent before it.
 
         Args:
             entry: The entry.
@@ -228,8 +229,8 @@ class CheckedRun:
     def _ask_properties(self, world: JournalWorld) -> None:
         """Ask the properties after an event.
 
-        They see the messages changed by this event or the one before, since some states last for
-        one event only.
+        They see the messages that this event or the previous event changed, since some states last
+        for one event only.
         """
         if not self.judges:
             return
@@ -264,7 +265,7 @@ class CheckedRun:
     def misnamed(self) -> dict[Property, str]:
         """Return the properties with names or data that the journal does not allow, and the errors.
 
-        In any run, these properties would hold.
+        Because of the mistake, such a property would hold in any run.
         """
         world = self.world
         messages = self.messages | world.declared.keys()

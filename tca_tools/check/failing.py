@@ -12,7 +12,9 @@ from tca_wire.points import ROOT, START_HANDLING, STARTS
 from tca_wire.vocabulary import Role
 
 OWN, BESIDE = 0, -1
-"""New searches for an exception handler: after a handler's failure, or one raised beside it."""
+"""Two kinds of new searches for an exception handler: after a failure of the task's own handler,
+and after a failure raised beside that handler.
+"""
 
 
 def failed(world: JournalWorld, task: MessageRecord, fact: facts.Failed) -> None:
@@ -107,7 +109,7 @@ def _lineage(task: MessageRecord) -> Iterator[MessageRecord]:
 def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -> None:
     """Apply that no exception handler was found.
 
-    The top-level task is killed, or the exception handler that could not decide.
+    The top-level task must be killed, or instead the exception handler that could not decide.
     """
     after = _pop_search(world, task, "was unhandled")
     if after == OWN or (after > 0 and task.deciding == after):
@@ -124,10 +126,10 @@ def unhandled(world: JournalWorld, task: MessageRecord, fact: facts.Unhandled) -
 def _check_undecided(
     world: JournalWorld, task: MessageRecord, fact: facts.Unhandled, *, is_new: bool
 ) -> bool:
-    """Check which exception handler an unhandled failure ends instead of the top-level task.
+    """Check whether an unhandled failure ends an exception handler, not the top-level task.
 
-    It must be the nearest one. A new failure with a name that no handler raises by choice must end
-    one. Returns whether an exception handler ends.
+    If so, it must end the nearest exception handler. If no handler raises a failure of this name by
+    choice, a new failure under an exception handler must end one. Returns whether one ends.
     """
     nearest = next((one for one in _lineage(task) if one.role is Role.EXCEPTION), None)
     if fact.undecided:
@@ -148,7 +150,7 @@ def _check_undecided(
 
 
 def reissued(world: JournalWorld, handler: MessageRecord, _: facts.Reissued) -> None:
-    """Apply that an exception handler passed its failure on."""
+    """Apply that an exception handler passed on the failure for which it was called."""
     _check_is_handler(world, handler, "reissued")
     had_decided, handler.is_void, handler.has_returned = handler.is_void, True, True
     if handler.parent is not None:
@@ -158,7 +160,7 @@ def reissued(world: JournalWorld, handler: MessageRecord, _: facts.Reissued) -> 
 
 
 def resolved(world: JournalWorld, handler: MessageRecord, _: facts.Resolved) -> None:
-    """Apply that an exception handler resolved its failure."""
+    """Apply that an exception handler resolved the failure for which it was called."""
     _check_is_handler(world, handler, "resolved")
     handler.has_resolved = True
 
@@ -169,7 +171,10 @@ def _check_is_handler(world: JournalWorld, handler: MessageRecord, what: str) ->
 
 
 def handler_ended(world: JournalWorld, handler: MessageRecord) -> None:
-    """Apply that an exception handler has ended: its failure must be recovered or passed on."""
+    """Apply that an exception handler has ended.
+
+    With the same event the failed task must recover, or the failure must be passed on.
+    """
     failing = handler.parent
     if failing is None:
         return
@@ -300,7 +305,7 @@ def retried(world: JournalWorld, fact: facts.Retried) -> None:
     item.failure, item.body, item.is_resolved = "", fact.body or item.body, False
     item.has_resolved = False
     item.attempts += item.is_begun
-    for child in item.children.values():  # their failures are void
+    for child in item.children.values():  # its exception handlers no longer decide
         child.is_void = child.is_void or child.role is Role.EXCEPTION
     item.is_retried = True
     item.taps_passed.clear()

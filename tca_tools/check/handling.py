@@ -170,7 +170,7 @@ def returned(world: JournalWorld, item: MessageRecord, fact: facts.Returned) -> 
 
 
 def _known(world: JournalWorld, number: int, what: str) -> MessageRecord | None:
-    """Return the message of a number; None for a new one: a copy dropped before it was queued."""
+    """Return the message with a number; None for the new number of a copy that was never queued."""
     if world.first and number > world.newest:
         world.record_number(number)
         return None
@@ -254,7 +254,7 @@ def _check_open(world: JournalWorld, item: MessageRecord, what: str) -> None:
 
 
 def _check_answered(world: JournalWorld, item: MessageRecord) -> None:
-    """End a handled or failed message; a query's sender must get its answer with this event."""
+    """End a message that was handled or failed. A query must be answered with the same event."""
     item.has_returned = True
     asked = item if item.message_class.asks_one and item.role is not Role.CONDITION else None
     if item.message_class.asks_many and item.original is not None and not item.is_over:

@@ -88,7 +88,10 @@ class Judge:
         return ": ".join(filter(None, parts))
 
     def _blame(self, items: Iterable[Any], culprit: int = 0) -> str:
-        """Return messages in words, the culprit first: the given one, else the oldest. Store it."""
+        """Return messages in words, and store the culprit, which comes first.
+
+        The culprit is the message with number *culprit*, or else the oldest one.
+        """
         found = sorted(items, key=lambda item: (item.id != culprit, item.id))
         self.culprit = found[0].id if found else 0
         more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
@@ -98,7 +101,8 @@ class Judge:
 class Matches:
     """The messages for which the predicates of a property are true.
 
-    After an event only the changed messages are tested again; functions are called again.
+    After an event, a predicate of messages is tested again for the changed messages only. Any other
+    predicate is a function, which is called again.
     """
 
     def __init__(self, predicates: Iterable[Predicate]) -> None:
@@ -113,7 +117,7 @@ class Matches:
         """Update the matches after an event that changed some messages.
 
         Args:
-            world: The world; the matches in another world than before are forgotten.
+            world: The world. If it is another one than before, all matches are forgotten.
             changed: All messages that the event changed, and perhaps others.
         """
         is_new, self._world, self.passed = world is not self._world, world, world.passed

@@ -36,9 +36,10 @@ def ended(world: JournalWorld, task: MessageRecord) -> None:
 
 
 def handler_changed(world: JournalWorld, task: MessageRecord, module: str = "") -> None:
-    """Apply that a task waits for a handler, or was given to that of *module*, which accepts it.
+    """Apply that a task waits for a handler, or was given to the handler of *module*.
 
-    A task that was handled before returns to its initial state.
+    A task that was handled before returns to its initial state. The call of the handler accepts the
+    task, unless the handler accepts tasks explicitly.
     """
     if not task.is_task or task.is_incomplete:
         return
@@ -87,10 +88,10 @@ def _transition_errors(
 
 
 def _step(cycle: LifeCycle, task: MessageRecord, fact: facts.StateChanged) -> Transition | None:
-    """Return the row of the table for a transition; None if it has no such row.
+    """Return the row of the table for a transition; None if the table has no such row.
 
-    Central may take the transitions of both parties. A server may take one from an older state,
-    before it has received a client's request.
+    Central may take the transitions of both parties. A server may take a transition from an older
+    state, because it has not received a client's request yet.
     """
     parties = (Party.CLIENT, Party.SERVER) if fact.by is Party.CENTRAL else (fact.by,)
     sources = [task.state, *task.overtaken] if fact.by is Party.SERVER else [task.state]

@@ -87,7 +87,7 @@ def _ended(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def wait_began(world: JournalWorld, fact: facts.WaitBegan) -> None:
-    """Apply a module's wait for a moment, for changes, which stop at the task's end, or others."""
+    """Apply the start of a module's wait. A wait for changes of a task must end with the task."""
     waits = world.waits.setdefault(fact.key, [])
     waits.append(fact.moment if fact.awaits is WaitKind.TASK else END_ACHIEVING)
     item = world.items.get(fact.task)
@@ -110,7 +110,7 @@ def wait_ended(world: JournalWorld, fact: facts.WaitEnded) -> None:
             world.report(rules.WAITS, fact.task, what)
         return
     past = next((moment for moment in waits if item is None or item.reached & moment), 0)
-    if not past and len(set(waits)) > 1:  # the fact does not say which one was given up
+    if not past and len(set(waits)) > 1:  # the fact does not say which wait was given up
         waits[:] = [0] * len(waits)
     waits.remove(past or waits[0])
     if not waits:
@@ -132,7 +132,7 @@ def check_waits(world: JournalWorld, item: MessageRecord) -> None:
 
 
 def check_settled(world: JournalWorld) -> None:
-    """Check that every task touched by this event has reached all it could."""
+    """Check that every task touched by this event has reached all moments that it could."""
     for item in world.touched:
         if item.is_over:
             for claim in item.claims.values():

@@ -1,7 +1,7 @@
 """The causes that keep a task from its moments: order, constraints, parent, children, and handler.
 
-A moment reached in spite of them is too early. A moment that is not reached without any of them is
-missed.
+A moment that is reached in spite of such a cause is too early. A moment that is not reached
+although no such cause exists is missed.
 """
 
 from collections.abc import Iterator
@@ -37,9 +37,11 @@ def _needed(task_rules: TaskRules, moments: int) -> int:
 
 
 _NEEDED = [[_needed(one, moments) for moments in range(ALL_MOMENTS + 1)] for one in RULES]
-"""By whether a task is a goal, and by moments: all moments that must come first or with them."""
+"""For commands and for goals, by set of moments: the moments that a task must reach before this set
+or with it.
+"""
 _PARENT_FIRST = [PARENT_FIRST & ~one.at_birth for one in RULES]
-"""By whether a task is a goal: the moments that its parent must reach first."""
+"""For commands and for goals: the moments that the parent must reach before the task does."""
 
 
 def in_words(moments: int) -> str:
@@ -48,7 +50,7 @@ def in_words(moments: int) -> str:
 
 
 def next_moments(item: MessageRecord) -> Iterator[int]:
-    """Yield the next moments of a task that come together, unless they are too early."""
+    """Yield sets of moments. A task must reach each set now, unless it is too early for the set."""
     reached = item.reached
     if item.is_killed:
         if item.place is None:

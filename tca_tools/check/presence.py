@@ -60,7 +60,7 @@ def resource(world: JournalWorld, fact: facts.ResourceChanged) -> None:
 
 
 def recalling(world: JournalWorld, fact: facts.Recalling) -> None:
-    """Apply that a slot must return its deliveries, or that this is over."""
+    """Apply that a slot must return its prefetched deliveries, or that it has done so."""
     place = world.place(fact.module, fact.resource)
     place.is_recalling = not fact.is_over
     world.places_touched[place] = None

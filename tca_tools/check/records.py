@@ -56,7 +56,8 @@ class ResourceRecord:
     running: "dict[int, MessageRecord]" = field(default_factory=dict)
     nested: "dict[int, MessageRecord]" = field(default_factory=dict)
     """Queries that the module sent itself, which run while a handler waits for them."""
-    is_recalling: bool = False  #: no message enters before its slot has answered
+    #: Whether a slot must return its prefetched messages. No message enters before it has answered.
+    is_recalling: bool = False
     waiting: "dict[int, MessageRecord]" = field(default_factory=dict)
 
 
@@ -120,11 +121,11 @@ class MessageRecord(MessageView):
 
     failure: str = ""
     must_fail: bool = False  #: its handler failed, but the failure was not raised yet
-    deciding: int = 0  #: the exception handler that decides about it
-    recovering: tuple[int, ...] = ()  #: all exception handlers at work on it
+    deciding: int = 0  #: the exception handler that decides about its handler's failure
+    recovering: tuple[int, ...] = ()  #: all exception handlers at work on its failures
     searches: list[int] = field(default_factory=list)
-    """The pending searches for exception handlers: each has the handler that did not decide, or
-    OWN or BESIDE for a new failure.
+    """The pending searches for exception handlers. Each is the exception handler that did not
+    decide, or OWN or BESIDE for a new failure.
     """
     ended_handlers: "list[MessageRecord]" = field(default_factory=list)
     """The exception handlers that ended with this event."""
@@ -136,7 +137,9 @@ class MessageRecord(MessageView):
     is_tapped: bool = True  #: wiretaps are fired for it
     tap: int = 0  #: the wiretap that sent this listener
     taps_passed: dict[int, int] = field(default_factory=dict)
-    """By wiretap passed since the last retry: its listener (0: that has no handler)."""
+    """By wiretap that this task has passed since its last retry: the listener that was sent (0:
+    none, since no module handles it).
+    """
     has_fired: bool = False
     open_query: int = 0  #: this monitor's query under way
     untested: int = 0  #: answers that this monitor has not tested

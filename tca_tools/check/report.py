@@ -71,8 +71,8 @@ def violation_lines(
     Args:
         violations: The violations, sorted by place.
         journal: The journal, which is read again for the stories.
-        everything: Whether to show all violations. Else only the first one of the rules, which may
-            have caused others, and those of properties are shown.
+        everything: Whether to show all violations. Else only the first broken rule, which may have
+            caused others, and the broken properties are shown.
     """
     if not violations:
         return

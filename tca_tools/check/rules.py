@@ -22,7 +22,7 @@ class Violation(NamedTuple):
     rule: str
     source: str
     place: int
-    """The number of events before the one that breaks it."""
+    """The number of events before the event that breaks the rule or property."""
     event: int
     """The number of that event's entry; events that change nothing have a number but no entry."""
     time: float

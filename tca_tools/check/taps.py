@@ -43,7 +43,7 @@ def fired(world: JournalWorld, fact: facts.TapFired) -> None:
                 TAPPED, fact.tapped, f"wiretap {{{fact.tap}}} was fired, but does not exist"
             )
         elif tapped is not None:
-            tapped.is_incomplete = True  # the tap may hold it
+            tapped.is_incomplete = True  # the wiretap may hold the task
         return
     if tapped is not None:
         _mark_passed(world, tap, tapped, fact.listener)
@@ -92,8 +92,9 @@ def _hold(tapped: MessageRecord, listener: MessageRecord, moment: int, end: int)
 def check_fired(world: JournalWorld, item: MessageRecord, moments: int) -> None:
     """Check that a task continues only after its wiretaps have fired.
 
-    A wiretap without a handler for its listener does not fire. Messages sent for a wiretap are not
-    tapped, nor are those of a monitor that was sent for one.
+    A wiretap without a handler for its listener does not fire. A message that was sent for a
+    wiretap is not tapped. If this message is a monitor, the messages of the monitor are not tapped
+    either.
     """
     of_message = world.taps_before.get(item.message)
     if not of_message or not item.is_tapped or not item.is_task:

@@ -61,11 +61,12 @@ class JournalWorld:
         self.handlers: dict[str, dict[str, str]] = {}
         self.places: dict[tuple[str, str], ResourceRecord] = {}
         self._claims: defaultdict[tuple[str, str], ResourceClaims] = defaultdict(ResourceClaims)
-        """By the module's own name and the resource."""
+        """By resource, and by module without the number of its copy."""
         self.claims: dict[int, facts.Claimed] = {}
         self.taps: dict[int, facts.TapAdded] = {}
-        self.late_taps: set[int] = set()  #: on ended tasks, until they are fired
-        self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}  #: holding tasks, by message
+        self.late_taps: set[int] = set()  #: the wiretaps added to ended tasks that have not fired
+        #: By tapped message: the wiretaps that hold a task until their listener has ended.
+        self.taps_before: dict[str, dict[int, facts.TapAdded]] = {}
         self.attached: dict[int, facts.Attached] = {}
         self.invocations_at_root: dict[int, int] = {}  #: the number of calls by attachment
         self.waits: dict[WaitKey, list[int]] = {}  #: the awaited moments
@@ -215,7 +216,8 @@ class JournalWorld:
     def item(self, number: int, what: str) -> MessageRecord | None:
         """Return the message under way with a number, to which *what* happens; else None.
 
-        A number that can't be unknown is recorded as a broken rule.
+        A message that is over breaks a rule. So does a number that was assigned after the journal
+        started, but that no message has.
         """
         item = self.known(number)
         if item is not None:
@@ -239,7 +241,7 @@ class JournalWorld:
         return item
 
     def delivery(self, fact: facts.Queued | facts.Delivered, what: str) -> MessageRecord | None:
-        """Return the queued or delivered message: also a retried task, or a new copy."""
+        """Return the queued or delivered message. It may be a retried task, or a new copy."""
         if fact.id == fact.message_id or fact.id in self.items or fact.id in self.deliveries:
             return self.item(fact.id, what)
         original = self.items.get(fact.message_id)

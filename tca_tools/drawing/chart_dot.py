@@ -193,8 +193,8 @@ class _Picture:
     def _cut(self, source: int, target: int) -> list[str]:
         """Return the attributes that cut an arrow at the frames of its ends.
 
-        A frame that contains both ends does not cut it. An arrow to a frame is longer, so that its
-        head is visible.
+        A frame that contains both ends does not cut the arrow. An arrow to a frame is longer, so
+        that the head of the arrow is visible.
         """
         ends = (
             ("ltail=cluster_{}", source, target),

@@ -21,7 +21,7 @@ _TIME = attrgetter("time")
 
 
 class Call(NamedTuple):
-    """A call of an exception handler; or that it passed the failure on, or had no calls left."""
+    """An exception handler was called, passed the failure on, or had no calls left."""
 
     time: float
     place: int
@@ -70,7 +70,7 @@ def passed_on(run: Run, handler: int, failure: str = "the failure") -> Iterator[
 def called_for(run: Run, handler: Task) -> Task:
     """Return the failed task for which an exception handler was called.
 
-    If that is a failed exception handler itself, it is the task for which that was called.
+    If that task is an exception handler, too, the task for which it was called is returned.
     """
     while handler.role is Role.EXCEPTION and handler.about in run.tasks:
         handler = run.tasks[handler.about]
@@ -78,7 +78,7 @@ def called_for(run: Run, handler: Task) -> Task:
 
 
 def decider(run: Run, asker: Handling | None) -> Task | None:
-    """Return the exception handler that requested a kill or retry; None if another one did."""
+    """Return the exception handler that requested a kill or retry; None if *asker* is not one."""
     task = run.tasks.get(asker.message_id) if asker is not None else None
     return task if task is not None and task.role is Role.EXCEPTION else None
 
@@ -86,7 +86,8 @@ def decider(run: Run, asker: Handling | None) -> Task | None:
 def retry_in_words(run: Run, task: Task, retry: Retry) -> str:
     """Return ``retried with other data by safety``.
 
-    If an exception handler called for another task requested it, this names both and the failure.
+    The request may come from an exception handler that was called for another task. Then the text
+    also names the handler, that task, and its failure.
     """
     handler, why = decider(run, retry.asker), by_whom(retry.by)
     if handler is not None and (failed := called_for(run, handler)) is not task:

@@ -1,8 +1,9 @@
 """The graph of waits at an instant.
 
 - ``blocking_waits(at, node)``: the waits before a moment of a task, or before a message's answer.
-  Different waits may block planning and achieving: each says which moments it ``blocks``.
-- ``prerequisites(at, wait)``: the nodes that a wait is for; ``awaited_nodes(at, node)`` does both.
+  A wait may block planning and not achieving, so it says which moments it ``blocks``.
+- ``prerequisites(at, wait)``: the nodes that a wait is for. ``awaited_nodes(at, node)``: the
+  prerequisites of all waits that block a node.
 - ``Ends``: the ends of all chains of waits; ``causes(at)``: the ends that most tasks wait for.
 - ``waits_now(at, number)``: the current waits of a message, to be shown.
 
@@ -94,7 +95,7 @@ _NOTHING = _Blocking([], [])
 
 @remembered
 def _waits_of(at: RunAt, number: int) -> list[Wait]:
-    """Return all waits of a message, except for children."""
+    """Return all waits of a message at the instant, except for those for its subtasks."""
     message, time = at.run.messages[number], at.instant
     waits = list(of_message(at.run, message, time))
     if isinstance(message, Task):
@@ -105,7 +106,7 @@ def _waits_of(at: RunAt, number: int) -> list[Wait]:
 
 @remembered
 def next_node(at: RunAt, number: int) -> Node:
-    """Return the next node of a task, message or claim."""
+    """Return the node that a task, message or claim must reach next."""
     task = at.run.tasks.get(number)
     return (
         Node(number)
@@ -169,13 +170,13 @@ def _select_blocking(
 
 
 def _resumes(task: Task, wait: Wait, time: float) -> bool:
-    """Whether a wait is for the resume of a task whose retry was requested since."""
+    """Whether a wait is for the resume of a task that has started and is to be handled again."""
     begun = wait.kind is WaitKind.RESUME and task.time_of(START_HANDLING) <= time
     return begun and is_to_be_handled_again(task, time)
 
 
 def _delivery(wait: Wait) -> int:
-    """Return the delivery of the handling that a wait is for, or that waits; 0 for none."""
+    """Return the delivery of the handler that waits, or that is awaited; 0 if there is none."""
     record = wait.record.by if isinstance(wait.record, HandlerWait) else wait.record
     return record.delivery if isinstance(record, Handling) else 0
 
@@ -226,7 +227,7 @@ def _nodes_of_holders(at: RunAt, by: Holders) -> list[Node]:
 
 @remembered
 def awaited_nodes(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
-    """Return the nodes that must come before a node, and the kinds of its waits that are leaves."""
+    """Return the nodes for which a node waits, and the kinds of its waits that are for no node."""
     blocking = _blocking(at, node)
     if blocking is _NOTHING and (claim := at.run.claims.get(node.number)) is not None:
         return _of_claim(at, claim)
@@ -237,11 +238,12 @@ def awaited_nodes(at: RunAt, node: Node) -> tuple[list[Node], list[WaitKind]]:
 
 
 def _of_claim(at: RunAt, claim: Claim) -> tuple[list[Node], list[WaitKind]]:
-    """Return the nodes that a lock waits for, and the kinds of its waits that are leaves.
+    """Return the nodes for which a lock waits, and the kinds of its waits that are for no node.
 
-    A pending lock waits for its holders. A lock in force waits for the handler that requested it,
-    else for the end of that handler's task, or for its retry. A lock requested outside of handlers
-    waits for what its module waits for there.
+    A pending lock waits for the holders of its resource. A lock in force waits for the handler that
+    requested it. If that handler has returned, the lock waits for the end of the handler's task,
+    or for the next handling if a retry is due. A lock requested outside of handlers waits for the
+    same nodes as its module does outside of handlers.
     """
     if not at.is_granted(claim):
         by = holders_for_claim(at, claim)
@@ -277,8 +279,8 @@ def held_above(at: RunAt, number: int) -> Iterator[tuple[int, Hold]]:
 def waits_now(at: RunAt, number: int) -> list[Wait]:
     """Return the current waits of a message, with the start of their current causes.
 
-    A wait in a queue starts when the current holders got the resource. Only the first subtasks are
-    listed, and the newest, which stands for the rest.
+    A wait in a queue starts when the current holders got the resource. Of the subtasks, only the
+    first ones and the newest are listed. The wait for the newest stands for those left out.
     """
     blocking = _blocking(at, next_node(at, number))
     waits = list(blocking.waits)
@@ -355,7 +357,7 @@ class End(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """Something for which tasks wait in the end."""
+    """A cause at the end of the waits of some tasks."""
 
     ends: tuple[End, ...]
     """The ends: one, or several for unhandled messages of one name."""

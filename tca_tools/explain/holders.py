@@ -18,7 +18,7 @@ from tca_wire.text.facts_in_words import called
 
 _Key = tuple[str, str]
 _NO_TIME = 1e-6
-"""Parts of a wait that are shorter, in seconds, are left out."""
+"""Parts of a wait that are shorter than this, in seconds, are left out."""
 
 
 class Holders(NamedTuple):
@@ -44,8 +44,8 @@ def holders_for_message(
 ) -> Holders:
     """Return the holders of a resource that keep a message queued.
 
-    It is the lock in force, else a pending lock before the message even if a slot is free, else the
-    running handlers.
+    That is the lock in force. Without one, it is a pending lock that comes before the message, even
+    if a slot is free. Without a lock, it is the running handlers.
     """
     granted = at.claim_in_force(module, resource)
     if granted is None:
@@ -62,7 +62,8 @@ def holders_for_message(
 def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
     """Return the holders of a resource that keep a lock pending.
 
-    It is the lock in force, else the other running handlers and the pending lock before it.
+    That is the lock in force. Without one, it is the running handlers, except for the handler that
+    requested the lock, and the pending lock before this one.
     """
     granted = at.claim_in_force(claim.module, claim.resource)
     if granted is not None and granted is not claim:
@@ -71,7 +72,8 @@ def holders_for_claim(at: RunAt, claim: Claim) -> Holders:
     place = next((place for place, one in enumerate(line.pending) if one is claim), 0)
     own: set[int] = set()
     handling = claim.by
-    while handling is not None:  # one that waits for it in the same slot is no holder either
+    # The requesting handler is no holder, nor is a handler that waits for it in the same slot
+    while handling is not None:
         own.add(id(handling))
         handling = line.waiting_in_slot.get(id(handling))
     running = at.running_in_copies(claim.module, claim.resource)
@@ -95,11 +97,12 @@ class _Line(NamedTuple):
     pending: list[Claim]
     """Pending claims: those of running handlers first, then in the order of their requests."""
     from_running: int
-    """The number of pending claims of running handlers: no message is handled before them."""
+    """The number of pending claims of running handlers: no message is handled before these."""
     has_room: bool
     """Whether a slot is free."""
     waiting_in_slot: dict[int, Handling]
-    """By the identity of a handling without a slot of its own: the one that waits in that slot."""
+    """By identity of a handling without a slot of its own: the waiting handling whose slot it has.
+    """
 
 
 @remembered

@@ -1,6 +1,6 @@
 """Find the records of a task that are active in a span, in O(log n) if the task has many. Pure.
 
-Of a task with few records all are returned, since a search would cost more.
+If a task has few records, all of them are returned, since a search would cost more.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,12 +20,12 @@ _FEW = 16
 def children_within(
     run: Run, task: Task, moment: int, start: float, end: float
 ) -> Sequence[TaskId]:
-    """Return the children sent by *end* that had not reached the moment by *start*, or all."""
+    """Return the children sent by *end* that had not reached *moment* by *start*; all, if few."""
     return _within(run, task.children, (task.id, moment), moment, start, end)
 
 
 def called_within(run: Run, task: Task, start: float, end: float) -> Sequence[TaskId]:
-    """Return the exception handlers called by *end* that had not ended by *start*, or all."""
+    """Return the exception handlers called by *end* that had not ended by *start*; all, if few."""
     return _within(run, task.caught_by, (called_within, task.id), END_ACHIEVING, start, end)
 
 

@@ -43,10 +43,11 @@ from tca_wire.vocabulary import Outcome
 from tca_wire.waits import NAMED, WaitFor, WaitKind
 
 NOT_HANDLED = "no exception handler handled that"
-"""The reason of a kill after a failure, which the story already describes."""
+"""The reason of a kill because of a failure. Another sentence of the story describes the failure.
+"""
 _START = attrgetter("start")
 _SHORTEST = 0.0005
-"""Shorter durations so far, in seconds, are not shown."""
+"""A duration so far is shown only if it is at least this long, in seconds."""
 _BAD = {TaskState.FAILED, TaskState.KILLED}
 _DESCRIBED = {*_BAD, TaskState.QUEUED, TaskState.HANDLING, TaskState.SUSPENDED}
 """States that other sentences describe."""
@@ -84,7 +85,7 @@ class Sentence(NamedTuple):
 
         Args:
             instant: The time of an entry.
-            time: The same on the entries' clock.
+            time: The same time on the entries' clock.
         """
         so_far = time - self.time
         if self.as_known_at(instant).is_open:
@@ -103,8 +104,8 @@ def _span_sentence(start: float, end: float, text: str, ending: str = "") -> Sen
 def story(run: Run, message_id: int, instant: float = inf) -> list[Sentence]:
     """Return the story of a message or task in order; [] if it is unknown.
 
-    Sentences that started by *instant* describe the state as known then, and have the later end in
-    ``ending``.
+    A sentence that starts by *instant* describes the state as known at *instant*. The part that
+    became known later is in its ``ending``.
     """
     message = run.messages.get(message_id)
     if message is None:
@@ -159,7 +160,7 @@ def _failures(run: Run, message: Message, instant: float) -> Sentences:
 
 
 def _kills(task: Task) -> Sentences:
-    """Yield when it was killed, or stopped watching."""
+    """Yield when a task was killed, or stopped watching."""
     for time, why in task.new_values("watched"):
         if why:
             yield Sentence(time, f"stops watching: {why}")
@@ -181,7 +182,10 @@ def _dropped(query: Message, given_up: float) -> str:
 
 
 def _exception_handlers(run: Run, task: Task, instant: float) -> Sentences:
-    """Yield the calls of exception handlers and their outcomes; its own decisions, if it is one."""
+    """Yield the calls of exception handlers for a task's failures, and the task's retries.
+
+    If the task is an exception handler, yield its own decisions, too.
+    """
     later = nextafter(instant, inf)
     for call in (*calls(RunAt(run, instant), task, end=later), *calls(RunAt(run), task, later)):
         yield Sentence(call.time, f"exception handler {call.text}")
@@ -193,7 +197,7 @@ def _exception_handlers(run: Run, task: Task, instant: float) -> Sentences:
 
 
 def _suspensions(run: Run, task: Task, instant: float) -> Sentences:
-    """Yield when it was suspended and resumed, and the handlers that were still running."""
+    """Yield when a task was suspended and resumed, and the handlers that were still running."""
     for one in task.suspensions:
         cause = run.describe(one.cause)
         text = suspension_in_words(one)
@@ -227,7 +231,10 @@ def _tests(run: Run, monitor: Task, instant: float) -> Sentences:
 
 
 def _changes(task: Task, instant: float) -> Sentences:
-    """Yield the requests of clients, the replies, and the intermediate results, a row as one."""
+    """Yield the requests of clients, the server's replies, and the intermediate results.
+
+    Consecutive results share a sentence.
+    """
 
     def kind(one: LifeChange) -> tuple[bool, object]:
         return one.time <= instant, one.effect is Effect.RESULT and one.transition
@@ -245,7 +252,7 @@ def _changes(task: Task, instant: float) -> Sentences:
 
 
 def _preview(run: Run, task: Task) -> Sentences:
-    """Yield how long it was early work, and whether that was kept."""
+    """Yield how long a coordinator's task was early work, and whether that work was kept."""
     if (sent := sent_by_coordinator(run, task)) is None:
         return
     ending = ", kept: the state is entered"
@@ -260,7 +267,7 @@ def _preview(run: Run, task: Task) -> Sentences:
 
 
 def _plans(run: Run, task: Task) -> Sentences:
-    """Yield its deadlines and planned kills."""
+    """Yield the deadlines and planned kills of a task."""
     for one in run.plans.get(task.id, ()):
         at = RunAt(run, one.set_at)
         if text := describe_event(at, at.tasks[task.id], one):
@@ -311,7 +318,7 @@ def awaited_in_words(run: Run, wait: HandlerWait) -> str:
 
 
 def _without_place(run: Run, wait: HandlerWait) -> WaitFor:
-    """Return what a handler waited for, without its place."""
+    """Return what a handler waited for, without where that was queued or handled."""
     kind, name = of_handler_wait(run, wait).kind, wait.name or run.name(wait.awaited)
     return WaitFor(kind, wait.awaited, name, int(wait.moment or 0))
 
@@ -345,7 +352,7 @@ def _failure_of(query: Message, instant: float) -> str:
 
 
 def _queries(at: RunAt, handling: Handling) -> Sentences:
-    """Yield the queries whose replies the handler did not await, or only later."""
+    """Yield the queries after which the handler did not wait at once for the reply."""
     first = {wait.awaited: wait for wait in reversed(handling.waits)}
     for query in handling.asked or ():
         text, fetched = f"its handler asked {query}, and continues", first.get(query.id)
@@ -418,7 +425,10 @@ def _of_group(at: RunAt, task: Task, state: TaskState, waits: list[Wait]) -> Sen
 
 
 def _in_vain(run: Run, task: Task, waits: list[Wait], end: float) -> str:
-    """Return which awaited tasks failed or were killed: such a task reaches all moments at once."""
+    """Return which awaited tasks failed or were killed.
+
+    Such a task reaches all its moments at once, which ends the waits for them.
+    """
     if end == inf or (task.killed is not None and task.written_at("killed") <= end):
         return ""
     bad = []

@@ -1,6 +1,6 @@
 """Waits for display: with names, with the holders of resources, and with the ends of all waits.
 
-This turns a ``Wait`` into a ``WaitFor``, whose words are in tca_wire/text/waits_in_words.py.
+A ``Wait`` becomes a ``WaitFor``. tca_wire/text/waits_in_words.py puts that into words.
 ``reasons`` describes the current waits of a task, ``in_the_end`` the end of all waits, and
 ``plans_in_words`` the planned events of a task.
 """
@@ -104,7 +104,7 @@ def wait_for(at: RunAt, wait: Wait, *, any_outcome: bool = False) -> WaitFor:
         return _of_condition(at, number)
     moment = 0 if any_outcome and kind is WaitKind.SUBTASK else wait.on.moment
     name = record.name if isinstance(record, HandlerWait) else ""
-    if kind is WaitKind.RUNNING and wait.blocks:  # its own handler
+    if kind is WaitKind.RUNNING and wait.blocks:  # the handler of the waiting message itself
         number, name, moment = 0, "", 0
     elif not name:
         name = at.run.name(number)
@@ -134,9 +134,10 @@ def _of_condition(at: RunAt, monitor: int) -> WaitFor:
 
 
 def of_query(at: RunAt, query: Message) -> WaitFor:
-    """Return the wait for a query with its place.
+    """Return the wait for a query's reply, with where the query is queued or handled.
 
-    For a multi-query, it has the number of answers and the places of the other copies.
+    For a multi-query, the wait has the number of answers. It says where the copies are that have
+    not been answered.
     """
     reply = WaitFor(WaitKind.REPLY, query.id, query.name)
     if query.answered is not None and query.answered <= at.instant:
@@ -213,7 +214,10 @@ def _of_message(at: RunAt, kind: WaitKind, handling: Handling) -> WaitFor:
 
 
 def _of_holder(at: RunAt, claim: Claim) -> WaitFor:
-    """Return the lock in force on a resource, or the first pending one, with its message."""
+    """Return the wait that a lock on a resource causes, with the message that requested the lock.
+
+    The lock is in force, or is the first pending one.
+    """
     kind = WaitKind.LOCKED if at.is_granted(claim) else WaitKind.LOCK
     because: tuple[WaitFor, ...] = ()
     if claim.by is not None:
@@ -230,7 +234,7 @@ def _called(claim: Claim) -> str:
 
 
 def reasons(at: RunAt, task: TaskAt) -> list[str]:
-    """Return why a task waits, to follow ``how``: ``["until take steps {2} is achieved"]``."""
+    """Return why a task waits, to follow its verb: ``["until take steps {2} is achieved"]``."""
     return clauses(named_waits_now(at, task, shown_waits(at, task)))
 
 
@@ -240,7 +244,10 @@ def named_waits_now(at: RunAt, task: TaskAt, waits: list[Wait]) -> list[WaitFor]
 
 
 def shown_waits(at: RunAt, task: TaskAt, *, with_children: bool = True) -> list[Wait]:
-    """Return the current waits of a task without its own handler, which its state shows."""
+    """Return the current waits of a task, without the run of its own handler.
+
+    The state of the task shows that run, except in the state *ending*.
+    """
     waits = waits_now(at, task.id)
     if task.state is TaskState.ENDING:
         return waits
@@ -281,7 +288,7 @@ class Last(NamedTuple):
     thing: str
     number: int
     which: str
-    """Why it does not wait for another node: "no module handles", "is suspended"."""
+    """Why the thing does not wait for another node: "no module handles", "is suspended"."""
     more: int
     """The number of other ends."""
 
@@ -299,7 +306,8 @@ def in_the_end(at: RunAt, task: TaskAt, within: int | None = None) -> Last | Non
     Args:
         at: The run at an instant.
         task: The task.
-        within: The most steps to take to find the end; None if it is not found.
+        within: The most steps to take to find the end (None: any number). If they are not enough,
+            None is returned.
     """
     if task.state in OVER:
         return None

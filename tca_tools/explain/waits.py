@@ -1,8 +1,8 @@
 """The list of waits: for each task and message all its waits, read from its records.
 
 - ``waits_of(run, number)``: all waits of a task or message. Each wait has one cause and one span.
-  Waits may overlap, so the lists are linear in the journal.
-- ``waits_for_display(run, task)``: the same for display, divided by the states of the task.
+  Waits may overlap and are not divided, so the size of all lists is linear in that of the journal.
+- ``waits_for_display(run, task)``: the waits of a task to show, divided by the task's states.
 
 graph.py has the waits at an instant; wait_words.py puts waits into words.
 """
@@ -49,11 +49,11 @@ from tca_wire.waits import NAMED, WaitKind
 
 _ALWAYS = -inf, inf
 NO_TIME = 1e-6
-"""Waits that are not longer, in seconds, are not shown."""
+"""Waits that are shorter than this, in seconds, are not shown."""
 _OF_ORDER = {WaitKind.CONSTRAINT, WaitKind.PARENT, WaitKind.LISTENER, WaitKind.SUBTASK}
 """Waits for points of other tasks, caused by the order of tasks."""
 _OF_ITS_STATE = _OF_ORDER | {WaitKind.DELAY}
-"""Causes that block a task only since the start of its state: another cause did before."""
+"""Waits that count only from the start of a task's state. Another wait blocked the task before."""
 
 _Span = TypeVar("_Span", Queueing, Handling)
 _START, _SINCE, _SPAN = attrgetter("start"), itemgetter(0), attrgetter("start", "end")
@@ -93,11 +93,11 @@ class Wait(NamedTuple):
     since: float = 0.0
     """The start of the uninterrupted waiting, for any causes; not after *start*."""
     others: Sequence[float] = ()
-    """The ends of the other subtasks that it stands for."""
+    """If this wait stands for other subtasks, too: when the waits for those end."""
 
     @property
     def is_leaf(self) -> bool:
-        """Whether it is not for another node."""
+        """Whether the wait is for no other node."""
         is_own = isinstance(self.record, Suspension) and self.record.cause == self.record.task
         is_any_change = self.kind is WaitKind.CHANGE and not self.on.number
         return self.kind in _LEAVES or is_own or is_any_change
@@ -134,7 +134,9 @@ def node_of(run: Run, handling: Handling) -> Node:
 # --- the moments of a task that matter at a time --------------------------------------------------
 
 _UP_TO = [{0: 0, **rules.up_to} for rules in RULES]
-"""For each moment, the bits of all moments that come first or with it: for commands, for goals."""
+"""Two tables: for commands, and for goals. By moment: the bits of the moments that a task reaches
+before it or with it.
+"""
 _NEXT = {
     TaskState.HELD: START_HANDLING,
     TaskState.QUEUED: END_HANDLING,  # it is handled again
@@ -163,7 +165,10 @@ def reached_moments(task: Task, time: float) -> int:
 
 
 def next_moment(task: Task, state: TaskState, time: float) -> int:
-    """Return the next moment of a task in a state; a retried task reaches a moment again."""
+    """Return the moment that a task in a state must reach next.
+
+    A retried task may have reached END_HANDLING already. Then the next moment is END_ACHIEVING.
+    """
     if state is TaskState.QUEUED and task.time_of(START_HANDLING) > time:
         return START_HANDLING
     moment = _NEXT.get(state, END_ACHIEVING)
@@ -172,9 +177,10 @@ def next_moment(task: Task, state: TaskState, time: float) -> int:
 
 
 def moments_before(task: Task, moment: int, time: float) -> int:
-    """Return the moments that a task must still reach, up to a moment and with it, as bits.
+    """Return the moments that a task must still reach, up to and including *moment*, as bits.
 
-    A constraint between two moments of the task adds the moments before the first one.
+    A constraint between two moments of the task counts if the second one is among these moments.
+    Then it adds the first one, and the moments before that.
     """
     if task.time_of(moment) <= time:
         # A task that is handled again, or will be, must end its handling once more
@@ -193,7 +199,10 @@ def moments_before(task: Task, moment: int, time: float) -> int:
 
 
 def is_to_be_handled_again(task: Task, time: float) -> bool:
-    """Whether a retry is due, or the last handler left before it returned."""
+    """Whether a task's handler must still start, at first or again.
+
+    True if it never started, if the last one left before it returned, or if a retry is due.
+    """
     begun = bisect_right(task.handlings, time, key=_START)
     if not begun:
         return True
@@ -296,10 +305,10 @@ def _subtasks(
 def blocking_tasks(
     run: Run, children: Sequence[TaskId], moment: int, time: float | None
 ) -> list[Task]:
-    """Return the tasks that block a moment of their parent, at a time or (None) ever.
+    """Return the tasks that block a moment of their parent at *time* (None: at any time).
 
-    A monitor that ends with its siblings blocks nothing itself, unless a constraint blocks its end:
-    the tasks that it sent do.
+    A monitor that ends with its siblings does not block its parent, unless a constraint blocks the
+    monitor's end. Instead, the tasks that the monitor sent block the parent.
     """
     found: list[Task] = []
     rest = [*reversed(children)]
@@ -319,7 +328,7 @@ def blocking_tasks(
 
 
 def _is_blocked(run: Run, monitor: Task, time: float | None) -> bool:
-    """Whether a constraint blocks a monitor's end; one before its next handling does not count."""
+    """Whether a constraint blocks a monitor's end. One on its next handling does not count."""
     for hold in monitor.holds:
         for wait in _of_constraint(run, monitor, hold, killed_at(monitor)):
             is_active = time is None or wait.start <= time < wait.end
@@ -357,7 +366,7 @@ def _of_task(run: Run, task: Task) -> Iterator[Wait]:
 
 
 def own_waits(run: Run, task: Task, start: float, end: float) -> Iterable[Wait]:
-    """Return a task's own waits that are active in a span, possibly with others."""
+    """Return a task's own waits that are active in a span; all its waits if it has few records."""
     if not has_many(task):
         return _of_task(run, task)
     known = cached(run, (own_waits, task.id), lambda: Overlaps(_of_task(run, task), _SPAN))
@@ -397,8 +406,10 @@ def _of_suspension(task: Task, suspension: Suspension) -> Wait:
 
 
 def _of_recovery(run: Run, task: Task) -> Iterator[Wait]:
-    """Yield the waits for exception handlers: one after the other, and those for failures raised
-    beside the task's handler.
+    """Yield the waits for exception handlers.
+
+    The waits for handlers of the task's own failures follow one another. The waits for handlers of
+    failures raised beside the task's handler may overlap with these and with each other.
     """
     called = [run.tasks[number] for number in task.caught_by if number in run.tasks]
     known = [run.tasks[number] for number in task.deciders if number in run.tasks]
@@ -456,8 +467,8 @@ def _before_restart(
 ) -> list[Task]:
     """Return the children of a retried monitor that were sent before it restarted.
 
-    The journal has no fact for the restart. It happens once the monitor's children and the asker
-    have ended and the monitor is not suspended.
+    The journal has no fact for the restart. A monitor restarts once its children and the asker
+    have ended and it is not suspended.
     """
     restart, found = retry.time, list[Task]()
     if asker is not None:

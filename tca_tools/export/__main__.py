@@ -47,7 +47,7 @@ def _mcap(journal: Log, output: Path) -> None:
         from tca_tools.export.mcap_file import write_mcap  # noqa: PLC0415
     number = count()
     run = folded(journal, entries=(entry for entry, _ in zip(journal, number, strict=False)))
-    # The second reading stops at the same entry, although a running run has more of them by now.
+    # The second reading stops at the same entry, although a live run may have more entries by now.
     same_entries = islice(Log(journal.path), next(number))
     with new_file(output) as stream:
         write_mcap(run, same_entries, stream)

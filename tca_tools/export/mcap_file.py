@@ -82,7 +82,7 @@ class TopicMessage(NamedTuple):
 
 
 def write_mcap(run: Run, entries: Iterable[Entry], stream: BinaryIO) -> None:
-    """Write a run; *entries* are those from which it was built."""
+    """Write a run as MCAP; *entries* are the entries from which *run* was built."""
     writer = _Topics(run, stream)
     nanoseconds = Nanoseconds(run)
     streams = (
@@ -145,7 +145,7 @@ def _data_of(run: Run, fact: facts.Fact, time: int) -> TopicMessage | None:
 
 
 def _logged(time: int, began: int, level: int, text: str, number: int) -> TopicMessage:
-    """Return a line of Foxglove's log; *number* is that of its entry."""
+    """Return a line of Foxglove's log; *number* is the number of its entry."""
     timestamp = {"sec": (time + began) // _SECOND, "nsec": (time + began) % _SECOND}
     line = {
         "timestamp": timestamp,

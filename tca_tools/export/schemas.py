@@ -2,7 +2,7 @@
 
 Foxglove reads objects with ``properties``, arrays of one type, and plain types. It refuses a topic
 with references or alternatives in its schema. References are therefore replaced by their targets,
-and "X or null" by X. A field that can't be described is left out of the schema; the data have it.
+and "X or null" by X. A field that can't be described is left out of the schema, not of the data.
 """
 
 import json

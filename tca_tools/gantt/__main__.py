@@ -85,7 +85,7 @@ def _picked(run: Run, asked: Asked, story: str | None) -> Pick:
 
 
 def _life(run: Run, task: Task) -> tuple[float, float | None]:
-    """Return the time at which a task was sent, and the end of the chart; None if it is open.
+    """Return when a task was sent, and the end of its chart (None: the task is open).
 
     The chart ends a little after the task, to show what happens to the tasks that it waited for.
     """

@@ -32,7 +32,7 @@ NO_HANDLER = "(no handler)"
 SUSPENDED = "(suspended)"
 """The row of suspended tasks."""
 _HELD = (TaskState.HELD, TaskState.PLANNED)
-"""States in which constraints hold a task: its handling, or its achievement."""
+"""States in which constraints hold a task's handling, or its achievement."""
 
 
 def chart(
@@ -88,7 +88,7 @@ class _RowBuilder:
             self._row(handling.module, handling.resource).handled.append(
                 self._handled_bar(handling)
             )
-        for module in modules:  # what it waits for outside of handlers
+        for module in modules:  # the waits of the module outside of handlers
             waits = self._visible(_lasting(module.waits))
             waits = (wait for wait in waits if self.pick.has_bars(wait.awaited))
             awaited = [self._awaited_bar(module.name, wait) for wait in waits]
@@ -273,7 +273,7 @@ def _lasting(waits: Iterable[HandlerWait]) -> Iterator[HandlerWait]:
 def _place_of(run: Run, task: Task, start: float, end: float) -> tuple[str, str]:
     """Return the module and resource that handled a task.
 
-    For a task without handling, those that would have handled it between *start* and *end*.
+    If none did, return a module and resource that could have handled it between *start* and *end*.
     """
     spans: list[Handling | Queueing] = [*task.handlings[:1], *task.queueings]
     for span in spans:

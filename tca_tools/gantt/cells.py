@@ -61,7 +61,7 @@ class Cells:
         self.colours: list[str | None] = [None] * columns
 
     def span(self, start: float, end: float) -> tuple[int, int]:
-        """Return the first column of a span and the one after its last; it has at least one."""
+        """Return the first column of a span of at least one column, and the column after it."""
         first = min(self.column(start), len(self.characters) - 1)
         return first, max(first + 1, self.column(end))
 

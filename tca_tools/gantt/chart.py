@@ -37,8 +37,8 @@ class Ending(StrEnum):
     NONE = ""
     FAILED = "failed"
     COPED = "coped"  # it failed, and the run continued
-    RESOLVED = "resolved"  # it failed, and its task is done after that
-    KILLED = "killed"  # its task was killed while the handler ran
+    RESOLVED = "resolved"  # it failed, and its task was done after the failure
+    KILLED = "killed"  # its task was killed while it ran
 
 
 CONNECTED, CURVE = "connected", "curve"
@@ -94,7 +94,7 @@ class Bar:
     is_open: bool = False
     """Whether it had not ended when the journal ended."""
     is_context: bool = False
-    """Whether it was not selected itself, but a selected task waited for it; drawn paler."""
+    """Whether it was not selected itself, but a selected task waited for it. Then it is paler."""
     ending: Ending = Ending.NONE
     waits: "Sequence[Bar]" = ()
     marks: Sequence[Mark] = ()

@@ -1,4 +1,7 @@
-"""Draw the queue below a row's bars: as hatched bars, or only its length if those are too many."""
+"""Draw the queue below a row's bars: as hatched bars, or as a curve of its length.
+
+It is a curve if the bars would be too many or too narrow.
+"""
 
 from collections.abc import Iterator
 

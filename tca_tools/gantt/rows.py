@@ -53,7 +53,7 @@ class Painter:
         return min(row.lanes, _MOST_LANES) * _LANE + self._queue_height(row) + held
 
     def label(self, row: ResourceRow, right: float, top: float) -> str:
-        """Draw the row's name; the title of a shortened one has all of it."""
+        """Draw the row's name. If the name is shortened, its title has the whole name."""
         y, name = top + min(_LANE, self.height(row)) / 2 + 4, row_label(row)
         whole = f"<title>{text(row.label)}</title>" if name != printable(row.label) else ""
         return f'<text class="label" x="{right:.1f}" y="{y:.1f}">{text(name)}{whole}</text>'
@@ -100,7 +100,7 @@ class Painter:
         return chain(blocks, wide)
 
     def _ends(self, bar: Bar) -> tuple[float, float]:
-        """Return the left and right edge of a bar, which is at least visible."""
+        """Return the left and right edge of a bar. They differ by at least the visible width."""
         left = self._scale.x(bar.start)
         return left, max(self._scale.x(bar.end), left + self._scale.min_width)
 
@@ -191,7 +191,10 @@ class Painter:
         yield from self._words(name, kind, (start, start + width), y + _BAR / 2 + 4)
 
     def _ending(self, bar: Bar, left: float, right: float, y: float) -> Iterator[str]:
-        """Draw a frame around a failed bar, or the dark end of a killed one; a foot if narrow."""
+        """Draw a frame around a failed bar, or a dark end on a killed one.
+
+        A narrow bar gets a foot instead.
+        """
         thin = 1.5 * self._scale.min_width
         if bar.ending and right - left <= _FRAMED:
             look, top = f'class="ink-{bar.ending}"', y + _BAR - _FOOT

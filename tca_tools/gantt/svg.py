@@ -22,9 +22,9 @@ _USUAL_BAR = 8.0
 _ROW_GAP, _AXIS, _TITLE = 14.0, 26.0, 22.0
 _TICK_DISTANCE = 90.0
 _MOST_SHAPES = {1: inf, 4: 80_000, 16: 20_000}
-"""By zoom of a page: the most bars. A page contains the details of each zoom from the beginning.
+"""By zoom: the most bars of a chart whose page contains the details for this zoom.
 
-With more bars it leaves out the details of that zoom, which would make it too large for a browser.
+With more bars, these details would make the page too large for a browser.
 """
 _WINDOW = 1200.0
 """A width that most windows have."""

@@ -51,8 +51,8 @@ def span_of(
 ) -> tuple[float, float]:
     """Return the start and end of a chart.
 
-    By default it covers all bars, with a margin; the chart of a running run with an active task
-    ends now. Connections and locks that are still held do not extend it.
+    By default the chart covers all bars, with a margin. If the run is live and a task is active,
+    the chart ends now. Connections, and locks that are still held, do not extend the chart.
     """
     now = run.time
     start, end = (pick.since if start is None else start), (pick.until if end is None else end)
@@ -75,7 +75,7 @@ def span_of(
 def _is_active(run: Run, pick: Pick, task: Task) -> bool:
     """Whether a task is open and does more than watch or wait for its subtasks.
 
-    It may be held, without a bar.
+    A held task counts, too, although it may have no bar.
     """
     if task.state in OVER or not pick.has_bars(task.id) or is_watching(task, task.state):
         return False

@@ -258,7 +258,7 @@ class RunAt:
         return self.top if task == ROOT else self.tasks[task].children
 
     def reached_at(self, point: Point) -> float | None:
-        """Return when a point was reached; None if it was not, or that is unknown."""
+        """Return when a point was reached; None if it was not, or if its task is unknown."""
         task = self.run.tasks.get(point.task)
         time = inf if task is None else task.time_of(point.moment)
         return time if time <= self.instant else None
@@ -291,7 +291,7 @@ class RunAt:
         """Return the active runs of handlers in a resource."""
         handlings = self.run.by_resource.get((module, resource), [])
         begun = bisect_right(handlings, self.instant, key=_START)
-        # The last one to start knows the others that were active then
+        # The handling that started last lists the others that were active at its start
         last = (*handlings[begun - 1].concurrent, handlings[begun - 1]) if begun else ()
         return [one for one in last if one.until > self.instant]
 

@@ -1,8 +1,9 @@
 """The failures of a run, the fate of each, and whether the run continued after it.
 
 The fate of a task's failure follows from the task's later states. The failure of a query is
-reported to its asker. If the asking handler fails too, the fate is that of its own failure. An
-asker that had given up or ended gets no report, and a program outside of handlers does not fail.
+reported to its asker. If the asking handler fails too, the failure of the query has the same fate
+as the failure of the handler. An asker that had given up or ended gets no report. A program outside
+of handlers does not fail.
 
 All tools use this module. Pure; each step is O(log n) in the number of one message's changes.
 """
@@ -88,7 +89,7 @@ def fate(run: Run, failed: Failing, time: float, as_of: float = inf) -> Fate:
 
     Args:
         run: The run.
-        failed: What failed.
+        failed: The message that failed, or the handling of a direct message.
         time: When it failed.
         as_of: The instant as of which the fate is returned; the end of the records by default.
     """
@@ -171,7 +172,7 @@ def run_continued_after(run: Run, handling: Handling) -> bool:
 
 
 def failing(run: Run, handling: Handling) -> Failing:
-    """Return the message that failed with a run of its handler; a direct message's run itself."""
+    """Return what failed with a handler: its message, or the handling if the message was direct."""
     return run.messages.get(handling.message_id) or handling
 
 
@@ -212,7 +213,7 @@ def retried_ancestor(run: Run, task: Task, time: float, as_of: float = inf) -> T
 
 
 def describe_asker(run: Run, failed: Failing, time: float, as_of: float = inf) -> str:
-    """Describe to which asker a failed query was reported, and its outcome; or why it was not."""
+    """Describe who got the report of a failed query and how that asker ended, or why none did."""
     if not _has_asker(run, failed):
         return ""
     if why := _why_unreported(run, failed, time):
@@ -267,8 +268,8 @@ def _has_asker(run: Run, failed: Failing) -> bool:
 def _why_unreported(run: Run, failed: Failing, time: float) -> str:
     """Return why a query's failure at *time* was not reported to the asker; "" if it was.
 
-    Entries have unique times, so things at the same time belong to one event, in which the asker
-    may fail with its query.
+    Facts with the same time belong to one event. An asker that failed at *time* therefore failed
+    with its query, and had got the report.
     """
     handling = failed.by
     if isinstance(failed, Message):
@@ -315,7 +316,8 @@ def _monitor(run: Run, failed: Failing) -> Task | None:
 def _fate_of_task(run: Run, task: Task, time: float, as_of: float = inf) -> Fate:
     """Return the fate of a task's failure, from the first later state that decides it.
 
-    If that state is *killed*, an ancestor may have been retried or the top-level task continued.
+    If that state is *killed*, the fate depends on other tasks: an ancestor may have been retried,
+    or the top-level task may have continued.
     """
     first, last = task.place_at(time), task.place_at(as_of)
     decided = next(
@@ -337,7 +339,8 @@ def _fate_of_task(run: Run, task: Task, time: float, as_of: float = inf) -> Fate
 def _fate_of_killed(run: Run, task: Task, time: float, as_of: float) -> Fate:
     """Return the fate of a killed task's failure: whether the top-level task continued without it.
 
-    If the top-level task ends after the exception handler has ended, it is not for this failure.
+    If the top-level task was still open when the exception handler ended, this failure was not the
+    reason for its end.
     """
     top, handler = run.tasks[task.top], _last_called(run, task, time, as_of)
     if top is not task and top.state_at(as_of) in DONE:

@@ -204,7 +204,7 @@ class History(RecordFold):
                 self._hold(self.tasks[constraint.after.task], Hold(constraint, self.time))
 
     def _queue(self, fact: facts.Queued) -> None:
-        self._finish(fact.id)  # its handler left, and it waits for another
+        self._finish(fact.id)  # the handler of the message left, and it waits for another one
         self._unqueue(fact.id)
         if fact.id != fact.message_id:
             self.message_of[fact.id] = fact.message_id
@@ -223,7 +223,7 @@ class History(RecordFold):
             self._touch(fact.message_id)
 
     def _leave_queue(self, fact: facts.Unqueued) -> None:
-        self._finish(fact.id)  # its handler left, and it may not be queued again yet
+        self._finish(fact.id)  # the handler of the message left, and it is not queued again yet
         self._unqueue(fact.id)
 
     def _unqueue(self, delivery: int, end: float | None = None) -> Queueing | None:
@@ -273,8 +273,8 @@ class History(RecordFold):
     def _start_of(self, fact: facts.Delivered, handlings: list[Handling]) -> float:
         """Return when a handler started.
 
-        The handler of a prefetched delivery starts before central's entry of that, but after the
-        message was queued and after the previous handling in the resource.
+        The handler of a prefetched delivery starts before central writes the delivery's entry. It
+        starts after the message was queued, and after the previous handling in the resource.
         """
         if not fact.began:
             return self.time
@@ -304,7 +304,7 @@ class History(RecordFold):
         self._module(fact.module).resources.setdefault(fact.resource, 1)
 
     def _handling_of(self, delivery: int, module: str) -> Handling | None:
-        """Return a module's handling of a delivery; it may have ended."""
+        """Return a module's handling of a delivery, whether it is running or has ended."""
         message = self.delivered(delivery)
         handlings = reversed(message.handlings) if message else ()
         return next(
@@ -355,7 +355,8 @@ class History(RecordFold):
             if fact.body:
                 self._change(message, "failure_data", fact.body)
             if not fact.is_beside and isinstance(message, Task) and message.is_retry_due:
-                # The old run's outcome is void; a failure raised since the retry was due is not
+                # The outcome of the old run is void. A failure raised beside the handler since the
+                # retry was requested remains
                 self._forget_outcome(message)
                 self._change(message, "failure", old_failure)
                 self._change(message, "failure_data", old_data)
@@ -371,7 +372,7 @@ class History(RecordFold):
 
     def _drop(self, fact: facts.Dropped) -> None:
         self._unqueue(fact.id)
-        # A copy for a listener that left. A message that its sender gave up may still be handled
+        # This is a copy for a listener that left. A message that was given up is still handled
         if fact.id not in self.messages:
             self._finish(fact.id)
         self._stop_waiting(self._reply_waits.pop(fact.id, None))

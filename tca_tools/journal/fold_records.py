@@ -42,8 +42,8 @@ class RecordFold(Run):
     def __init__(self) -> None:
         super().__init__()
         self.news: list[Task | Handling | Queueing | HandlerWait | Claim | ModuleRecord] = []
-        """The records that the newest entry changed; a task only if its state or its constraints
-        changed.
+        """The records that the newest entry changed. A task is among them if its state, its
+        constraints or its life cycle changed, or if it stopped watching.
         """
         self._touched: dict[int, Task] = {}
         """The tasks whose state may have changed with the newest entry."""
@@ -56,8 +56,8 @@ class RecordFold(Run):
         self._called_for: dict[int, tuple[int, Failure]] = {}
         """For each exception handler, the failed task and its failure."""
         self._undecided: dict[int, Failure] = {}
-        """For each task, the failure that an exception handler left undecided: the next handler is
-        for this failure, not for a later one.
+        """For each task, the failure that its last exception handler left undecided. The next one
+        is called for this failure, not for a later one.
         """
 
     def _module(self, name: str) -> ModuleRecord:
@@ -85,8 +85,8 @@ class RecordFold(Run):
     def _start_again(self, message: Message) -> None:
         """Clear the old outcome of a message that is about to be handled.
 
-        A task that continues in spite of its failure retains it: the failure was dealt with, or the
-        task survived.
+        A task that continues in spite of its failure retains the failure. An exception handler has
+        dealt with it or is doing so, or the task has survived it.
         """
         continues = isinstance(message, Task) and (
             message.is_recovering or message.is_dealt_with or message.is_unhandled
@@ -95,7 +95,10 @@ class RecordFold(Run):
             self._forget_outcome(message)
 
     def _forget_outcome(self, message: Message) -> None:
-        """Clear the old outcome; a message to many receivers retains the answers of the others."""
+        """Clear the old outcome. A result is cleared only of a task.
+
+        A message to many receivers retains the answers of the other receivers.
+        """
         if not message.changes:  # most messages have no old outcome
             return
         self._change(message, "failure", NO_FAILURE)
@@ -192,7 +195,7 @@ class RecordFold(Run):
             self._change(task, "failure", failure)
 
     def _reopen_search(self, handler: int) -> None:
-        """Store that an exception handler was killed, or passed the failure on."""
+        """Store that an exception handler left a failure undecided: killed, or passed it on."""
         if handler in self._called_for:
             task, failure = self._called_for.pop(handler)
             self._undecided[task] = failure

@@ -29,8 +29,9 @@ _UNCERTAIN = "tasks that seem to be running since then may have ended"
 
 
 def newest_journal() -> Path:
-    """Return the journal of the newest run, of the central that ``$TCA_CENTRAL`` names if it is
-    set.
+    """Return the journal of the newest run.
+
+    If ``$TCA_CENTRAL`` is set, return the journal of the central that it names.
 
     Raises:
         UnusableLog: There is no such journal.
@@ -126,7 +127,7 @@ class Losses:
         self.facts = 0
         """The number of invalid facts and of facts that this version does not know."""
         self.ends: list[str] = []
-        """Why the rest of a segment could not be read, for segments that others follow."""
+        """For each segment whose end could not be read although another follows: the reason."""
         self._is_counted = True
         self._first_entry = self._first_fact = ""
         """The places of the first damaged entry and unknown fact, with the time before each."""

@@ -1,7 +1,7 @@
 """The life cycle of a task as its clients, its server and observers see it. Pure.
 
-The journal has a fact for a transition only if no other fact implies it. Implied transitions are:
-a handler is called with a task and thereby accepts it, a task starts again, a task ends.
+The journal has a fact for a transition only if no other fact implies it. Three transitions are
+implied: the call of a handler accepts the task, a task starts again, and a task ends.
 """
 
 from bisect import bisect_right
@@ -36,7 +36,7 @@ def _read(text: str) -> LifeCycle:
 
 
 def effect_of(run: Run, task: Task, transition: str, state: str) -> Effect:
-    """Return the effect of a transition, preferably of the one with that target state."""
+    """Return the effect of a transition. Of several with its name, the one to *state* counts."""
     rows = [one for one in cycle_of(run, task).transitions if one.name == transition]
     return next(
         (one.effect for one in sorted(rows, key=lambda one: one.target != state)), Effect.NONE
@@ -60,7 +60,7 @@ class Life(NamedTuple):
 def life_at(run: Run, task: Task, instant: float = inf) -> Life:
     """Return the place of a task in its life cycle at an instant."""
     cycle, changes = cycle_of(run, task), task.life[: bisect_right(task.life, instant, key=_TIME)]
-    # The last recorded step; implied steps before it are in its serial number already
+    # Start at the last recorded step: its serial number counts the implied steps before it, too
     state, serial, since = cycle.initial, 0, (-inf, _RECORDED)
     if changes:
         last = changes[-1]

@@ -27,7 +27,7 @@ class RunOutcome:
         """Why the first top-level task was killed, if one was."""
         self._states: dict[int, TaskState] = {}
         self._ends: dict[int, TaskState] = {}
-        """The end states of top-level tasks that will not be simply achieved."""
+        """By top-level task whose end state will be another than *achieved*: that end state."""
 
     @property
     def top(self) -> Counter[TaskState]:

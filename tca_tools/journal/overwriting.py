@@ -49,7 +49,10 @@ class Overwritten:
         return old[place][1] if place < len(old) else getattr(self, name)
 
     def written_at(self, name: str, instant: float = inf) -> float:
-        """Return when a field got its value at an instant: overwritten then, else received."""
+        """Return when a field got the value that it had at an instant.
+
+        That is when the old value was overwritten, or else when the record was received.
+        """
         old = self.old_values(name) if self.changes else ()
         place = bisect_right(old, instant, key=_TIME)
         return old[place - 1][0] if place else self.received

@@ -1,8 +1,8 @@
 """The records of a run: messages, tasks, and the runs of handlers. Plain data, filled by the fold.
 
 Many records are spans: they have a start, and an end once they are over. The spans of one thing
-are listed oldest first. A run may have millions of records, mostly with empty lists. These
-are all ``NONE``; ``appended`` returns a new sequence for the first element.
+are listed oldest first. A run may have millions of records, mostly with empty lists. All empty
+lists are the one object ``NONE``. ``appended`` returns a new sequence for the first element.
 """
 
 from bisect import bisect_left, bisect_right
@@ -105,7 +105,7 @@ class Drop(NamedTuple):
 
     time: float
     name: str
-    """The message's name; "" for notes of direct messages."""
+    """The message's name; "" for lost notes that direct messages were handled."""
     number: int
     """The number of messages dropped at once."""
     why: str
@@ -145,7 +145,7 @@ class Handling(Span):
     by: "Handling | None" = field(default=None, repr=False, compare=False)
     """The run of a handler that sent the direct message."""
     delivery: int = 0
-    """The delivery, the origin of the messages that the handler sends; new for each retry."""
+    """The number of the delivery, new for each retry. Messages of the handler have it as origin."""
     asked: "list[Message] | None" = field(default=None, repr=False, compare=False)
     """The queries that its handler sent."""
     is_lost: bool = False
@@ -310,8 +310,8 @@ class Suspension(Span):
     """The suspended task: this one or an ancestor."""
     start: float
     handlings: list[Handling] = field(default_factory=list, repr=False)
-    """The handlers of *cause* and its descendants that ran at the start, or started later: of tasks
-    resumed alone, or sent on termination.
+    """The handlers of *cause* and its descendants that ran at the start, or that started later.
+    Those that started later are of tasks that were resumed alone, or sent on termination.
     """
     end: float | None = None
     is_resumed: bool = False

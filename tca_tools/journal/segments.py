@@ -29,8 +29,8 @@ class Folder:
     earlier runs in a folder. Wall-clock times decide only if the numbers do not, since the clock
     may have been set between the runs.
 
-    A segment that does not name its run counts as one of this run. It may be empty, or it is not
-    a journal, which its reader reports.
+    A segment that does not name its run counts as one of this run. It is empty, or it is not a
+    journal. Its reader reports the latter.
     """
 
     def __init__(self, path: Path, epoch: str | None = None) -> None:
@@ -46,7 +46,7 @@ class Folder:
         self._read_openings(paths)
         before = self._numbered_before()
         by_number: dict[tuple[float, str], Path] = {}
-        # Copies last: central names its segments by number
+        # Copies come last: only the segments that central wrote are named by a number
         for path in sorted(paths, key=lambda path: not path.stem.isdecimal()):
             opening = self._openings.get(path)
             if opening is None:

@@ -158,7 +158,7 @@ def subtree(run: Run, roots: Iterable[TaskId]) -> set[int]:
 
 
 def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
-    """Return the tasks, the messages that their handlers sent, those that these sent, and so on."""
+    """Return *tasks*, and the other messages that their handlers sent, directly or indirectly."""
     found = set(tasks)
     for number, message in run.messages.items():  # a sender is older than its messages
         if (
@@ -170,7 +170,9 @@ def messages_of(run: Run, tasks: Iterable[int]) -> set[int]:
 
 
 def waited_for(run: Run, task: TaskId, own: set[int]) -> set[int]:
-    """Return the messages for which messages in a task's subtree waited, directly or for resources.
+    """Return the messages outside of a task's subtree for which messages in the subtree waited.
+
+    A message was awaited itself, or it held a resource that was awaited.
 
     Args:
         run: The run.

@@ -51,7 +51,7 @@ def active_at(spans: Sequence[_Span], time: float) -> _Span | None:
 
 
 def newest_active(spans: Sequence[_Span], time: float) -> list[_Span]:
-    """Return the spans active at a time, of the ``_NEWEST`` last that had started."""
+    """Return the spans that were active at a time. Only the ``_NEWEST`` newest are checked."""
     begun = bisect_right(spans, time, key=_START) if spans else 0
     newest = spans[max(begun - _NEWEST, 0) : begun]
     return [span for span in newest if span.end is None or span.end > time]

@@ -44,7 +44,7 @@ class Reactions:
         self.unhandled: dict[int, list[float]] = {}
         """For each task, the times of its failures that were not handled."""
         self.exhausted: dict[int, list[Exhausted]] = {}
-        """For each such task, the exception handlers that had no calls left."""
+        """For each task with an unhandled failure, the exception handlers with no calls left."""
         self.plans: dict[int, list[PlannedEvent]] = {}
         """For each task, its planned kills and deadlines."""
         self.tests: dict[int, list[tuple[float, bool]]] = {}
@@ -90,7 +90,9 @@ class Run(Reactions):
         """When each task was sent."""
         self.messages: dict[int, Message] = {}
         self.message_of: dict[int, int] = {}
-        """The message of each delivery with its own number: of a retry, or to one of many."""
+        """By delivery: its message. Only deliveries whose number is not that of their message are
+        listed: those of a retry, and those to one of many receivers.
+        """
         self.handlings: list[Handling] = []
         self.queueings: list[Queueing] = []
         self.copies: dict[int, list[Queueing]] = {}

@@ -1,7 +1,7 @@
 """A life cycle as a diagram in the language of Graphviz, like figures 2 and 10 of Lütkebohle et al.
 
-The active states are in a frame. A transition that all of them have is drawn once, from the frame;
-one that leads each of them back to itself is written in the frame.
+The active states are in a frame. A transition that all active states have is drawn once, from the
+frame. If it leads each of these states back to itself, it is written in the frame instead.
 """
 
 from collections.abc import Iterator

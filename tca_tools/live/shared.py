@@ -85,7 +85,7 @@ def plain(value: Any) -> Any:
 
 
 def _plain_part(part: Any) -> Any:
-    """Convert a value that msgspec does not know: a special number, an array; others as text."""
+    """Convert a value that msgspec does not know: an array to a list, most others to text."""
     return int(part) if isinstance(part, int) else getattr(part, "tolist", part.__str__)()
 
 

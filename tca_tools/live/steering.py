@@ -121,7 +121,7 @@ def steer(central: str | None, epoch: str, what: str, task: int, why: str = "") 
 
 
 def too_late(task: TaskRef, what: str) -> ToolError:
-    """Return the error for a request to a task that has ended or was killed before it arrived."""
+    """Return the error for a request that arrived after its task had ended or was killed."""
     has_ended = task.info() is None
     state = "has just ended" if has_ended else "was killed, and ends when its handler has returned"
     return ToolError(f"{task} {state}: it can't be {what} any more")
@@ -150,7 +150,7 @@ def find_task(client: Client, named: str) -> TaskRef:
 
 
 def _listed(client: Client) -> str:
-    """List the living tasks. Name central: the newest journal may belong to another one."""
+    """List the living tasks. If there are none, name central: the user may mean another one."""
     tasks = client.tasks()
     if not tasks:
         return f"central at {client.address} has no living tasks"

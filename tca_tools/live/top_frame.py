@@ -27,7 +27,7 @@ class ResourceLine(Struct, frozen=True):
     """Messages a second."""
     handling: str
     seconds: float
-    """Seconds since the handling of the oldest one started."""
+    """Seconds since the oldest running handler started."""
     blocked: int
     """The number of its slots whose handlers wait."""
     waiting: int
@@ -89,7 +89,7 @@ class Frame(Struct, frozen=True):
     totals: dict[str, int]
     """The numbers of waits, held and suspended tasks; central does not list all."""
     not_looked_at: int
-    """The number of living tasks, the newest, that were not searched for held ones."""
+    """The number of the newest living tasks, among which central did not search for held tasks."""
     memory: str
     """The use of central's memory, in words."""
     is_cut: bool

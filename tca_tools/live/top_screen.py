@@ -171,7 +171,7 @@ class _Lines(NamedTuple):
     total: int = 0
     """The full number, if `lines` is only a part."""
     among: str = ""
-    """The set in which they were counted, in words."""
+    """The tasks among which central counted the lines, in words; "" for all."""
     room: int = 0
 
     @property

@@ -212,13 +212,13 @@ class _About:
         self._names: set[str] = set()
 
     def matches(self, fact: Fact) -> bool:
-        """Whether a fact is about one of these messages, or about one that its handler sent."""
+        """Whether a fact is about a wanted message, or about a message that its handler sent."""
         if isinstance(fact, Received):
             self._names.add(fact.message)
             if fact.message == self._text:
                 self._numbers.add(fact.id)
         elif isinstance(fact, Queued | Delivered) and fact.message_id in self._numbers:
-            # later facts about a copy, or about another try, have only its own number
+            # later facts about a copy, or about another try, have only the number of this delivery
             self._numbers.add(fact.id)
         is_match = not self._numbers.isdisjoint(_subjects(fact))
         self._is_found |= is_match

@@ -61,8 +61,8 @@ def stored_runs(folder: Path) -> list[StoredRun]:
 def _with_ends_in_order(runs: list[StoredRun]) -> list[StoredRun]:
     """Return successive runs with their ends corrected to the same order.
 
-    If a run seems to end before an earlier one, its clock was not set. It may have ended as late as
-    the next run, or now.
+    If a run seems to have ended before an earlier run, the machine's clock was wrong. Such a run
+    may have ended as late as the next run, or just now.
     """
     found, after = list[StoredRun](), time.time()
     for run, latest in reversed(
@@ -93,9 +93,9 @@ def _runs_in(journal: Path) -> Iterator[StoredRun]:
 def superfluous(
     runs: list[StoredRun], keep: float | None, keep_bytes: float | None
 ) -> list[StoredRun]:
-    """Return the runs to remove, among them those that are retained for another reason.
+    """Return the runs that ended more than *keep* seconds ago, or exceed *keep_bytes* bytes.
 
-    They ended more than *keep* seconds ago, or are the oldest above *keep_bytes* bytes.
+    The oldest ones count as exceeding. Some of these runs may have to stay: see ``why_retained``.
     """
     found, total = [], sum(run.size for run in runs)
     for run in runs:
@@ -107,7 +107,7 @@ def superfluous(
 
 
 def remove(run: StoredRun, *, with_folder: bool) -> None:
-    """Remove the files of a run, and the folder *with_folder* if it is empty then.
+    """Remove the files of a run, and if *with_folder* is set its folder, if that is empty then.
 
     The last segment goes last: it marks the run as closed, so the rest is never continued.
     """

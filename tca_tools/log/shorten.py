@@ -2,8 +2,8 @@
 
 A fact is removed when all tasks and messages that it is about ended before a given time of the
 run's clock. A task that stays keeps its ancestors, so every tree still has its root. Whole segments
-are rewritten, except the newest one, which central writes, and those newer than the oldest stored
-input, which a recovery compares with the inputs.
+are rewritten, with two exceptions. Central writes the newest segment. A recovery compares the
+segments that are newer than the oldest stored input with the inputs.
 """
 
 import os

@@ -20,7 +20,7 @@ class Breach(NamedTuple):
     messages: Collection[Any] = ()
     """The messages that break the property."""
     newest: Collection[Any] = ()
-    """The newest of these messages, if there are too many."""
+    """If too many messages match, those of them that match since this event."""
 
 
 Outcome = tuple[int, Breach | None]
@@ -47,7 +47,7 @@ class Property:
         self.is_owed = is_owed or (lambda _memory: False)
         """Returns, from the memory, whether something must still happen."""
         self.case = case
-        """If this predicate is never true, the property holds trivially. None: that can't be."""
+        """If this predicate is never true, the property holds trivially (None: it never does)."""
         self.is_certain = is_certain
         """Whether a breach is certain even if earlier parts of the journal are missing."""
 
@@ -234,7 +234,7 @@ def within(seconds: float, first: str | Predicate, second: str | Predicate) -> P
     most = round(seconds * _MICROSECONDS)
 
     def seen(values: PredicateValues, memory: int) -> Outcome:
-        """Remember the microseconds for which it has been due, plus one."""
+        """Remember for how many microseconds *second* has been due, plus one (0: it is not due)."""
         if memory:
             memory += round(values.passed * _MICROSECONDS)
         passed = memory - 1

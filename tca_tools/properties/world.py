@@ -38,7 +38,7 @@ class PredicateValue(NamedTuple):
 
 
 class PredicateValues(Protocol):
-    """The current values of predicates, for properties; predicates see the world itself."""
+    """The current values of predicates. Properties see these; predicates see the world itself."""
 
     def true_of(self, predicate: Predicate) -> PredicateValue:
         """Return the messages for which a predicate is true."""

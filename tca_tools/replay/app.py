@@ -88,7 +88,8 @@ class Replay(App[None]):
         self.is_playing = False
         self.selected = 0
         self.follows_cursor = True
-        """Whether each message selects the task that it is about; not if the user selects one."""
+        """Whether each message selects the task that it is about. False once the user selects one.
+        """
         self._opened: dict[int, bool] = {}
         self._clock = 0.0
         self._search_text = ""
@@ -157,7 +158,7 @@ class Replay(App[None]):
         bar.place, bar.heading = self.place, "   ".join(heading)
 
     def _task_at_cursor(self) -> int:
-        """Return the task that the event at the cursor is about; that of a failure comes first."""
+        """Return the task that the event at the cursor is about; a failed task is preferred."""
         facts = self.recording.events[self.place] if self.recording.events else []
         failed_first = sorted(facts, key=lambda fact: not isinstance(fact, Failed))
         return next(filter(None, map(self.recording.task_of, failed_first)), 0)

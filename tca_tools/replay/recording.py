@@ -105,7 +105,7 @@ class Recording:
         return (failure for failure in places if (failure - place) * step > 0)
 
     def task_of(self, fact: Fact) -> int:
-        """Return the task that a fact is about, or whose handler sent its message; 0 for none."""
+        """Return the task that a fact is about, or whose handler sent the fact's message; or 0."""
         named = [subject_of(fact), getattr(fact, "origin", 0)]
         if isinstance(fact, Failed):
             message = self.run.delivered(subject_of(fact))

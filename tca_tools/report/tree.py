@@ -11,7 +11,7 @@ from tca_wire.points import Interval
 
 SHOWN_AT_MOST = 800
 _BESIDE_AT_MOST = 200
-"""The most siblings before successive ones of one state are folded."""
+"""Among more siblings than this, successive siblings of one state are folded."""
 DEEPEST = 40
 """The greatest depth of nesting, which browsers limit."""
 _ALL_OPEN = 60

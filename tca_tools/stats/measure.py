@@ -28,7 +28,7 @@ class Times:
             self.open_times.append(now - start)
 
     def is_at_least(self, seconds: float) -> bool:
-        """Whether a percentile of *seconds* may grow, as a duration up to it has not ended."""
+        """Whether a percentile of *seconds* may grow: an open duration is not longer so far."""
         return any(time <= seconds for time in self.open_times)
 
     def percentile(self, share: float) -> float | None:
@@ -181,9 +181,10 @@ def _count_drop(stats: MessageStats, drop: Drop) -> None:
 
 
 def _is_open(run: Run, message: Message) -> bool:
-    """Whether a message's handler has not ended; for a broadcast or variable, that of a copy.
+    """Whether a message still waits, or its handler has not returned.
 
-    A message that a lost module had prefetched fails without a handler.
+    A broadcast or variable is open while one of its copies is. A message that a lost module had
+    prefetched has failed without a handler, so it is not open.
     """
     if message.message_class.fans_out and not message.message_class.has_reply:
         handlings = *run.copies.get(message.id, ()), *message.handlings

@@ -16,7 +16,9 @@ from tca_wire.vocabulary import Outcome
 _WIDTH = 100
 """Columns if the width of the terminal is unknown."""
 _NARROWEST_NAME, _LEAST_NAME = 12, 4
-"""Columns of a name: below the first, table columns are left out; it always has the second."""
+"""Columns of a name. If there is room for fewer than the first number, table columns are left out.
+A name always has the second number.
+"""
 _AT_LEAST = "+"
 _NONE = "-"
 _ENDS = {
@@ -148,8 +150,8 @@ def _table(
 ) -> list[str]:
     """Return a line of headings, a line of column heads, and the rows.
 
-    Empty columns are left out. To save room others are, too, one after the other; then names are
-    cut.
+    Empty columns are left out. To save room, other columns are left out, one after the other. If
+    that is not enough, names are cut.
     """
     all_columns = [
         (column, [column.head, *(str(column.cell(row, seconds)) for _, row in rows)])

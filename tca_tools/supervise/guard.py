@@ -1,9 +1,10 @@
 """The guard: a process that ends programs when their starter is killed.
 
 It is started as ``python guard.py GRACE STARTER``, and imports only the standard library to stay
-small. Its standard input is a pipe from the starter: the kernel closes it, however the starter
-dies. Each program writes its process group into the pipe before it starts: ``+12 0``, or ``+7 1``
-if it ends last, as central does. The starter writes ``-12`` when the group has ended.
+small. Its standard input is a pipe from the starter. The kernel closes the pipe, however the
+starter dies. Each program writes its process group into the pipe before it starts: ``+12 0``, or
+``+7 1`` if the program ends last, as central does. The starter writes ``-12`` when group 12 has
+ended.
 """
 
 import os

@@ -63,7 +63,7 @@ class Running:
     def _wait(
         self, modules: dict[Supervised, "Future[None]"], futures: list["Future[None]"]
     ) -> BaseException | None:
-        """Wait for a reason to end all. Return the error if it is one."""
+        """Wait for a reason to end all. If the reason is an error, return it."""
         while True:
             requested_at, why = self._reasons.get()
             errors = [future.exception() for future in futures if future.done()]

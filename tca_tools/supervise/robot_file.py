@@ -38,7 +38,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """The limits of a program's restarts, and of its time to end."""
 
     restarts: Annotated[int, Meta(ge=0, le=1000, description="a whole number from 0 to 1000")] = 5
-    """More crashes than this, *within* that many seconds, end the robot."""
+    """All programs are ended if one crashes more often than this in ``within`` seconds."""
     within: Annotated[float, Meta(gt=0, le=_DAY, description="a number of seconds above 0")] = 60.0
     delay: Seconds = 0.5
     """Seconds before the first restart. Each further delay is doubled, up to the longest."""
@@ -157,8 +157,8 @@ def _robot(tables: dict[str, Any], folder: Path) -> RobotFile:
 def _central(table: _CentralTable, address: str, folder: Path) -> Launch:
     """Return the launch of central.
 
-    Each run of the robot has its own journal, unless the file names one. A restarted central
-    continues with it.
+    Each run of the robot has its own journal, unless the file names a journal. If central is
+    restarted during the run, it continues with the same journal.
     """
     journal = _path(folder, table.journal) if table.journal else new_journal()
     options = ["--bind", address, "--journal", str(journal), *table.options]

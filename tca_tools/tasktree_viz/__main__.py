@@ -18,7 +18,9 @@ from tca_tools.terminal import can_show, cut, line_width
 from tca_wire.text.printable import printable
 
 _DRAWN, _MOST_DRAWN, _MOST_IN_FIGURE = 120, 240, 60
-"""For a large tree: the tasks that a picture aims at; its most rows; a figure's most boxes."""
+"""For a large tree: about how many tasks a picture shows, the most rows of a picture, and the most
+boxes of a figure.
+"""
 
 
 @click.command()

@@ -50,7 +50,9 @@ class Arrows:
     between: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """For each two tasks, the kinds of the constraints between them."""
     own: dict[int, list[ArrowKind]] = field(default_factory=dict)
-    """For each task, the kinds of its constraints with itself, unless an arrow to it has them."""
+    """For each task, the kinds of constraints between its own moments. A kind that stands on an
+    arrow to the task is left out.
+    """
     unseen: dict[tuple[int, int], list[ArrowKind]] = field(default_factory=dict)
     """As *between*, but from tasks that are not shown, because they are folded or not selected."""
 
@@ -107,7 +109,7 @@ def in_words(
 
 
 def _predecessors(at: RunAt, tasks: Iterable[int]) -> set[int]:
-    """Return the predecessors of the given tasks: a successor's wait for them is implied."""
+    """Return the predecessors of *tasks*. A task that follows *tasks* follows these anyway."""
     constraints = (one for task in tasks for one in at.tasks[task].constraints)
     return {one.before.task for one in constraints if kind_of_arrow(one).name == SEQ}
 

@@ -123,7 +123,7 @@ def border_of(task: TaskAt) -> tuple[str, str] | None:
 
 def _label_lines(at: RunAt, task: TaskAt, constraints: list[str], with_data: bool) -> Iterator[str]:
     yield f'{text(task.name)} <font color="{FAINT}">{{{task.id}}}</font>'
-    times = ""  # of achieving; before that, of planning
+    times = ""  # those of achieving; before it starts, those of planning
     if span := words.span(task, Interval.ACHIEVING) or words.span(task, Interval.PLANNING):
         start, end = span
         times = f" since {start:.2f}" if end is None else f" {start:.2f}–{end:.2f}"  # noqa: RUF001 - an en dash

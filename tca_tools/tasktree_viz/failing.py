@@ -44,7 +44,7 @@ class Link:
     """The number of causes between this event and the task of the chain."""
     text: str
     brief: str = ""
-    """The text without the reason, if it has one."""
+    """The text without the reason, if the text has a reason."""
 
 
 def failure_chain(run: Run, number: TaskId, instant: float = inf) -> list[Link]:
@@ -88,9 +88,9 @@ class _FailureCause(NamedTuple):
     message: Message
     path: _Path
     until: float
-    """Later events were not a cause."""
+    """The time until which its events may have been a cause."""
     known: float
-    """The instant as of which its fate is described."""
+    """The instant as of which the fate of the message is described."""
 
 
 def _order(found: tuple[float, _Path, Link]) -> tuple[float, int, _Path]:
@@ -165,7 +165,7 @@ def _with_why(time: float, depth: int, what: str, why: str, more: str = "") -> L
 
 
 def _end_above(run: Run, task: Task, depth: int, instant: float) -> Iterator[Link]:
-    """Yield the fate at *instant* of an ancestor that was retried for its failure."""
+    """Yield the state at *instant* of an ancestor that was retried because *task* had failed."""
     failed = max((time for time, _ in task.failures if time <= instant), default=inf)
     above = retried_ancestor(run, task, failed, instant)
     if above is not None and (state := RunAt(run, instant).tasks[above.id].state) in OVER:
@@ -174,7 +174,7 @@ def _end_above(run: Run, task: Task, depth: int, instant: float) -> Iterator[Lin
 
 
 def _has_tried_again(task: Task, instant: float) -> bool:
-    """Whether its handler has returned once more after the last retry."""
+    """Whether the task's handler has returned once more after the last retry."""
     again = max((one.time for one in task.retries if one.time <= instant), default=0.0)
     since = [one for one in task.handlings if one.start >= again]
     return any(one.end is not None and one.end <= instant for one in since)
@@ -217,9 +217,10 @@ def _is_named(run: Run, cause: Message, until: float, failed: Message) -> bool:
 
 
 def _culprits(run: Run, task: Task) -> list[Task]:
-    """Return the task whose failure another task was killed for; empty if it was its own.
+    """Return the other task because of whose failure *task* was killed; empty if there is none.
 
-    That failure was not handled, or its exception handler requested the kill.
+    The failure of the other task was not handled, or an exception handler called for it requested
+    the kill.
     """
     handler = decider(run, task.killer)
     failed = run.tasks.get(task.killed_for, task)
@@ -234,7 +235,10 @@ def _culprits(run: Run, task: Task) -> list[Task]:
 def _deadline_causes(
     run: Run, message: Message, failed: float, failure: Failure
 ) -> Iterator[tuple[float, bool, str]]:
-    """Yield the known causes of a passed deadline: the start, whether another message, the text."""
+    """Yield the known causes of a passed deadline.
+
+    Each has its start, whether it lies in another message, and its text.
+    """
     deadlines = [one.set_at for one in run.plans.get(message.id, ()) if one.moment is not None]
     at = RunAt(run, nextafter(failed, 0.0))
     task = at.tasks.get(TaskId(message.id))

@@ -17,7 +17,8 @@ LAYOUTS = ("auto", "figure", "outline")
 _MOST_DRAWN = 3000
 """A picture of more boxes would not be readable."""
 _FIGURE, _FIGURE_WIDE = 14, 9
-"""The leaves of a figure, and its boxes at one depth, at most: a wider one does not fit a screen.
+"""The most leaves of a figure, and its most boxes at one depth. A wider figure does not fit a
+screen.
 """
 
 

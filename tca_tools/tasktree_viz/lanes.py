@@ -54,7 +54,7 @@ def lines(pairs: Iterable[tuple[int, int]]) -> list[Line]:
 
 
 def _assign_lanes(found: Iterable[Line]) -> list[Line]:
-    """Assign lanes to the lines, the nearest to the shortest: that gives the fewest crossings."""
+    """Assign lanes to the lines. Shorter lines get nearer lanes, so that few lines cross."""
     taken: list[list[tuple[int, int]]] = [[] for _ in range(MOST_LANES)]
     leaving: Counter[int] = Counter()
     placed: list[Line] = []

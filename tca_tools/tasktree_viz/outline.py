@@ -21,7 +21,7 @@ SHOWN_AT_MOST = 300
 BESIDE_AT_MOST = 12
 """If a task has more children, runs of children in the same state are folded."""
 _KEPT = 2
-"""The number of tasks of such a run that stay at each end."""
+"""The number of tasks that remain at each end of a folded run."""
 _FEWER = (16, 8, 4, 2, 1)
 """The numbers of siblings to leave at each end, tried in turn until the rows are few enough."""
 _WORST_FIRST = (TaskState.FAILED, HANDLED, TaskState.KILLED, TaskState.RESOLVED, TaskState.ACHIEVED)
@@ -51,7 +51,7 @@ class Row:
     def state(self) -> str:
         """The common state of the folded tasks.
 
-        If they have several states but all have ended, it is the worst; else "".
+        If they have several states, but all have ended, it is the worst of these states; else "".
         """
         if len(self.states) == 1:
             return next(iter(self.states))
@@ -128,8 +128,8 @@ def traverse(below: Callable[[Row], list[Row]], at_most: int = maxsize) -> list[
 def excerpt(at: Forest, rows: list[Row], at_most: int) -> list[Row]:
     """Return at most *at_most* rows.
 
-    Among too many siblings, the first and last remain: first of notable tasks, then of others. If
-    there are still too many rows, the last ones are folded.
+    Of too many siblings, the first and the last remain, and notable tasks are preferred to others.
+    If there are still too many rows, the last rows are folded.
     """
     if len(rows) <= at_most:
         return rows
@@ -243,7 +243,7 @@ def _choose(at: Forest, notable: set[int], budget: int, beside_at_most: int) -> 
         shown.update(nearest)
         samples.update(nearest if is_crowded and above != ROOT else ())
         level.extend(child for child in children if child in shown)
-    # a sample without shown children would look like a leaf: it is folded with them
+    # a sample without shown children would look like a leaf, so it is folded with its children
     return shown - {
         one for one in samples - notable if at.children(one) and shown.isdisjoint(at.children(one))
     }

@@ -214,7 +214,7 @@ class _Picture:
             ends = [entry + self._places[number].top for number in line.targets]
             left = self._places[line.targets[0]].left
             x = left - self._indent / 2 - line.lane * _LANE
-            if line.lane:  # inner lines are interrupted where it crosses them
+            if line.lane:  # inner lines are interrupted where this line crosses them
                 across = " ".join(
                     f"M{left:.1f} {y:.1f} H{x + _ROUND:.1f}" for y in (*starts, *ends)
                 )
@@ -242,7 +242,7 @@ class _Picture:
 
 
 def _span(at: RunAt, task: TaskAt) -> tuple[float, float]:
-    """Return the start and the end of a task; now, if it has not ended."""
+    """Return the start and the end of a task. If it has not ended, the end is now."""
     reached = task.reached.values()
     end = max(reached, default=0.0) if task.state in OVER else at.time
     return min(reached, default=at.time), end

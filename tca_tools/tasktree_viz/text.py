@@ -36,10 +36,12 @@ _TIMES_WIDTH = 13
 _GAP = 2
 """Columns between two columns."""
 _NOTE_WIDTH = 36
-"""Columns of notes for which times are left out: the reason of a wait or failure says more."""
+"""Times are left out if notes would have fewer columns than this: a reason says more than times."""
 _WIDTH_OF_FILE = 120
 _NARROWEST, _NARROW = 20, 50
-"""Columns: no line is cut shorter than the first; below the second a duration follows its text."""
+"""Columns: no line is cut to fewer than the first number. If a line has fewer than the second, a
+duration stands after its text.
+"""
 _TIMES_OF_STORY = 22
 _LEAST_WORDS = 8
 """Columns for the words of a story, at least."""
@@ -111,7 +113,10 @@ def tree_lines(
 
 
 def _time_columns(rows: list[Row], room: int | None) -> dict[Interval, int]:
-    """Return the columns of times with their widths; without room, only achieving, or none."""
+    """Return the columns of times with their widths.
+
+    Without enough room, the times of planning are left out, then those of achieving.
+    """
     tasks = [row.task for row in rows if row.task]
     columns = {
         one: max([_TIMES_WIDTH, *(len(words.times(task, one)) for task in tasks)])
@@ -131,10 +136,10 @@ def _with_note(note: words.TaskNote, time: float, cells: str, room: int | None) 
 
 
 def prefixes(rows: list[Row], guides: Guides, wide: int, levels: int) -> list[tuple[str, str]]:
-    """Return the prefix of each row's name, and of the lines below that belong to it.
+    """Return two prefixes for each row: that of its name, and that of further lines of the row.
 
-    Guides are three columns wide down to level *wide*, and two below. After every *levels* levels,
-    the indentation starts again with the depth as a number.
+    Guides are three columns wide down to level *wide*, and two columns below that level. After
+    every *levels* levels, the indentation starts again with the depth as a number.
     """
     found: list[tuple[str, str]] = []
     inner: list[str] = []  # for each row, the prefix of its children's guides

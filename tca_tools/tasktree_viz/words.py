@@ -103,7 +103,7 @@ class TaskNote(NamedTuple):
     text: str = ""
     """The reason why it waits, or its outcome if that is not "done"."""
     age: Age | None = None
-    """The start of the present wait, and of all waiting since its last progress."""
+    """The start of the present wait, and the start of the uninterrupted waiting."""
     last: Last | None = None
     """The last cause of the wait, if it differs from the first."""
     waits: Sequence[WaitFor] = ()
@@ -117,7 +117,8 @@ class TaskNote(NamedTuple):
     def within(self, room: int | None, time: float) -> str:
         """Return the note at a *time*, shortened to *room* columns.
 
-        The duration is left out first, and the last cause last.
+        The duration is left out first. Then the text is cut. If too little of the text would
+        remain, the last cause is left out.
         """
         lasted = lasting(self.age, time) if self.text else ""
         whole = _joined("; ", self.text + lasted, self.end)
@@ -181,7 +182,7 @@ def _life(task: TaskAt) -> str:
 
 
 def _in_brief(progress: bytes) -> str:
-    """Return an intermediate result: if it has a field *text*, only that and its numbers."""
+    """Return an intermediate result; if it has a field *text*, only this field and its numbers."""
     data = plain_data(progress)
     text = data.get("text") if isinstance(data, dict) else None
     if not text or not isinstance(text, str):
@@ -202,7 +203,7 @@ def with_state(at: RunAt, task: TaskAt, note: TaskNote) -> str:
 
 
 def _why_killed(at: RunAt, task: TaskAt) -> str:
-    """Return the reason of its kill; "" if its parent was killed for the same reason."""
+    """Return why a task was killed; "" if its parent was killed for the same reason."""
     above = at.tasks.get(task.parent)
     if above and above.why_killed == task.why_killed:
         return ""

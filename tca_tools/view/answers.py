@@ -193,14 +193,17 @@ def notes_answer(reading: Reading, ids: list[int], instant: float) -> dict[str, 
 
 
 def _note(at: RunAt, task: TaskAt) -> Data:
-    """Return the parts of a note, and the messages in it: it is valid until one of them ends."""
+    """Return the parts of a note, and the messages that it names.
+
+    The note is valid until one of these messages ends.
+    """
     note = note_of(at, task, verb="")
     text, failure = note.text, printable_lines(task.failure[:_LONGEST_FAILURE])
     whole = [text, failure]
     if task.state in OVER:
         text = ": ".join(filter(None, (task.standing, note.text)))
         if task.failure and not task.failure.words and (data := data_text(task.failure_data)):
-            text += f" {data[:_LONGEST_DATA]}"  # the failure has no text but its data
+            text += f" {data[:_LONGEST_DATA]}"  # the failure has data, but no text
         whole = [failure or text]
     return {
         "text": text,

@@ -37,14 +37,14 @@ PAGE = Path(__file__).parent / "page"
 _PATIENCE = 10.0
 """Seconds that a request for new rows may stay open."""
 _PATIENCE_ENDED = 2.0
-"""The same for a run that has ended: a new run may start."""
+"""The same for a run that has ended. It is shorter, since a new run may start."""
 
 
 class SteeringRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A page's request to steer a task."""
 
     run: str
-    """The address of the run that it shows."""
+    """The address of the run that the page shows."""
     task: int
     what: str
     why: Annotated[str, msgspec.Meta(max_length=1000)] = ""

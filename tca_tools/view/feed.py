@@ -94,11 +94,11 @@ class Feed:
         self.columns = Columns(TABLES)
         self._add = self.columns.add
         self._rows: dict[str, int] = {}
-        #: By the identity of a record, or by another key.
+        #: By the identity of a record, or by another key: its open span.
         self._open: dict[object, _OpenSpan] = {}
         #: By message, its last span of handling or queueing.
         self._newest: dict[int, int] = {}
-        #: By row and group of kinds.
+        #: By row and group of kinds: the lanes of the spans.
         self._lanes: dict[tuple[int, str], Lanes] = {}
         #: By task, the numbers of its states and constraints in the columns.
         self._states: dict[int, int] = {}
@@ -248,7 +248,7 @@ class Feed:
             self._add("suspended", span, by_whom(suspended[-1] if suspended else ""))
 
     def _add_watching(self, monitor: Task, *, has_changed: bool) -> None:
-        """Add the state "watching" of a monitor: its task's own state does not show it."""
+        """Add the state "watching" of a monitor, which the state of its task does not show."""
         state = monitor.stage(-1)[1]
         watching = is_watching(monitor, state)
         if has_changed or watching != (monitor.id in self._watching):

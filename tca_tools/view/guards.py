@@ -1,9 +1,10 @@
 """The guards of a page's server.
 
-The server listens on this machine only, and answers only to its own host name. A page of another
-site can't read from it in the user's browser (DNS rebinding). A server that other machines can
-reach requires a token. Changes require a key, which is part of the address that the command
-printed. Without it, neither a page of another site nor another user of this machine can steer.
+By default the server listens on this machine only, and answers only to its own host name. So a page
+of another site can't read from the server in the user's browser (DNS rebinding). A server that
+other machines can reach requires a token. Changes require a key, which is part of the address that
+the command printed. Without the key, neither a page of another site nor another user of this
+machine can steer.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -21,7 +22,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from tca_tools.errors import ToolError
 
-TOKEN = "access"  # noqa: S105 - the name of it
+TOKEN = "access"  # noqa: S105 - the name of the parameter
 """The parameter of the address, and the cookie, with the token."""
 
 _HEADERS = {

@@ -155,7 +155,8 @@ class Reading:
         found: list[Entry] = []
         for segment, together in groupby(places, attrgetter("segment")):
             offsets = [place.offset for place in together]
-            with segment.open("rb") as stream, suppress(JournalDamaged):  # after the last one
+            # There may be damage after the last of these entries
+            with segment.open("rb") as stream, suppress(JournalDamaged):
                 for entry in JournalReader(stream, str(segment), offsets[0]):
                     if found and entry.number == found[-1].number:
                         # a further record of the same event

@@ -1,10 +1,10 @@
 """The runs that a page can show, and their readings.
 
-Without a LOG, these are the runs in central's folder of journals. With a LOG, these are its runs,
-and the others of that folder if it contains the LOG.
+Without a LOG, these are the runs in central's folder of journals. With a LOG, these are the runs of
+the LOG. If the LOG is in central's folder, the other runs of that folder can be shown, too.
 
-Pages request a run by its *address*: folder and epoch, which never change. Users see its *name*,
-which differs from the names of the other runs: "FOLDER" if the folder has one run, else "FOLDER#2".
+Pages request a run by its *address*: folder and epoch, which never change. Users see the run's
+*name*: "FOLDER" if the folder has one run, else "FOLDER#2". Each run has another name.
 """
 
 import threading
@@ -91,7 +91,7 @@ class Runs:
         self._next_scan = 0.0
         self.all()
         self.newest_at_start = self._newest
-        """By address: a page that shows a LOG announces only newer runs."""
+        """The address of the newest run at the start. A page of a LOG announces only later runs."""
 
     def all(self) -> list[ListedRun]:
         """List the present runs, oldest first, and remember their names and the newest one."""
@@ -100,7 +100,7 @@ class Runs:
             if self.follows:
                 try:
                     newest = newest_journal().resolve()
-                except UnusableLog:  # its folder was removed
+                except UnusableLog:  # the folder of the newest run was removed
                     newest = Path()
                 else:
                     self._places.setdefault(newest)
@@ -129,7 +129,7 @@ class Runs:
     def names(self, shown: ShownRun) -> tuple[RunName, RunName]:
         """Return the names of a run that is being read, and of the newest one, consistently."""
         newest, address = self.newest, shown.address
-        # its journal was empty until now, and its reading does not know the epoch yet
+        # the journal of *shown* was empty until now, and its reading does not know the epoch yet
         if newest.address.startswith(f"{address}#"):
             return newest, newest
         return self._named(address), newest
@@ -175,7 +175,10 @@ class Runs:
         )
 
     def _first_address(self, address: str) -> str:
-        """Return the address of its first request, which has no epoch if the journal was empty."""
+        """Return the address with which a run was requested first.
+
+        It has no epoch if the journal was empty then.
+        """
         if address not in self._shown:
             for known, (shown, _) in self._shown.items():
                 if address == shown.address:
@@ -198,7 +201,7 @@ class Runs:
             return log
         runs = self.all()
         found = [run for run in runs if run.address == address]
-        # its journal was empty when it was first requested
+        # the journal of the run was empty when the run was first requested
         found += [run for run in runs if str(run.path) == address]
         try:
             return open_log(found[0].path, found[0].epoch) if found else None
@@ -246,7 +249,7 @@ class Runs:
 
 
 def _distinct_names(places: list[Path]) -> dict[Path, str]:
-    """Return a name for each place; equal names get as much of the path as they differ in."""
+    """Return a name for each place. Equal names get more of their paths, until they differ."""
     names = {place: title_of(place) for place in places}
     while len(count := Counter(names.values())) < len(names):
         for place, name in names.items():

@@ -32,7 +32,8 @@ def serve_page(
         listener: where the server listens.
         host: the host that the user named.
         key: the key that allows the page to change anything; "" for a read-only page.
-        application: creates the application, from its host names and the token that it requires.
+        application: creates the application from two arguments: the host names to which the server
+            answers, and the token that requests must have.
         name: the title of what the page shows.
         notes: lines to print below the address.
         browser: whether the page is opened.

@@ -25,7 +25,7 @@ class Traffic:
         """The links of messages whose handler has not started."""
 
     def add_message(self, message: Message) -> None:
-        """Count a sent message. One for several handlers is counted when each handler starts."""
+        """Count a sent message. If it has several handlers, it counts when each of them starts."""
         kind = message.message_class
         if not (kind.is_monitor or kind.fans_out or message.handlings):
             link = self._unhandled[message.id] = self._link(message.sender, message.name, kind, "")

@@ -1,8 +1,9 @@
 """The world that properties see after an action: that of ``tca check`` without ids and times.
 
-States that differ only in ids, orders and absolute times are explored once, so these differences
-are hidden. Messages come in an order that follows from the state, not from their age. Ids can only
-be compared. A property that reads the time makes it part of the state.
+Two states that differ only in ids, orders and absolute times are explored as one state. Properties
+must therefore not see these differences. Messages come in an order that follows from the state, not
+from their age. Ids can only be compared. If a property reads the time, the time becomes part of the
+state.
 """
 
 from collections.abc import Callable, Iterator
@@ -134,7 +135,7 @@ class World:
         A request that was refused or came too late was not accepted.
         """
         self._on_time_read = on_time_read  #: called when a property reads the time
-        # Messages from before the last action keep the order of the state before it; newer ones
+        # Messages from before the last action keep the order of the previous state. Newer messages
         # follow in the order in which they were sent.
         keys = sorted(known.items, key=lambda key: (key not in order, order.get(key, key)))
         self._seen = {key: Seen(known.items[key]) for key in keys}
@@ -143,8 +144,8 @@ class World:
         """Return the value of *predicate* in this world."""
         return PredicateValue.of(predicate(self))
 
-    # Predicates that are counted (sent, retried, ...) are true for one action only, so each match
-    # is a new one.
+    # A predicate of an event (sent, retried, ...) is true for one action only, so each match of it
+    # is new.
     newly = true_of
 
     @property
@@ -169,8 +170,8 @@ class World:
         """Return the constraints on *task*, without those that have a delay.
 
         Returns:
-            For each constraint, a moment of *task*, the moment that must be reached first, and the
-            task of that moment; None for a task that has ended.
+            For each constraint three values: a moment of *task*, the moment that must be reached
+            first, and the task that must reach it. The task is None if it has ended.
         """
         keys = {seen.id: key for key, seen in self._seen.items()}
         holds = self._known.items[keys[task.id]].holds
@@ -203,8 +204,8 @@ class World:
     def now(self) -> float:
         """Seconds since the run began.
 
-        A property that reads it makes the time part of the state. A scenario in which time passes
-        forever then has no end of states. ``within`` needs no such time.
+        If a property reads this, the time is part of the state. A scenario in which time passes
+        forever then has infinitely many states. ``within`` does not have this effect.
         """
         self._on_time_read()
         return round(self._known.now, _DIGITS)

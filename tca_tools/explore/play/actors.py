@@ -42,23 +42,24 @@ class Actor:
         self.program = program
         self.delivery = delivery  #: the delivery that it handles; 0 for a program of a module
         self.task = task  #: the task that it handles; 0 for none
-        self.known_ids: list[TaskId] = []  #: the other ids that it has learned, by place
+        self.known_ids: list[TaskId] = []  #: the other tasks' ids that it has learned, by place
         self.script_run = program.start(given)
-        #: By place: the requests that may still get an answer, or whose lock may be released.
+        #: The requests that may still get an answer, or whose lock may be released. The key of a
+        #: request is the number of requests that the script had stored before it.
         self.requests: dict[int, OpenRequest] = {}
-        self.asked = 0  #: the number of such requests so far
+        self.asked = 0  #: the number of requests that it has stored so far
         self.step: steps.Step | None = None  #: the step whose result it waits for
-        self.number = RequestNumber(0)  #: the request that central has not replied to
-        self.times_out_at: float | None = None  #: the end of its wait; None for none
+        self.number = RequestNumber(0)  #: its request without a reply of central; 0 for none
+        self.times_out_at: float | None = None  #: when its wait times out; None: never
         self.is_killed = False  #: its task was killed
         self.is_ending = False  #: its module leaves
-        self.was_ending = False  #: it was killed or ending when it last received a result
-        self.knows_of_kill = False  #: it has read that its task was killed, or was woken by that
-        self.knows_of_module_end = False  #: the same of the end of its module
+        self.was_ending = False  #: when it last received a result, its task or module was ending
+        self.knows_of_kill = False  #: it has read that its task was killed, or the kill woke it
+        self.knows_of_module_end = False  #: it has read that its module ends, or the end woke it
         self.client_requests: deque[steps.StepResult] = deque()  #: the unread requests of clients
-        #: The unread words of other scripts about the reply that it owes.
+        #: The words with which other scripts use the reply that it owes; it has not read them yet.
         self.reply_uses: deque[str] = deque()
-        #: Whether its task was suspended, at the last result and after each change since.
+        #: Whether its task was suspended: first at the last result, then after each later change.
         self.suspended: tuple[bool, ...] = (False,)
 
     @property
@@ -73,9 +74,10 @@ class Actor:
         return self.requests[step.request] if isinstance(step, steps.AwaitAnswer) else None
 
     def can_take(self, branch: steps.Branch) -> bool:
-        """Whether the script can have been notified of the kill and suspension that *branch* reads.
+        """Whether *branch* reads only what the script can have been notified of by now.
 
-        Decision 1 of CANCELLED or SUSPENDED reads that it happened, decision 0 that it did not.
+        A branch reads whether the script is CANCELLED or SUSPENDED: decision 1 is yes, decision 0
+        is no.
         """
         cancelled = {got.choice for got in branch.decisions if got.kind == CANCELLED}
         suspended = {bool(got.choice) for got in branch.decisions if got.kind == SUSPENDED}
@@ -86,7 +88,7 @@ class Actor:
     def is_woken_from(self, request: OpenRequest) -> bool:
         """Whether a kill, or the end of the module, interrupts the wait for *request*.
 
-        Each interrupts one wait, as in ``Connection.wait``.
+        A kill interrupts one wait only, as in ``Connection.wait``. So does the end of the module.
         """
         if not isinstance(request.header, WAITS_FOR_OTHERS):
             return False
@@ -103,15 +105,16 @@ class Actor:
         return self.is_ending and not self.knows_of_module_end
 
     def queue_request(self, got: steps.StepResult) -> None:
-        """Queue a client's request to its task, or receive it if it waits for one."""
+        """Queue a client's request to the script's task. A waiting script receives it at once."""
         self.client_requests.append(got)
         if isinstance(self.step, steps.ReadClientRequest):
             self.receive(self.client_requests.popleft())
 
     def wake_from_read(self) -> None:
-        """Interrupt a wait for clients if its task was killed or its module ends; once for each.
+        """Interrupt the script's wait for clients if its task was killed or its module ends.
 
-        An owed reply fails when the module ends.
+        A kill interrupts one wait only, and so does the end of the module. The end of the module
+        also ends the wait of a script that owes a reply.
         """
         by_kill = self._is_woken_by_kill
         if isinstance(self.step, steps.ReadClientRequest) and (by_kill or self._is_woken_by_end):
@@ -121,7 +124,7 @@ class Actor:
             self.receive(steps.StepResult(self.step.kind, module_ends=True))
 
     def use_reply(self, *words: str) -> None:
-        """Queue another script's *words* about the reply that it owes, and read the next ones."""
+        """Queue *words* with which another script uses the owed reply; read the oldest words."""
         self.reply_uses.extend(words)
         if isinstance(self.step, steps.OweReply) and self.reply_uses:
             self.receive(steps.StepResult(self.step.kind, words=self.reply_uses.popleft()))
@@ -156,7 +159,7 @@ class Actor:
             self.receive(replace(unread.popleft(), is_woken=True, module_ends=module_ends))
         else:
             self.receive(request.unread.popleft())
-        # A granted lock stays, as it can be released.
+        # The request for a granted lock stays, since the lock can be released.
         if request.is_over and not request.unread and not isinstance(request.header, Lock):
             del self.requests[place]
 
@@ -167,14 +170,14 @@ class Actor:
         self.script_run = self.program.extend(self.script_run, *got)
 
     def receive(self, got: steps.StepResult) -> None:
-        """Receive the result of its step."""
+        """Receive the result of the script's step."""
         self.record(got)
         self.step, self.number, self.times_out_at = None, RequestNumber(0), None
         self.was_ending = self.is_killed or self.is_ending
         self.suspended = self.suspended[-1:]
 
     def digest(self, before: bytes | None = None) -> bytes:
-        """Return a digest of its run and of *before*; equal in all explorations."""
+        """Return a digest of the script's run and of *before*, the same in all explorations."""
         run = repr((before, self.program.name, self.script_run.given, self.script_run.history()))
         return blake2b(run.encode(), digest_size=16).digest()
 
@@ -196,11 +199,11 @@ class Actor:
 
 @dataclass(eq=False)
 class ModuleLine:
-    """A connection of a module's run to central, with its scripts."""
+    """A connection of a module's run to central, and the scripts that use the connection."""
 
     name: str
     run: "ModuleRun"
-    #: The started scripts; each started while the one before it waited.
+    #: The started scripts. Each started while the previous one waited.
     stack: list[Actor] = field(default_factory=list)
     delivered: deque[Actor] = field(default_factory=deque)  #: not started yet
     inbox: SlotInbox | None = None  #: of a slot with a prefetch
@@ -212,14 +215,20 @@ class ModuleLine:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the connection may close. With a prefetch, messages not started do not count."""
+        """Whether the connection may close: no script uses it.
+
+        With a prefetch, messages that have not started do not prevent that, but held replies do.
+        """
         if self.inbox is None:
             return not self.actors
         return not (self.stack or self.inbox.session.held_replies.ended)
 
     @property
     def actor(self) -> Actor | None:
-        """The script whose turn it is: the newest started one or, if that waits, the next."""
+        """The script whose turn it is: the newest started one. If that waits, the next delivered.
+
+        None if there is no such script.
+        """
         newest = self.stack[-1] if self.stack else None
         if self.delivered and (newest is None or isinstance(newest.step, steps.AwaitAnswer)):
             return self.delivered[0]
@@ -251,10 +260,10 @@ class ModuleRun:
 
     @property
     def is_joined(self) -> bool:
-        """Whether it has completed all its steps of joining.
+        """Whether the module has completed all its steps of joining.
 
-        These are a hello of its own and, if it handles anything, its registration and a hello of
-        each slot.
+        The first step is its own hello. If it handles anything or runs a program at its start, its
+        registration and a hello of each slot follow.
         """
         is_serving = self.module.formats or self.module.start_programs
         return self.steps_joined == (2 + len(self.module.slots) if is_serving else 1)

@@ -122,9 +122,9 @@ class Exchange:
             self.flush(line.name, inbox)
 
     def inbox_mismatch(self, line: ModuleLine, inbox: SlotInbox) -> str:
-        """Return an error if a slot has other messages than central has sent it; "" if not.
+        """Return an error if a slot does not have exactly the messages that central has sent it.
 
-        The comparison finds messages that are lost or handled twice.
+        The comparison finds messages that are lost or handled twice. "" means no error.
         """
         present = sorted([actor.delivery for actor in line.actors] + inbox.deliveries)
         sent = sorted(deliveries_given_to(self.central, line.name))
@@ -207,7 +207,7 @@ class Exchange:
     def _check_lock(self, header: headers.Lock) -> None:
         """Raise ScenarioError for a lock of a resource that no module of the scenario has.
 
-        A resource may also be missing because its module was lost, which is no mistake.
+        If a resource is missing only because its module was lost, the scenario has no mistake.
         """
         owners = self.scenario.owners(header.resource)
         if not owners or header.module not in ("", *owners):
@@ -272,7 +272,7 @@ class Exchange:
         self.receive(line.name, headers.GiveUp(request.number))
 
     def _finish_script(self, line: ModuleLine) -> None:
-        """Remove the script whose turn it is: it has ended."""
+        """Remove the script whose turn it is, since it has ended."""
         actor = line.stack.pop()
         if self.scenario.has_prefetch:
             self.digests[line.name] = actor.digest(self.digests.get(line.name))
@@ -338,7 +338,7 @@ class Exchange:
     def _on_accepted(self, line: ModuleLine, header: headers.Accepted, _: bytes) -> None:
         actor = _asking(line, header.number)
         if actor is not None and isinstance(actor.step, steps.Ask):
-            # The reply to a change of state has a number of changes in place of an id.
+            # In the reply to a change of state, ``id`` is the number of changes, not an id.
             is_change = isinstance(actor.step.header, ChangeState)
             created = TaskId(bool(header.id)) if is_change else actor.script_name(header.id)
             actor.receive(steps.StepResult(actor.step.kind, id=created))

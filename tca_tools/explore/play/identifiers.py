@@ -1,10 +1,11 @@
 """Numbers that only identify something, as ``int`` subclasses.
 
-Central copies and counts them like any number; by their type they still differ from counts.
+Central copies these numbers and adds to them like any number. Their types still show that they are
+not counts.
 
-They differ from run to run, so scripts must not see them: a script would act differently in each
-run. Headers, answers and contexts contain the script's own names instead. Central's texts contain
-"…" in their place.
+The numbers differ from run to run. A script that saw them could act differently in each run, so
+headers, answers and contexts contain the script's own names instead. Central's texts contain "…" in
+place of a number.
 """
 
 from collections.abc import Callable, Iterator
@@ -54,15 +55,15 @@ class RequestNumber(Identifier):
 Rename = Callable[[int], int]
 
 _NAMING = frozenset(("task", "parent", "monitor", "id"))
-"""The fields of headers and their parts with the id of a task, exception handler or wiretap."""
+"""The fields of headers, and of parts of headers, that may hold an id to rename."""
 
 _PLAIN = (str, bytes, float, bool)
 
 
 def renamed(value: Any, rename: Rename) -> Any:
-    """Return a header, or a part of one, with each id replaced by *rename*.
+    """Return a header, or a part of one, with each id replaced by the result of *rename*.
 
-    It is not called for 0. The ids 0 and -1 stand for the root and the task that is being sent.
+    *rename* is not called for 0, the root. It is called for -1, the task that is being sent.
     """
     if type(value) is list:
         return [renamed(item, rename) for item in value]
@@ -80,7 +81,7 @@ def renamed(value: Any, rename: Rename) -> Any:
 
 
 def renamed_rows(body: bytes, rename: Rename) -> bytes:
-    """Return central's rows about relatives of a task, with each id replaced by *rename*."""
+    """Return central's rows about relatives of a task, with the result of *rename* for each id."""
     rows = msgspec.msgpack.decode(body)
     for row in rows:
         row["task"], row["parent"] = rename(row["task"]), rename(row["parent"])

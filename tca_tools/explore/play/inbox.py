@@ -1,8 +1,8 @@
 """The packets from central to a slot with a prefetch, and the library's session that reads them.
 
-Other connections receive central's packets at once. Here a packet may be in transit for a while,
-and the session may hold replies, to send them together. Packets from the slot reach central at
-once: the effects of a delay could not be observed.
+Other connections receive central's packets at once. A packet to such a slot may be in transit for a
+while. The slot's session may hold replies, to send them together. Packets from the slot reach
+central at once, since the effects of a delay could not be observed.
 """
 
 from collections import deque
@@ -25,8 +25,8 @@ class SlotInbox:
     def enqueue(self, header: Any, body: bytes) -> bool:
         """Store a packet from central if it is in transit for a while; return whether it is.
 
-        A packet that is not about prefetched messages arrives at once if none is in transit: a
-        delay would make no difference.
+        If no packet is in transit, one that is not about prefetched messages arrives at once. A
+        delay of it would make no difference.
         """
         is_later = bool(self.in_transit) or _is_about_prefetch(header)
         if is_later:

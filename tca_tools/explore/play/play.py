@@ -1,9 +1,9 @@
 """One state of a run: central, the modules, their scripts, and the actions that are possible next.
 
 An action is a script's next step, a step of joining, a connection that breaks, time that passes to
-the next event, and the like. Central handles it at once, and its packets arrive at once. Everything
-goes through central, so interleavings differ only in the order in which central receives things.
-Equal actions on equal runs have equal results.
+the next event, and the like. Central handles an action at once. Central's packets arrive at once,
+except at slots with a prefetch. Everything goes through central, so interleavings differ only in
+the order in which central receives things. Equal actions on equal runs have equal results.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -37,8 +37,8 @@ class ActionKind(StrEnum):
 
     STEP = "step"  # a script continues
     RECEIVE = "receive"  # a slot with a prefetch receives the next packet from central
-    START = "start"  # such a slot starts its next prefetched message
-    REPLY = "reply"  # such a slot sends the replies that it holds
+    START = "start"  # a slot with a prefetch starts its next prefetched message
+    REPLY = "reply"  # a slot with a prefetch sends the replies that it holds
     TIME = "time"  # time passes until the next event is due
     TIMEOUT = "timeout"  # the wait of a script times out
     JOIN = "join"  # a run of a module takes its next step of joining
@@ -59,7 +59,7 @@ class Action(msgspec.Struct, frozen=True):
     index: int = 0
     """The place of a branch or task."""
     is_optional: bool = False
-    """Whether it need not happen."""
+    """Whether the action need never happen, as the loss of a module."""
 
 
 class Play(Exchange):
@@ -128,7 +128,7 @@ class Play(Exchange):
         )
 
     def _timeouts(self) -> list[tuple[ModuleLine, float]]:
-        """Return the lines whose script waits with a timeout, with the end of that."""
+        """Return the lines whose script waits with a timeout, each with the end of the timeout."""
         newest = [(line, line.stack[-1].times_out_at) for line in self.lines.values() if line.stack]
         return [(line, at) for line, at in newest if at is not None]
 
@@ -167,7 +167,7 @@ class Play(Exchange):
             )
 
     def killable(self, message: str) -> list[MessageRecord]:
-        """Return the tasks of that message which the operator may kill."""
+        """Return the tasks of *message* that the operator may kill."""
         return [
             task
             for task in self.world.tasks
@@ -175,7 +175,7 @@ class Play(Exchange):
         ]
 
     def suspendable(self, message: str) -> list[MessageRecord]:
-        """Return the tasks of that message which the operator may suspend."""
+        """Return the tasks of *message* that the operator may suspend."""
         return [task for task in self.killable(message) if not task.is_suspended]
 
     # --- actions played ---------------------------------------------------------------------------
@@ -259,7 +259,7 @@ class Play(Exchange):
     def _start_all(self) -> None:
         """Let modules join until none can continue.
 
-        Modules that wait for each other or have a choice continue in the run.
+        A module that still waits for another one, or has a choice, continues to join in the run.
         """
         has_moved = True
         while has_moved:
@@ -381,9 +381,9 @@ _PERFORM: dict[ActionKind, Callable[[Play, Action], object]] = {
 
 
 def outcome(play: Play) -> bytes:
-    """Return a digest of the end of a run: results, open scripts and messages, unused mishaps.
+    """Return the end of a run: results, open scripts and messages, and mishaps that did not happen.
 
-    It is the same in all explorations.
+    Equal ends are equal bytes, in all explorations.
     """
     unfinished = {
         name: [actor.digest() for actor in line.actors] for name, line in sorted(play.lines.items())
@@ -401,7 +401,7 @@ Waiter = tuple[int] | tuple[Actor, ScriptRun]
 
 
 def waiters(play: Play) -> list[Waiter]:
-    """Return what waits: tasks without open tasks below them, oldest first, then scripts."""
+    """Return all waiters: first tasks without open tasks below them, oldest first; then scripts."""
     tasks = play.world.tasks
     parents = {task.parent_id for task in tasks if not task.is_over}
     return [
@@ -416,7 +416,7 @@ def waiters(play: Play) -> list[Waiter]:
 
 
 def still_waiting(before: Sequence[Waiter], play: Play) -> tuple[int, ...]:
-    """Return, for each earlier waiter, its place among those of now; -1 if it no longer waits."""
+    """Return the place of each waiter of *before* among the present ones; -1: it waits no more."""
     now = waiters(play)
     return tuple(now.index(waiter) if waiter in now else -1 for waiter in before)
 

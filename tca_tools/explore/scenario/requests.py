@@ -80,7 +80,9 @@ REQUESTS: dict[type, str] = {
     headers.WaitUntilHandled: "waits until {messages:list} are handled",
     ChangeState: "takes '{transition}' of {task:name}",
 }
-"""By request: its phrase, in the notation of facts. A message's phrase follows its data."""
+"""By type of request: its phrase, in the notation of facts. The phrase of a sent message comes
+after the message's data.
+"""
 _WATCH = "[, every {period:seconds}][, for {duration:seconds}]"
 
 
@@ -117,7 +119,7 @@ _CALLS: dict[type, str | tuple[str, str, str]] = {
     headers.WaitUntilHandled: "wait_until_handled",
     ChangeState: "take",
 }
-"""By request: its call; or two calls, and the field that only the second sets."""
+"""By type of request: its call; or two calls, and the field that only the second call sets."""
 
 CALLS = tuple(
     call
@@ -128,7 +130,7 @@ CALLS = tuple(
 
 
 def accepted(call: str, by: str = "") -> Predicate:
-    """Return a predicate: with the last action, central accepted such a request of a script.
+    """Return a predicate that is true if central accepted such a request with the last action.
 
     A request that is refused, or comes too late to change anything, is not accepted. A wait or a
     lock is accepted when it begins.

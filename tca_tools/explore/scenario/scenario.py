@@ -219,7 +219,7 @@ class Scenario:
             arrives_late: Whether it joins at some time of the run, instead of before it.
             prefetch: The number of messages that each of its slots may have prefetched; packets to
                 the slots then take some time. None: slots receive packets at once.
-            requires: Messages that must have a handler before the module handles anything.
+            requires: Messages that must have a handler before this module handles anything.
 
         Returns:
             The module, for its handlers.
@@ -248,7 +248,7 @@ class Scenario:
 
     @property
     def has_prefetch(self) -> bool:
-        """Whether a module has a prefetch. Then states also differ in what scripts have done."""
+        """Whether a module has a prefetch. If so, what scripts have done is part of the state."""
         return any(module.prefetch is not None for module in self.modules.values())
 
     def may_kill(self, message: Message[Any, Any], times: int = 1) -> None:
@@ -272,7 +272,7 @@ class Scenario:
         self.may_be_suspended[_task(message, "may_suspend").name] = times
 
     def queue_groups(self) -> dict[str, int]:
-        """Return, by message, the number of its group: messages that may wait for one resource."""
+        """Return the group of each message. Messages of a group may wait for the same resource."""
         groups = {name: number for number, name in enumerate(self.messages())}
         for module in self.modules.values():
             for first, second in combinations(module.formats, 2):

@@ -80,7 +80,7 @@ class _Choices:
     def use_kept(self, message: Message[Any, Any], words: str = "") -> None:
         """Use the replies that this module's handlers of *message* keep with ``keep_reply``.
 
-        It also applies to handlers that have started and keep a reply later.
+        This also applies to handlers that have started already and keep their reply only later.
 
         Args:
             message: The message whose handlers keep a reply.
@@ -116,8 +116,8 @@ class Task(_Choices, ModuleTask):
     def keep_reply(self, later: LaterReply[Any], then: Callable[..., object]) -> None:
         """Keep the LaterReply that this handler returns, until another script calls ``use_kept``.
 
-        The module then calls *then*, and keeps the reply no longer unless *then* calls
-        ``keep_reply`` again.
+        At that call the module calls *then*. After it the reply is no longer kept, unless *then*
+        calls ``keep_reply`` again.
 
         Args:
             later: The reply, from ``reply_later()``.
@@ -136,7 +136,7 @@ class Task(_Choices, ModuleTask):
             timeout: The most seconds to wait; None, the default, waits forever.
 
         Returns:
-            The request, each once; None when the time is over.
+            The request; None when the time is over. Each request is returned once.
         """
         served = self._server_state()
         if not served.has_new:
@@ -201,7 +201,7 @@ class Program:
             yield steps.Branch(decisions, step)
 
     def _abandon_thread(self, error: ScenarioError | None) -> NoReturn:
-        """Fail because the script catches the exceptions that end a run, and continues."""
+        """Abandon the thread: the script catches the exceptions that end a run, and continues."""
         text = (
             "it catches the exception that ends a run (it is run again after each answer) and "
             "continues forever: write 'except Exception:' instead of 'except:' or "

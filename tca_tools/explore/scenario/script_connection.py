@@ -1,9 +1,9 @@
 """The connection of a script to central, in place of the module library's.
 
-A script is run again from its start whenever a step has a result. Calls whose results are known
-return them; the first call without a result ends the run (``StepReached``). The state of a script
-is therefore nothing but its input and its results, which can be copied and compared. The calls of
-a task are the library's own code; only the connection below them differs.
+A script is run again from its start whenever a step has a result. A call whose result is known
+returns it. The first call without a result ends the run (``StepReached``). The state of a script is
+therefore nothing but its input and its results, and these can be copied and compared. The calls of
+a task are the library's own code. Only the connection below them is another one.
 """
 
 from collections import deque
@@ -37,7 +37,7 @@ Code that cleans up continues a few times; a loop that catches every exception n
 """
 
 MAX_DECISIONS = 100
-"""The most decisions between two steps; a script with more of them never takes a step."""
+"""The most decisions between two steps. A script with more decisions is taken to run forever."""
 
 _NOT_EXPLORED = {
     headers.Ask: "modules(), handlers() and status()",
@@ -152,7 +152,7 @@ class ScriptConnection:
         self._callbacks: deque[Callable[[], None]] = deque()
         #: Adds a function that ``run_requested_calls`` calls.
         self.call_soon = self._callbacks.append
-        self._owed: Any = None  #: the owed reply, once it is sent
+        self._owed: Any = None  #: the reply that the handler owed, once the script has sent it
         #: The step or decision at which the run ended, or is about to end.
         self.stopped: StepReached | DecisionReached | None = None
         self.error: ScenarioError | None = None  #: the reason why the script can't be played
@@ -286,11 +286,11 @@ class ScriptConnection:
     def owed(self) -> tuple[headers.Reply | headers.Fail, bytes]:
         """Return the owed reply, once it is stored.
 
-        A LaterReply without a reference is deleted, and reports that with ``call_soon``. This
-        happens at the same place of each run: the frames of the script have ended, and CPython
-        deletes objects without references at once. A LaterReply that survives is referred to from
-        elsewhere, or by a cycle of references, which CPython may collect at any time. Both are
-        refused.
+        A LaterReply without a reference is deleted, and reports its deletion with ``call_soon``.
+        This happens at the same place of each run, because CPython deletes objects without
+        references at once. A LaterReply that survives the frames of the script is refused. It has
+        a reference from elsewhere, or is in a cycle of references that CPython may collect at any
+        time.
         """
         self.run_requested_calls()
         if self._owed is None and self.kept is None and self.returned_reply() is not None:
@@ -326,7 +326,7 @@ class ScriptConnection:
         raise AssertionError
 
     def raise_refusals(self) -> None:
-        """Raise the refusal of a task that the script has sent: it returns or continues."""
+        """Raise the refusal of a task that the script sent before it returns or continues."""
         self._sends.check(0)
         self._sends.check(steps.HERE)
 
@@ -359,7 +359,7 @@ class ScriptConnection:
     ) -> bool:
         """Wait for an answer; return False if the wait timed out.
 
-        The default timeout of a query counts as endless.
+        The library's default timeouts count as endless.
         """
         seconds = None if timeout in (QUERY_TIMEOUT, ACKNOWLEDGED_WITHIN) else timeout
         if is_over is not None and seconds is not None:
@@ -415,7 +415,10 @@ class ScriptConnection:
         return not request.why_lock_lost
 
     def is_cancelled(self, delivery: int) -> bool:
-        """Whether the script must end, because of a kill or its module; once true, it stays so."""
+        """Whether the script must end, because its task was killed or its module ends.
+
+        Once this is true, it remains true.
+        """
         del delivery
         self._is_cancelled = self._is_cancelled or bool(
             self.decide(CANCELLED, ("not cancelled", "cancelled"))

@@ -102,7 +102,8 @@ class Fail(_Step, frozen=True):
     kinds: tuple[str, ...] = ()
     reissue: bool = False
     was_killed: bool = False
-    """Whether TaskKilled or Stopped ended the handler: no failure if its own task was killed."""
+    """Whether TaskKilled or Stopped ended the handler. That is no failure if its task was killed.
+    """
 
 
 class Hang(_Step, frozen=True):
@@ -110,7 +111,7 @@ class Hang(_Step, frozen=True):
 
 
 class OweReply(_Step, frozen=True):
-    """Return from the handler but owe its reply, until another script of the module uses that."""
+    """Return from the handler but owe its reply, until another script uses ``UseKeptReplies``."""
 
 
 class UseKeptReplies(_Step, frozen=True):
@@ -190,7 +191,8 @@ class HandlerInput(msgspec.Struct, frozen=True):
 class ScriptRun:
     """The input of a script and its results so far, as a linked list with the newest here.
 
-    Equal runs are the same object, so adding a result takes the same time however long the run is.
+    Equal runs are the same object. Adding a result therefore takes the same time in a long run as
+    in a short one.
     """
 
     given: HandlerInput

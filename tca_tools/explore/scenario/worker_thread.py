@@ -1,4 +1,4 @@
-"""A thread of its own for an exploration, which runs functions of the user.
+"""A separate thread for each exploration, since an exploration runs functions of the user.
 
 A function that catches every error and continues can't be ended by an error. Its thread then
 sleeps forever, and the exploration ends without it.

@@ -1,13 +1,15 @@
 """Runs that never end: find an event that never happens in them, or a wait that never ends.
 
 The number of states is finite, so a run that never ends repeats a cycle of states. A cycle counts
-only if it is *fair*: it leaves out no action that is possible in all its states and must happen
-some time. A strongly connected set of states has no fair cycle if such an action exists and is
-taken on no way inside the set. A part of such a set has no fair cycle either.
+only if it is *fair*. An unfair cycle leaves out an action that must happen some time, although this
+action is possible in all states of the cycle. If such an action is possible in all states of a
+strongly connected set, and always leads out of the set, then the set has no fair cycle. No part of
+the set has one either.
 
-For a property that must come true, the search covers the states in which the property is *owed*.
-For ``never_stuck()`` it follows each waiter from state to state (``Way.new_places``). In the cycles
-that it finds, the same task or script waits for the same thing throughout.
+For a property that must come true, the search covers the states in which the property is *owed*:
+it has not come true yet. For ``never_stuck()`` the search follows each waiter from state to state
+(``Way.new_places``). In the cycles that it finds, one task or script waits for the same thing all
+the time.
 """
 
 from collections import deque
@@ -25,7 +27,7 @@ Fair = tuple[str, str]
 
 
 class _Node(NamedTuple):
-    """A state, and the place of the waiter that is followed, if one is."""
+    """A state, and the place of the waiter that is followed (0 if none is)."""
 
     state: int
     waiter: int = 0
@@ -44,7 +46,7 @@ Graph = dict[_Node, list[_Edge]]
 def judge(
     scenario: Scenario, properties: Iterable[Property], states: list[SearchState]
 ) -> Violation | None:
-    """Return the first property that is violated by a run that never ends, with such a run.
+    """Return the violation of the first property that a run without an end violates; else None.
 
     *states* are all states of the scenario, nearest first.
     """

@@ -28,12 +28,12 @@ LIMIT = 100_000
 """The default number of states after which an exploration ends without an answer."""
 
 SNAPSHOT_BYTES = 256 << 20
-"""The most memory for snapshots of unexpanded states; a state without one is replayed."""
+"""The most bytes for snapshots of unexpanded states. A state without a snapshot is replayed."""
 
 MAX_PLAYS = 500
-"""The number of states that retain their play itself, which is ten times as big as a snapshot.
+"""The number of unexpanded states whose play itself is retained.
 
-The search continues from such a play without a copy.
+A play is ten times as big as a snapshot, but the search continues from it without a copy.
 """
 
 STATES_PER_WATCH = 32
@@ -95,7 +95,7 @@ def explore(
 
 
 class _DetailNeeded(BaseException):
-    """Ends an exploration: states must be distinguished by more, so it starts again."""
+    """Ends an exploration that must distinguish states by more; a new one starts."""
 
     def __init__(self, detail: Detail) -> None:
         super().__init__(detail)
@@ -127,7 +127,7 @@ class _Exploration:
         self.without_case = set(range(len(self.properties)))
 
     def run(self) -> Result:
-        """Explore all states, nearest first; then the cycles, if there are any."""
+        """Explore all states, nearest first. If there are cycles of states, judge these."""
         violation = self._reach(None, None, Play(self.scenario))
         while self.frontier and violation is None and len(self.known) <= self.limit:
             violation = self._expand(self.frontier.popleft())
@@ -156,10 +156,10 @@ class _Exploration:
         )
 
     def _judge_cycles(self, states: list[SearchState]) -> Violation | None:
-        """Return a violation by a run that never ends."""
+        """Return the violation of a property by a run that never ends; None if there is none."""
         if not any(isinstance(prop, NeverStuck) or prop.may_be_owed for prop in self.properties):
             return None
-        # Only with names can a waiter be followed from state to state.
+        # A waiter can be followed from state to state only if ``names`` are part of the states.
         if not self.detail.names:
             raise _DetailNeeded(msgspec.structs.replace(self.detail, names=True))
         return cycles.judge(self.scenario, self.properties, states)
@@ -266,7 +266,7 @@ class _Exploration:
         return None
 
     def _require_time(self) -> None:
-        """Start again with the time as part of the state: a property reads it."""
+        """Start again with the time as part of the state, since a property reads the time."""
         if not self.detail.time:
             raise _DetailNeeded(msgspec.structs.replace(self.detail, time=True))
 

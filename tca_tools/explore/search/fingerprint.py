@@ -1,10 +1,11 @@
 """The fingerprint of a state: everything that can influence what happens next.
 
-The objects of central and of the scripts are visited from the task tree on, and numbered in that
-order. Ids (see identifiers.py) are numbered, too, so states that differ only in ids are equal. All
-attributes of an object are included, except those that IGNORED lists with a reason. An attribute
-too many only makes equal states look different; an attribute too few would leave runs unexplored.
-Times are relative to now, so each period of a monitor leads to the same state again.
+The objects of central and of the scripts are visited from the task tree on, and numbered in the
+order of the visits. Ids (see identifiers.py) are numbered, too, so states that differ only in ids
+have the same fingerprint. All attributes of an object are included, except those that IGNORED lists
+with a reason. If it lists too few attributes, some equal states are explored twice. If it lists too
+many, some runs are not explored. Times are relative to now, so each period of a monitor leads to
+the same state again.
 """
 
 from collections import deque
@@ -107,12 +108,14 @@ OF_LAST_ACTION = {"is_over", "is_new", "is_retried", "has_fired"}
 
 
 class Detail(msgspec.Struct, frozen=True):
-    """Further differences between states, though the same happens next; used only if needed."""
+    """Differences between states after which the same happens. They count only if needed."""
 
     time: bool = False
-    """The duration of the run so far: a property reads it."""
+    """The duration of the run so far. Needed if a property reads the time."""
     names: bool = False
-    """The slot of each message, and which is older: waiters are followed from state to state."""
+    """The slot of each message, and which message is older. Needed to follow waiters from state to
+    state.
+    """
 
 
 def fingerprint_of(
@@ -145,7 +148,7 @@ def fingerprint_of(
 
 
 def _by_name(things: dict[Module | None, T]) -> list[tuple[str, T]]:
-    """Return the modules' things, sorted by the modules' names; of equal names the older first."""
+    """Return each module's name and its thing, sorted by name; of equal names the older first."""
     return sorted(
         ((module.name if module else "", thing) for module, thing in things.items()),
         key=itemgetter(0),
@@ -187,7 +190,7 @@ class _Walk:
         return (type(name), int(name)) in self._names
 
     def number_of(self, thing: object) -> int:
-        """Return the number of an object; a new one is visited when its turn comes."""
+        """Return the number of an object. A new object is visited when its turn comes."""
         number = self._numbers.get(id(thing))
         if number is None:
             self._numbers[id(thing)] = number = len(self._numbers)
@@ -197,8 +200,8 @@ class _Walk:
     def finish(self) -> None:
         """Visit all objects that were reached.
 
-        Containers without order come last. Their known members are written in the order of the
-        members' numbers, which does not depend on the order of the container.
+        Containers without order come last. Their members that have a number by then are written in
+        the order of the numbers, so the order of the container does not matter.
         """
         while self._unseen or self._unordered:
             while self._unseen:
@@ -293,7 +296,10 @@ class _Walk:
         self.add(0.0 if passed == round(period, _DIGITS) else passed)
 
     def add_attachment(self, _: object, attached: Any) -> None:
-        """Add an attachment, and its place by age among the others, even if it was removed."""
+        """Add an attachment, and how many older ones its task or message has.
+
+        The attachment itself may have been removed from there.
+        """
         self.add(attached)
         place = attached.place
         self._out.append(sum(other.id < attached.id for other in place.attached))
@@ -336,7 +342,8 @@ _WRITERS: tuple[tuple[tuple[type, ...], Callable[[_Walk, Any], None]], ...] = (
     ((list, tuple, deque), _Walk.add_list),
     ((dict,), _Walk.add_dict),
 )
-"""By class: how a value is written; the first that fits. Any other object gets a number."""
+"""By class: how a value is written. The first row that fits counts. Any other object gets a number.
+"""
 
 
 def _add_thing(walk: _Walk, value: object) -> None:
@@ -385,7 +392,8 @@ SPECIAL: dict[tuple[str, str], Write] = {
     # The order of nested deliveries is that of the scripts on their line.
     ("Dispatcher", "running"): _Walk.add_unordered,
 }
-"""By class and attribute: how to write it if only a part, or not its order, matters."""
+"""By class and attribute: how to write an attribute of which only a part matters, or not the order.
+"""
 
 
 @cache

@@ -27,7 +27,7 @@ _EMPTY: dict[type, Callable[[], Any]] = {
     type(Lock()): Lock,
     WeakValueDictionary: WeakValueDictionary,
 }
-"""Types in a slot's session that hold nothing of a scenario: the copy gets an empty one."""
+"""Types of objects in a slot's session that hold no state: the copy gets an empty object."""
 
 _ATOMS = (MessageId, RequestNumber)
 

@@ -41,7 +41,7 @@ class Result(msgspec.Struct, frozen=True):
     """Properties that hold only because their case never arises: "'a before b': 'b' is never true".
     """
     outcomes: dict[bytes, tuple[Action, ...]] = {}
-    """By digest of the end of a run: the shortest such run; empty without a prefetch."""
+    """By end of a run (see ``play.outcome``): the shortest run to it. Empty without a prefetch."""
     branching: tuple[str, ...] = ()
     """The commonest alternatives in states, with their part of the states: "steps of arm (61 %)".
     """
@@ -79,7 +79,7 @@ class Way(NamedTuple):
     action: Action
     to: SearchState
     new_places: tuple[int, ...]
-    """For each waiter before, its place among the waiters after; -1 if it no longer waits.
+    """For each waiter before the action, its place among the waiters after it; -1: waits no more.
 
     Empty if the search does not look for cycles.
     """

@@ -50,9 +50,9 @@ class Event(NamedTuple):
     time: int
     """The time in nanoseconds."""
     is_arrival: bool
-    """Whether an arrow leads to it.
+    """Whether an arrow leads to this event.
 
-    It then follows the other events of its time, as the arrow may start at one.
+    If so, it comes after the other events of the same time, since the arrow may start at one.
     """
     track: int
     kind: EventKind
@@ -160,7 +160,7 @@ class Trace:
         return TraceSpan(first, None if end is None else max(self.nanoseconds(end), first))
 
     def events(self) -> Iterator[Event]:
-        """All events, in the order of time; those of one track in their own order."""
+        """Yield all events in the order of time. Events of one track keep their own order."""
         return heapq.merge(*(track.events for track in self.tracks))
 
 
