@@ -14,7 +14,7 @@ from tca_behaviours.activities.processing.schedule import Processor, Schedule, S
 from tca_wire.text.measures import duration
 
 _RECENT, _RECENT_PERIODS = 10.0, 100
-"""How long a late tick overrules the analysis, in seconds and in periods: the longer time counts.
+"""A late tick overrules the analysis for 10 s, or for 100 periods if those are longer.
 """
 
 

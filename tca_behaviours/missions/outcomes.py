@@ -8,8 +8,8 @@ from tca_module import Failure
 
 
 class Status(IntEnum):
-    """The status of a run. Its end carries the mask TERMINATED beside the status: ``code &
-    TERMINATED``.
+    """The status of a run. The code of an end is a status with the mask TERMINATED: test it with
+    ``code & TERMINATED``.
     """
 
     NEWBORN = 0

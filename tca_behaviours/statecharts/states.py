@@ -92,7 +92,9 @@ class State(Generic[S, A]):
 
     @property
     def leaf(self) -> S:
-        """The innermost state that is entered with it: each container enters its first state."""
+        """The leaf that is entered with this state, because each container enters its first
+        state.
+        """
         state = cast("S", self)
         while state.children:
             state = state.children[0]
@@ -100,7 +102,7 @@ class State(Generic[S, A]):
 
 
 class Arrow(Generic[S]):
-    """A transition from one state to another, which may be given by its label."""
+    """A transition from a source state to a target state. The target may be given by its label."""
 
     def __init__(
         self, source: S, target: S | str, event: str, conditions: tuple[str, ...] = ()
@@ -110,14 +112,14 @@ class Arrow(Generic[S]):
         self.event = event
         self.conditions = conditions
         self.symbol = f"{event} [{', '.join(conditions)}]".lstrip() if conditions else event
-        """Its event, with the further conditions in brackets."""
+        """The event, with the further conditions in brackets."""
         self._given_target = target
         if not isinstance(target, State | str):
             raise MisuseError(
                 f"{source!r}: a transition leads to a state or its label, not {target!r:.60}"
             )
         self.target: S
-        """The state that it leads to, once the machine is built."""
+        """The state that the arrow leads to, once the machine is built."""
 
     def __repr__(self) -> str:
         """The transition as it is written."""
@@ -132,26 +134,26 @@ class Arrow(Generic[S]):
 
     @property
     def key(self) -> object:
-        """Its event and conditions: of two arrows of one state with one key, the second is never
-        taken.
+        """The event and conditions of the arrow. If two arrows of a state have the same key, the
+        second is never taken.
         """
         return self.symbol
 
     @property
     def is_inherited(self) -> bool:
-        """Whether it also leads out of the states inside its source. False if it waits for the end
-        of a compound.
+        """Whether the arrow also leads out of the states inside its source. False for an arrow that
+        waits for the end of a compound.
         """
         return True
 
     @cached_property
     def shared_containers(self) -> frozenset[S]:
-        """The containers around both source and target, which stay active."""
+        """The containers that are around both source and target. They stay active."""
         both = frozenset(self.source.containers()) & frozenset(self.target.containers())
         return both - {self.source, self.target}
 
     def holds(self, _situation: Any = None) -> bool:
-        """Whether its guard allows it in the present situation."""
+        """Whether the guard allows the transition in the present situation."""
         return True
 
     def resolve(self, labelled: dict[str, S]) -> None:
@@ -165,7 +167,7 @@ class Arrow(Generic[S]):
         self.target = target
 
     def is_hidden_by(self, other: "Arrow[S]") -> bool:
-        """Whether it is never taken if *other* comes first."""
+        """Whether this arrow is never taken if *other* comes first."""
         return self.event == other.event and (not other.conditions or self.key == other.key)
 
 

@@ -34,8 +34,8 @@ class _Port(Generic[T]):
 
 
 class InputPort(_Port[T]):
-    """Holds the newest *keep* values until the port handler of its component passes them to
-    *take*, one by one.
+    """Holds the newest *keep* values. The port handler of the component passes them to *take*, one
+    by one.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class InputPort(_Port[T]):
 
 
 class OutputPort(_Port[T]):
-    """Passes each value that is set to the input ports connected with it."""
+    """Passes each value that is set to the connected input ports."""
 
     def __init__(self, component: str, name: str, type_: type[T]) -> None:
         super().__init__(component, name, type_)

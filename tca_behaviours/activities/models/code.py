@@ -129,7 +129,11 @@ def _times(period: float, estimate: float) -> Iterator[str]:
 
 
 def distinct_methods(component: ComponentModel) -> list[Method]:
-    """The methods that the user writes, each once, in the order of the last places."""
+    """Return the methods that the user writes, each once.
+
+    The model may name a method in several places. The last place decides the method's position, the
+    first its docstring.
+    """
     last_first = reversed(list(methods(component)))
     return list({method.name: method for method in last_first}.values())[::-1]
 
@@ -257,7 +261,7 @@ def import_lines(module: str, names: Iterable[str]) -> list[str]:
 
 
 def _laid_out(line: str, space: str, head: str, parts: list[str], tail: str) -> list[str]:
-    """The line; if it is too long, *head*, a line for each part, and *tail*."""
+    """Return the line. If the line is too long, return *head*, a line for each part, and *tail*."""
     if len(line) <= _LONGEST:
         return [line]
     return [f"{space}{head}", *(f"{space}    {part}," for part in parts), f"{space}{tail}"]

@@ -18,7 +18,7 @@ from tca_tools.errors import BadUserFile
 
 
 def write_code(model: ApplicationModel, folder: Path) -> list[str]:
-    """Write all modules. Returns a report for each: whether it was written, or what it lacks.
+    """Write all modules. Returns the lines of a report: whether each was written, or what it lacks.
 
     Raises BadUserFile, before anything is written, if an existing file can't be used. Raises
     OSError.
@@ -80,7 +80,7 @@ def _names_in(file: Path) -> set[str]:
 
 
 def _report_on(file: Path, name: str, component: ComponentModel, names: set[str]) -> Iterator[str]:
-    """Report what the user's file of a component lacks. *names* are those that the file has."""
+    """Report what the user's file of a component lacks. *names* are the names in the file."""
     if name not in names:
         yield f"{file}: yours, not changed; it lacks class {name}: add it"
         return

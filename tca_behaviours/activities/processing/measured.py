@@ -15,8 +15,8 @@ class TickTimes:
 
     def __init__(self) -> None:
         self.response = 0.0  #: the longest time from due to done
-        # Ticks after which no other had so long a response time. The last tick above any limit is
-        # one of them.
+        # A tick stays here until another tick has the same response time or a longer one. For any
+        # limit, the last tick above the limit is here.
         self._peaks: deque[Late] = deque(maxlen=_MAX_PEAKS)
         # From due to started.
         self._longest_delay, self._shortest_delay = -math.inf, math.inf
@@ -75,7 +75,7 @@ class Execution:
 
 
 class Load:
-    """The used share of time, in the last second."""
+    """The share of time that was used in the last second."""
 
     def __init__(self, now: float) -> None:
         self._since = now

@@ -43,10 +43,12 @@ class Automaton(Protocol):
 
 
 def remainder_arrow(arrows: Sequence[AuthoredArrow]) -> AuthoredArrow | None:
-    """The arrow of a state that gets the probability that the other arrows leave, if any.
+    """Return the remainder arrow of a state, if any. Its likelihood is 1 minus the sum of all
+    others.
 
-    Only arrows for "done" are candidates. Without any, all arrows but those for "failed" are, if
-    some arrow has a likelihood. The candidate without a likelihood is it, if there is only one.
+    The candidates are the arrows for "done". If there are none and some arrow has a likelihood, the
+    candidates are all arrows except those for "failed". If exactly one candidate has no likelihood
+    of its own, that is the remainder arrow.
     """
     candidates = [arrow for arrow in arrows if arrow.event == DONE]
     if not candidates and any(arrow.model for arrow in arrows):
@@ -111,7 +113,9 @@ class FlatAutomaton:
         return found
 
     def _modelled(self, leaf: AuthoredState, arrow: AuthoredArrow) -> float | None:
-        """The likelihood of an arrow by its model: 0 without a model, None if it is unknown."""
+        """Return the likelihood of an arrow by its model: 0 without a model, None if the model
+        knows none.
+        """
         if arrow.model is None:
             return 0.0
         value = arrow.model.value(self._situation, leaf.label, arrow.symbol)

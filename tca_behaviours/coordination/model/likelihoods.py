@@ -16,9 +16,11 @@ class LikelihoodModel:
     """The likelihood of a transition. A subclass defines ``value``."""
 
     is_constant = False
-    """Whether its value never changes. The sum of the constants of one state must be at most 1."""
+    """Whether its value never changes. The sum of a state's constant likelihoods must be at most
+    1.
+    """
     variables: Sequence[Variable[Any]] = ()
-    """The variables that it reads."""
+    """The variables that the model reads."""
 
     def value(self, situation: Situation, leaf: str, symbol: str, /) -> float | None:
         """The likelihood in [0, 1] that the state *leaf* is left by *symbol*; None if it is
@@ -50,8 +52,8 @@ class Learned(LikelihoodModel):
     """The share of a transition in earlier runs; unknown in a state that was never left.
 
     Args:
-        counts: How often each symbol was taken, by (label, symbol), as ``count_transitions``
-            counts.
+        counts: How often each transition was taken, by (label of its state, symbol), as returned by
+            ``count_transitions``.
     """
 
     def __init__(self, counts: Mapping[tuple[str, str], int]) -> None:

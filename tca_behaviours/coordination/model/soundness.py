@@ -30,9 +30,10 @@ def check_machine(states: list[AuthoredState], facts: Mapping[str, Fact]) -> Non
 
 
 def _check_events(state: AuthoredState) -> None:
-    """Check that the events of its arrows can occur.
+    """Check that the events of a state's arrows can occur.
 
-    Activities fail and are done. A compound is done if it has a final state.
+    "done" and "failed" occur if the state has an activity. In a compound, "done" needs a final
+    state inside.
     """
     events = {arrow.event for arrow in state.arrows}
     match state.kind:

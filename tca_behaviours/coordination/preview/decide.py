@@ -1,5 +1,6 @@
-"""Which activities start, continue or stop ahead of their states: a coordinator asks at every
-event.
+"""Decides which activities start, continue or stop ahead of their states.
+
+A coordinator asks for a decision at every event.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -26,9 +27,9 @@ class WorkPhase(StrEnum):
     DONE = "done"
     FAILED = "failed"
     STOPPING = "stopping"
-    """It was asked to stop, and has not ended yet."""
+    """The activity was asked to stop, and has not ended yet."""
     RESTORING = "restoring"
-    """The tasks that undo it are running."""
+    """The tasks that undo the activity are running."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class Present:
     current: int
     """The current state of the machine. Its activity is not part of ``work``."""
     facts: Mapping[str, Fact]
-    """The facts of the robot now, as early work, too, has changed them. A fact that running work
+    """The facts of the robot now, including the changes by early work. A fact that running work
     makes is absent.
     """
     situation: Situation
-    """The situation as a machine without a preview sees it."""
+    """The situation as a machine without a preview would see it."""
     is_done: bool = False
     """Whether the current activity is done, and the machine waits for an event."""
     is_new: bool = False
@@ -73,9 +74,9 @@ class Decision:
     stops: list[Objection] = field(default_factory=list)
     """Early work that has become useless, whether it runs, is done or has failed."""
     refused: list[Objection] = field(default_factory=list)
-    """Activities of the list that do not start now, with the reasons.
+    """Activities of the preview list that do not start now, with the reasons.
 
-    The current activity is one of them if no state is foreseen after it.
+    The current activity is in this list, too, if no state is foreseen after the current one.
     """
 
 
@@ -111,8 +112,8 @@ class _DecisionMaker:
         self.decision = decision
         self.mistakes = ahead.mistakes
         self.work = {work.state: work for work in present.work}
-        self.reserved_earlier = Reservations()  # for the activities that come first
-        self.reserved_by_running = Reservations()  # for all running activities, in any order
+        self.reserved_earlier = Reservations()  # of the activities considered so far
+        self.reserved_by_running = Reservations()  # of all running activities
         self.allotted_places = Places()  # of the activities considered so far
         self.held_places = Places()  # of the activities that run now
         self.uncertain = set(present.spoilt)  # facts whose values may be undone
@@ -184,9 +185,9 @@ class _DecisionMaker:
         return self.present.situation.progress
 
     def _progress(self, state: int) -> float:
-        """The progress of a foreseen state's activity, as later activities see it.
+        """Return the progress of a foreseen state's activity, for the decision on later activities.
 
-        It is 1 while the activity runs without reporting progress.
+        The progress is 1 while an activity runs that can't report progress.
         """
         activity, work = self.automaton.activity(state), self.work.get(state)
         if activity is None or work is None:
@@ -243,7 +244,7 @@ class _DecisionMaker:
         if not share:
             return
         if agent := self.held_places.full_agent(activity.tasks):
-            # Work that runs at this agent, although it comes later, must end first.
+            # This agent is busy with work of a later state, which must end first.
             self.decision.refused.append(Objection(state, Reason.AGENT, agent.name))
             return
         self.held_places.occupy(activity.tasks)
@@ -316,12 +317,12 @@ class _DecisionMaker:
             return Objection(state, Reason.BRANCH, fact, self.needed[fact])
         uncertain = next((fact for fact in activity.makes if fact in self.uncertain), None)
         spoilt = self.uncertain & self.needed.keys()
-        if uncertain and spoilt:  # undoing the spoilt work would undo this result, too
+        if uncertain and spoilt:  # to undo the spoilt facts would undo this result, too
             return Objection(state, Reason.BRANCH, uncertain, self.needed[min(spoilt)])
         return None
 
     def _objection_to_unforeseen(self, work: EarlyWork) -> Objection | None:
-        """The reason to stop work that is not foreseen any more, if any.
+        """Return the reason to stop work whose state is not foreseen any more, if any.
 
         Work that is done stays until the next transition, unless a running activity needs or
         changes its facts.

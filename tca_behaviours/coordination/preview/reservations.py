@@ -15,13 +15,13 @@ class Reservations:
     def __init__(self) -> None:
         self._needed: dict[str, int] = {}  # by fact, the state whose activity needs it
         self._made: dict[str, int] = {}
-        self._being_made: dict[str, int] = {}  # the part of _made that is not done
+        self._being_made: dict[str, int] = {}  # the same for activities that are not done
 
     def add(
         self, state: int, needs: Iterable[str], makes: Iterable[str], *, is_done: bool = False
     ) -> None:
-        """Reserve the facts of an activity. Once it *is done*, later activities may need the facts
-        that it has made.
+        """Reserve the facts of an activity. Once the activity *is done*, later activities may need
+        the facts that it has made.
         """
         for fact in needs:
             self._needed.setdefault(fact, state)

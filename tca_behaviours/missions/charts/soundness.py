@@ -14,8 +14,8 @@ from tca_behaviours.statecharts.states import UnsoundMachine
 from tca_wire.charts import Ending, StateKind
 
 Exits = dict[Ending | MachineState, bool]
-"""The exits of a state: endings, or states that follow. The value of an exit says whether the state
-may be left that way at once, before any task has run.
+"""The exits of a state: endings, or states that follow. The value is True if the state may be left
+that way before any task has run.
 """
 
 

@@ -25,7 +25,7 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         self.task = ""
         self.parameters: dict[str, Any] = {}
         self.endings: list[Ending] = []
-        """The endings that it can have, once the machine is built."""
+        """The possible endings of the state, once the machine is built."""
 
     def __repr__(self) -> str:
         kind = "concurrence" if self.kind.is_concurrent else self.kind
@@ -94,8 +94,8 @@ class MachineState(BlockState["MachineState", "EndingArrow"]):
         return replace(super().chart_state(), note="" if is_obvious else kind, completes=completes)
 
     def chart_arrows(self) -> Iterator[ChartArrow]:
-        """The transitions that lead out of it, as data; in a sequence also that to the next
-        state.
+        """Yield the transitions that lead out of this state, as data. In a sequence, the step to
+        the next state is one of them.
         """
         for ending in self.endings:
             if (to := self.target(ending)) is not None:

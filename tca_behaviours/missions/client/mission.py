@@ -342,7 +342,7 @@ class BaseMission:
     ) -> list[TaskHandle]:
         """Wait until one of the tasks has ended, or an event ends the wait.
 
-        A verified condition, the loss of the server, or a kill of the mission ends it with an
+        A verified condition, the loss of the server, or a kill of the mission ends the wait with an
         exception.
         """
         until = math.inf if timeout is None else time.monotonic() + timeout
@@ -365,14 +365,14 @@ class BaseMission:
             list(awaited),
             timeout,
             lambda: self._check_conditions() or self._newly_lost(tasks),
-            # A condition, or the end of a short timeout, ends the wait: it is no deadlock.
+            # A condition or a short timeout will end this wait, so it is no deadlock.
             brief=bool(self._conditions) or timeout < CHECK_PERIOD,
         )
         for sent in ended:
             awaited[sent].record_end()  # type: ignore[index]
         for task in self._newly_lost(tasks):
             self._checked_at[task.id] = self._goal.handler_changes
-            # A task that had begun is about to fail. One that had not would wait for ever.
+            # A task that had begun is about to fail. A task that had not would wait for ever.
             info = task.sent.info()
             if info is not None and not (info.module or info.failure):
                 why = f"no server offers {task.sent.message} any more"
@@ -450,8 +450,8 @@ class BaseMission:
             The value of the function.
 
         Raises:
-            StepUncertain: The program died during the step. A step that is one completed task is
-                done.
+            StepUncertain: The program died during the step. If the step is one task that has
+                completed, the step counts as done instead.
             MisuseError: The mission has no checkpoint, the name was used, or the value can't be
                 stored.
 
@@ -512,9 +512,9 @@ class BaseMission:
 
     def clear_conditions(self) -> None:
         """Remove all conditions. Stop their tasks, except with ``stop_on_clear=False``, and wait
-        for the ends.
+        until these tasks end.
 
-        Raises Timeout if one does not end.
+        Raises Timeout if a task does not end.
         """
         tasks = [
             condition.task
@@ -542,7 +542,7 @@ class BaseMission:
         interruption, self._interruption = self._interruption, None
         if interruption is None:
             return
-        for task in in_foreground:  # stop it together with the conditions' tasks, not after them
+        for task in in_foreground:  # stop it now, not after the conditions' tasks
             task.stop("the mission was interrupted")
         self.clear_conditions()
         raise interruption

@@ -34,7 +34,7 @@ class ServedTask(Generic[E]):
     env: E
     """The environment that all tasks of the server share."""
     task: Task
-    """The run as a task of the tree: to send messages with."""
+    """The run as a task of the tree. Use it to send messages."""
     task_timeout: float = parameter(
         0.0, "The most seconds that it may run after initialise(); 0: no limit", minimum=0
     )
@@ -53,8 +53,8 @@ class ServedTask(Generic[E]):
         raise NotImplementedError
 
     def terminate(self) -> None:
-        """Leave the robot safe. Called once, however the run ends. A kill does not end its
-        waits.
+        """Leave the robot safe. Called once, however the run ends. A kill of the run does not end
+        waits in this method.
         """
 
     def report(self, text: str) -> None:
@@ -66,7 +66,7 @@ class ServedTask(Generic[E]):
         self._run.publish()
 
     def failed(self, text: str) -> FailureRaised:
-        """Make the failure of this run, to be raised: ``raise self.failed("no pose yet")``."""
+        """Make a failure of this run. Raise it: ``raise self.failed("no pose yet")``."""
         return MISSION_TASK_FAILED(text=text)
 
     def sleep(self, seconds: float) -> None:

@@ -86,7 +86,7 @@ class Field:
 
     @property
     def default(self) -> Any:
-        """A new copy of the default: the task may change a list in place."""
+        """A new copy of the default, because the task may change a list in place."""
         return self._format.decode(self._default)
 
 
@@ -129,7 +129,7 @@ def _hints(task: type) -> dict[str, Any]:
 
 
 def _field(task: type, name: str, hint: Any, default: Any) -> Field:
-    """A parameter. A class that inherits it may change only its default, by a plain value."""
+    """Make a parameter. If a subclass assigns a plain value, that is only a new default."""
     values = [vars(cls)[name] for cls in task.__mro__ if name in vars(cls)]
     if declared := next((one for one in values if isinstance(one, Parameter)), None):
         hint = Annotated[hint, declared.meta]

@@ -1,4 +1,4 @@
-"""One run of a task: initialise, iterate, terminate, however it ends."""
+"""One run of a task: ``initialise``, ``iterate``, and ``terminate`` however the run ends."""
 
 import contextlib
 import logging
@@ -54,7 +54,8 @@ class TaskRun:
     def carry_out(self) -> TaskEnd:
         """Run the task to its end. If it was initialised, terminate it whatever happens.
 
-        Raises its failure, or the exception that ended a wait of it, such as TaskKilled.
+        Raises the failure of the run, or the exception that ended a wait of the run, such as
+        TaskKilled.
         """
         self._initialise()
         try:
@@ -78,7 +79,7 @@ class TaskRun:
                 raise
             self.status = Status.INITIALISATION_FAILED
             if isinstance(error, FailureRaised):
-                # The name "mission task failed" would say no more than that of the new failure.
+                # The new failure's name says enough: leave out "mission task failed".
                 text = error.text if error.name == MISSION_TASK_FAILED.name else str(error)
             else:
                 self._log.exception("initialise() of %s failed", self.task)
@@ -163,7 +164,9 @@ class TaskRun:
         )
 
     def _is_completed(self, returned: object) -> bool:
-        """Whether ``iterate`` returned COMPLETED. Raises a failure unless it is that or RUNNING."""
+        """Whether ``iterate`` returned COMPLETED. Raises a failure if it returned neither COMPLETED
+        nor RUNNING.
+        """
         if returned in (Status.RUNNING, Status.COMPLETED):
             return returned == Status.COMPLETED
         if not isinstance(returned, Status):
@@ -177,7 +180,7 @@ class TaskRun:
     def publish(self) -> None:
         """Publish the run's status if it has changed, but not too often.
 
-        A status that comes too early is left out: the next iteration publishes it.
+        Soon after the last report, nothing is published: the next iteration does that.
         """
         if self._is_ending or threading.get_ident() != self._thread:
             return  # another thread of the task: the next iteration publishes its text
@@ -191,7 +194,7 @@ class TaskRun:
             self.task.report(status)
 
     def publish_wait(self, awaited: str) -> None:
-        """Publish that the run waits for a task with the name *awaited*; "": it waits no longer."""
+        """Publish that the run waits for a task with the name *awaited*; "": the wait is over."""
         text = f"waits until {awaited} has terminated" if awaited else ""
         self._published = TaskStatus(text, status=Status.NEWBORN)
         self.task.report(self._published)
@@ -230,7 +233,7 @@ class TaskRun:
             self.served.terminate()
 
     def _terminate_after(self, error: BaseException) -> None:
-        """Call ``terminate`` after *error*. An error that it raises becomes a note of *error*."""
+        """Call ``terminate`` after *error*. An error of ``terminate`` becomes a note of *error*."""
         status = status_of(error.name) if isinstance(error, FailureRaised) else Status.FAILED
         try:
             self._terminate(Status.INTERRUPTED if self.task.cancelled else status)
