@@ -1,4 +1,4 @@
-"""Command-line options that robots share. Robots' programs import this file: it stays light."""
+"""Command-line options that robots share. Robots' programs import this file, so it stays light."""
 
 import argparse
 from collections.abc import Callable, Collection
@@ -11,7 +11,9 @@ def program_parser(program: str, description: str | None) -> argparse.ArgumentPa
 
 
 def show_parser(program: str, description: str | None, out: str) -> argparse.ArgumentParser:
-    """The same with the option `--out`, which all shows have. *out* is its default."""
+    """Return a ``program_parser`` with the option `--out`, which all shows have. *out* is its
+    default.
+    """
     parser = program_parser(program, description)
     parser.add_argument(
         "--out", type=Path, default=Path(out), help="folder of its files (%(default)s)"

@@ -3,7 +3,7 @@ point.
 
 Body frame: x forward, y left, z up; the origin is between the two shafts at the lowest shoulder. A
 leg is orthogonal: it turns about its shaft (angle), reaches out (reach), and its vertical link goes
-down (drop). Its inverse kinematics are therefore closed-form.
+down (drop). The inverse kinematics of a leg are therefore closed-form.
 """
 
 import math

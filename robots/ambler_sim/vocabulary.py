@@ -87,8 +87,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class LegMove:
-    """Lift the foot to world height *lift*, retract to *radius*, rotate, extend over *foothold*,
-    lower until it stands.
+    """A move of a leg: lift the foot to world height *lift*, retract it to *radius*, rotate, extend
+    it over *foothold*, lower it until it stands.
 
     *sense*: +1 rotates counter-clockwise seen from above, -1 clockwise, 0 the short way.
     """
@@ -102,7 +102,7 @@ class LegMove:
 
 @dataclass(frozen=True, slots=True)
 class BodyMove:
-    """Bring the body to *goal* in *duration* seconds while all feet stay where they are."""
+    """A move of the body to *goal* in *duration* seconds. All feet stay where they are."""
 
     goal: Pose
     duration: float
@@ -122,8 +122,8 @@ class Contact:
     """A contact of a moving leg: the place of its foot, the force (N) that stopped it, and the
     direction of its move.
 
-    The direction is a unit vector; it is zero if the leg went down. Leg -1 stands for the body, and
-    the place is then that of its front.
+    The direction is a unit vector; it is zero if the leg went down. Leg -1 stands for the body. The
+    place is then the body's front.
     """
 
     leg: int

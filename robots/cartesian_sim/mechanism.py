@@ -22,7 +22,9 @@ APART = 0.004
 
 @dataclass(frozen=True)
 class Sensed:
-    """The sensor values of an axis. *reading* is the distance from its place at the start."""
+    """The sensor values of an axis. *reading* is the distance from the axis's place at the
+    start.
+    """
 
     reading: float
     speed: float

@@ -1,6 +1,7 @@
 """The module that carries out users' commands, and the controls that the page offers for them.
 
-It writes a command to the components' ports and waits until the regions show that it is done.
+The module writes a command to the components' ports, and waits until the regions show the end of
+the command.
 """
 
 from collections.abc import Callable
@@ -168,7 +169,9 @@ class Operator:
         )
 
     def _wait_for_start(self, task: Task, has_started: Callable[[], bool]) -> None:
-        """Wait a little for a start. Missing it is no failure: the action may be over."""
+        """Wait a little for a start. A start that is not seen is no failure: the action may be
+        over.
+        """
         deadline = task.time() + START_LIMIT
         while not has_started() and task.time() < deadline:
             task.sleep(CHECK_PERIOD / 5)

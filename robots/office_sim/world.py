@@ -31,7 +31,7 @@ TAKEN = 0.35
 """The share of the cups that people pick up."""
 
 TAKEN_AFTER = (4.0, 60.0)
-"""The least and the greatest number of seconds after which they are picked up."""
+"""The least and the greatest number of seconds after which a person picks up a cup."""
 
 SLIPS = (0, 0, 0, 1, 1, 4)
 """How often a cup may slip out of the fingers."""
@@ -189,7 +189,9 @@ class OfficeWorld:
         return bool(held)
 
     def dock(self) -> float | None:
-        """Charge until full or driven away. Returns the duration; None too far from the charger."""
+        """Start to charge the battery. Returns the seconds until it is full; None too far from the
+        charger.
+        """
         if self.robot.to(self.floor.charger) > TOLERANCE:
             return None
         self._is_docked = True

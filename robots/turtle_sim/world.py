@@ -20,7 +20,9 @@ COMMAND_LIFE = 1.0
 """Seconds after which a turtle without a new command stops, as in turtlesim."""
 
 FASTEST = 50.0
-"""The greatest speed of a command, in units or radians a second. Faster ones are limited to it."""
+"""The greatest speed of a command, in units or radians a second. Faster commands are limited to
+it.
+"""
 
 STRAIGHT = 1e-9
 """Radians a second below which a turtle moves straight ahead."""
@@ -68,8 +70,8 @@ class Stroke:
 class Turtle:
     """One turtle.
 
-    *command_left* is how many seconds more it follows its last command. *unstepped* is the time
-    since its last whole step.
+    *command_left* is the number of seconds for which the turtle still follows its last command.
+    *unstepped* is the time since its last whole step.
     """
 
     pose: Pose

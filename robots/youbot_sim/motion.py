@@ -16,7 +16,7 @@ REST = 1e-9
 
 def plan(drive: Drive, start: Joints, rate: float = 0.0) -> Motion:
     """Plan the motion to the goal from the joint values *start*. *rate* is the present speed, in
-    shares of that way per second.
+    shares of the way to the goal per second.
     """
     way = [abs(b - a) for a, b in zip(start, drive.goal, strict=True)]
     if max(way) < REST:

@@ -1,6 +1,6 @@
 """Perception: looks into box B, and publishes how sure it is that the box is free.
 
-Its confidence does not change at once: each look moves it half-way to the observed state.
+The confidence does not change at once. Each look moves it half-way to the observed state.
 """
 
 from robots.youbot_sim.messages import BOX_B_FREE, LOOK

@@ -31,7 +31,9 @@ class Comparison:
     plain: CarriedObject
     preview: CarriedObject
     foreseen: CarriedObject
-    """The delivery with a preview, if box B is from the start as the robot will find it."""
+    """The delivery with a preview and a right prediction: box B is from the start as the robot
+    finds it.
+    """
 
     @property
     def speed_up(self) -> float:

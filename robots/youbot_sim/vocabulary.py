@@ -20,7 +20,7 @@ class ObjectPlace(StrEnum):
 
     NOWHERE = "nowhere"
     OFFERED = "offered"
-    """A hand holds it between the fingers, until they have closed."""
+    """A user's hand holds the object between the fingers, until the fingers have closed."""
     HELD = "held"
     BOX_B = "in box B"
     BOX_C = "in box C"

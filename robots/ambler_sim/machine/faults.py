@@ -2,8 +2,8 @@
 effects.
 
 This module wraps a plant: commands and measurements pass through it. A fault is armed first and
-begins when it can. Faults of the scanner begin at once, faults of the machine and soft ground after
-a move, a rock before a move.
+begins when it can. Faults of the scanner begin at once. Faults of the machine and soft ground begin
+after a move. A rock appears before a move.
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ HIGHEST_ROCK = 1.0
 """The greatest height (m) of a rock above the ground around it."""
 
 LEAST_MARGIN_OF_OTHERS = 0.5
-"""The least support margin (m) without the legs whose ground gives way; with less the robot would
-rock.
+"""The least support margin (m) without the legs whose ground gives way. With a smaller margin the
+robot would rock.
 """
 
 
@@ -67,8 +67,8 @@ class FaultyPlant:
             self._begin(fault)
 
     def before_swing(self, leg: int, swing: Segment, terrain: Terrain) -> None:
-        """Begin an armed rock if there is room: it stands in a lifted foot's way and rises above
-        it.
+        """Begin an armed rock if there is room. The rock stands in the way of a lifted foot, and is
+        higher than that way.
         """
         for fault in self._armed_of(ROCK)[:1]:
             joints = self.plant.joints()
@@ -161,8 +161,8 @@ class FaultyPlant:
         self._begun.append(fault)
 
     def _begin_soft_spot(self, fault: Fault) -> bool:
-        """Let the ground fall in under the fault's leg, or under the next one that the robot can
-        stand without. Returns False if there is none.
+        """Let the ground fall in under the fault's leg. If the robot can't stand without that leg,
+        take the next leg that it can spare. Returns False if there is none.
         """
         stance, loads = self._stance(), self.loads()
         for leg in (*LEGS[fault.leg :], *LEGS[: fault.leg]):

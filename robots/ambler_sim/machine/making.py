@@ -26,9 +26,9 @@ def make_robot(
     """Make a robot that stands at *start* on new ground, or where the snapshot *state* left it.
 
     Args:
-        backend: "auto" takes the backend of *state* or, without *state*, PyBullet; but the
-            kinematic backend if PyBullet is needed and not installed.
-        terrain: the ground; ignored with *state*, which has its own.
+        backend: "auto" takes the backend of *state*. Without *state* it takes PyBullet. If PyBullet
+            is not installed, it takes the kinematic backend instead.
+        terrain: the ground; ignored with *state*, which contains the ground.
         pace: simulated time as a multiple of real time; 0 is as fast as possible.
         state: the snapshot of another process.
         start: the pose on new ground.

@@ -26,7 +26,7 @@ GUARD = 0.15
 
 GUARDED_SPEED = 0.25
 HURRIED_SPEED = 1.0
-"""The speed (m/s) at which a foot is lowered, and that while the body tilts."""
+"""The speeds (m/s) at which a foot is lowered: usually, and while the body tilts."""
 
 TOUCH_LOAD = 1500.0
 """A foot with at least this vertical force (N) stands."""
@@ -35,7 +35,9 @@ HANGING_LOAD = 500.0
 """A foot with less than this vertical force (N) does not stand."""
 
 CONTACT_FORCE = 800.0
-"""A lifted foot with this sideways force (N) has met something. A free swing gives at most half."""
+"""A lifted foot with this sideways force (N) has met something. A free swing causes half of it at
+most.
+"""
 
 BACK_OFF = 0.25
 """How far (m) a foot moves back from an obstacle before it is put down."""

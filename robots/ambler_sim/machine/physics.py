@@ -19,7 +19,8 @@ from robots.ambler_sim.vocabulary import LEGS, Attitude, Foot, Pose, Posture, Ro
 from robots.engine import BulletWorld, Engine
 from robots.rendering import SIZE, write_png
 
-# 1/240 s brings nothing but cost; with 10 iterations the feet creep twice as much, 50 gain nothing.
+# Ticks of 1/240 s only take more time. With 10 iterations the feet creep twice as much; 50
+# iterations are no better than 20.
 TICK = 0.01
 ITERATIONS = 20
 POSITION_GAIN, VELOCITY_GAIN = 0.1, 1.0
@@ -188,7 +189,9 @@ class BulletPlant(BulletWorld, Plant):
 
 
 class BulletWindow(BulletPlant):
-    """The same in PyBullet's own window, for users with a screen. The camera follows the robot."""
+    """The same plant in PyBullet's own window, for users with a screen. Its camera follows the
+    robot.
+    """
 
     def __init__(self, terrain: Terrain, posture: Posture) -> None:
         self._aimed_at = 0.0

@@ -43,7 +43,9 @@ class Plant(Protocol):
         """The distance to the ground along each unit direction; NaN beyond *limit* metres."""
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock onto the ground that the scanner does not see but the robot collides with."""
+        """Put a rock onto the ground. The scanner does not see it, but the robot collides with
+        it.
+        """
         self._terrain.add(rock)
 
     def give_way(self, x: float, y: float) -> None:

@@ -21,7 +21,7 @@ REACH = 2000.0
 
 SHORTEST, LONGEST = 6.0, 13.0
 BEND = 1.2
-"""The distance (m) from a border within which one steepness changes into the next."""
+"""Half the distance (m) over which one steepness changes into the next."""
 
 CALM = 4.0
 """Radius (m) of gentle ground around the start."""

@@ -195,7 +195,7 @@ class Robot:
 
         Raises:
             AMPLIFIER_TRIPPED: before anything moved.
-            TERRAIN_COLLISION: the leg met something on its way; it stands again.
+            TERRAIN_COLLISION: the leg met something on its way; the leg stands again.
             TIP_OVER_RISK: the body tilted; the leg stands again.
             JOINT_FAULT: the leg is where it got stuck, in the air, until ``free_joint``.
         """
@@ -213,7 +213,7 @@ class Robot:
         return footfall
 
     def move_body(self, move: BodyMove, on_tick: OnTick | None = None) -> Pose:
-        """Carry the body to a pose over standing feet. Returns the pose reached. When stopped, it
+        """Carry the body to a pose over standing feet. Returns the pose reached. A stopped body
         comes to rest gently.
 
         Raises:
@@ -313,7 +313,9 @@ class Robot:
         self._plant.close()
 
     def _rebase(self) -> None:
-        """Command the measured joints: old errors must not become forces. Restart the pacer."""
+        """Command the measured joint values, so that old errors do not become forces. Restart the
+        pacer.
+        """
         self._command = self._machine.joints()
         self._odometry.fix(self._command, self._airborne)
         self.pacer.restart()
@@ -321,7 +323,9 @@ class Robot:
     def _swing_over(
         self, leg: int, segments: list[motion.Segment], watch: MoveWatch
     ) -> Contact | None:
-        """Bring a leg over its foothold. After a contact, back off a little and return it."""
+        """Bring a leg over its foothold. After a contact, back off a little and return the
+        contact.
+        """
         lift, *others = segments
         self._swing(leg, lift, watch)
         for segment in others:
@@ -338,7 +342,8 @@ class Robot:
         """Move a leg along a segment. Returns the share done before *watch* stopped it or, with
         *stops_at_contact*, before it met something.
 
-        Other legs hold still: levelling on five feet rocked the robot over in the physics backend.
+        The other legs hold still. Levelling on five feet would tip the robot over in the physics
+        backend.
         """
         ticks = math.ceil(segment.duration / self._plant.tick)
         for number in range(1, ticks + 1):
@@ -417,7 +422,7 @@ class Robot:
     def _lower(self, leg: int, watch: MoveWatch) -> None:
         """Lower a leg slowly until its force sensor feels the ground (a guarded move).
 
-        It goes down as far as necessary: a hanging leg must not count as standing.
+        The leg goes down as far as necessary, because a hanging leg must not count as standing.
         """
         self._odometry.fix(self._machine.joints(), self._airborne)
         self._airborne.add(leg)

@@ -31,7 +31,9 @@ MOST_ADDED = 20
 """The number of rocks, and of holes, that are kept; older ones lie behind the robot."""
 
 HOLE_RADIUS, HOLE_DEPTH = 0.6, 0.25
-"""Ground that gives way (m) falls in around the foot, less and less further out."""
+"""The radius and depth (m) of ground that falls in around a foot. Further out the hole is less
+deep.
+"""
 
 STEEPNESS = {"flat": 0.0, "rolling": 0.1}
 """The steepest rise per run of the kinds of ground that have a limit of their own."""
@@ -146,7 +148,7 @@ class Terrain:
         return heights
 
     def _is_cached(self, i: Cells, j: Cells) -> bool:
-        """Whether these cells are in the cached part, which is moved if necessary."""
+        """Return whether these cells are in the cached part. Move that part if necessary."""
         low_i, high_i, low_j, high_j = int(i.min()), int(i.max()), int(j.min()), int(j.max())
         last = CELLS - 2  # a cell's corners are in the next row and column, too
         if (

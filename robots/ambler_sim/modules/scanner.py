@@ -1,8 +1,8 @@
 """The laser scanner and its image queue: takes range images while the machine holds still, and
 keeps the last ones.
 
-It locks the controller while it takes an image, so that no move blurs it (paper, "Resource
-Management").
+The scanner locks the controller while it takes an image, so that no move blurs the image (paper,
+"Resource Management").
 """
 
 from collections import deque

@@ -114,9 +114,9 @@ def build_elevation_map(
 ) -> ElevationMap:
     """Map the ground around the robot: the mean height of the *points* in each cell.
 
-    The feet count as points, too: the robot knows the ground best there. Cells without points are
-    taken from the *previous* map. The rest are filled in from neighbours up to FILL_REACH away;
-    farther cells stay NaN.
+    The feet count as points, too, because the robot knows the ground best there. Cells without
+    points are taken from the *previous* map. The rest are filled in from neighbours up to
+    FILL_REACH away; farther cells stay NaN.
     """
     x, y = _corner(stance)
     heights = _cell_means(np.vstack([points, positions(stance)]), x, y)
@@ -152,7 +152,9 @@ def _cell_means(points: Array, x: float, y: float) -> Array:
 
 
 def _filled(heights: Array) -> Array:
-    """Fill unknown cells from the known ones inwards by means of neighbours, then smooth them."""
+    """Fill unknown cells with means of their neighbours, outwards from known cells. Then smooth the
+    filled cells.
+    """
     unknown = ~np.isfinite(heights)
     cells = heights.copy()
     for _ in range(math.ceil(FILL_REACH / RESOLUTION)):

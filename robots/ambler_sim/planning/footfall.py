@@ -128,7 +128,7 @@ def _is_sound(cells: Candidates) -> Mask:
 
 
 def _is_reachable(places: Array, step: Step) -> Mask:
-    """Mask the cells in reach from when the foot is placed until it is lifted again."""
+    """Mask the cells that are in reach all the time until the foot is lifted again."""
     legs = [step.leg] * len(places)
     reachable = np.ones(len(places), dtype=bool)
     for pose in step.support:

@@ -42,8 +42,8 @@ SHARPEST = 0.08
 # How far (m) before the middle of the body legs 0 to 5 stand when a left leg is about to step.
 STANDARD_POSITIONS = (0.5, -0.5, -1.5, 1.0, 0.0, -1.0)
 
-# 0.5 m in under 1 s makes the machine rock on two feet; below 0.6 m/s2 it stays within a fifth of a
-# degree.
+# A move of 0.5 m in under 1 s makes the machine rock on two feet. Below 0.6 m/s2 it tilts by at
+# most a fifth of a degree.
 ACCELERATION = 0.6
 SHORTEST = 0.5
 """The least duration (s) of a body move."""
@@ -125,8 +125,8 @@ def remaining(arc: Arc, pose: Pose) -> float:
 def rejoin(course: Arc, pose: Pose) -> Arc:
     """An arc from *pose* back to the course (pure pursuit).
 
-    It aims at a point LOOKAHEAD beyond the end of the course, and has the length of the rest of the
-    course.
+    The new arc aims at a point LOOKAHEAD beyond the end of the course. It is as long as the rest of
+    the course.
     """
     target = pose_on(course, course.length + LOOKAHEAD)
     x, y = target.x - pose.x, target.y - pose.y
@@ -136,7 +136,7 @@ def rejoin(course: Arc, pose: Pose) -> Arc:
 
 
 def is_finished(arc: Arc, pose: Pose) -> bool:
-    """Whether the rest is too short for a step: bodies stop centimetres short, as feet creep."""
+    """Whether the rest of an arc is too short for a step. Bodies stop early, because feet creep."""
     return remaining(arc, pose) < TOLERANCE
 
 

@@ -50,9 +50,9 @@ def plan_swing(
     """Plan a leg's move to *foothold*, turning in *sense* (0: the short way) and lifted CLEARANCE
     over everything on its way.
 
-    It turns at *radius* from its shaft. The default is RECOVERY_RADIUS, or the distance of a nearer
-    end. Raises OutOfReach for a foothold beyond the leg's reach, PathBlocked if the ground is too
-    high.
+    The foot turns at *radius* from its shaft. The default is RECOVERY_RADIUS, or less if an end of
+    the way is nearer to the shaft. Raises OutOfReach for a foothold beyond the leg's reach,
+    PathBlocked if the ground is too high.
     """
     start, end = _ends(stance.pose, stance.feet[foothold.leg], foothold, sense)
     if not within_limits(np.array([end])).all():

@@ -127,8 +127,9 @@ def another_step(
 ) -> Alternative:
     """The first footstep that is possible from *stance*.
 
-    It tries the leg whose turn it is (or *preferred*), then the others from the rear; then again
-    with shorter moves of the body. Raises NoStep with the reason against the first try.
+    The first try is with the leg whose turn it is, or *preferred*. Then come the other legs from
+    the rear. Then all legs are tried again with shorter moves of the body. Raises NoStep with the
+    reason against the first try.
     """
     first = preferred if preferred in LEGS else next_leg(stance)
     others = sorted(
@@ -182,8 +183,8 @@ def shuffle(ground: ElevationMap, stance: Stance, blocked: int) -> list[LegMove]
 
     After that step the body is further on, and the blocked leg swings elsewhere. The robot is
     stable during each move. The blocked leg's side moves last, the blocked leg itself at the very
-    end if possible. Within these groups, the legs that would be hardest to lift in the end move
-    first. Feet that can't be moved safely stay.
+    end if possible. Within these groups, the legs that would be hardest to lift from the final
+    stance move first. Feet that can't be moved safely stay.
     """
     places = standard_places(stance, first=(blocked + len(LEGS) // 2) % len(LEGS))
     in_the_end = replace(stance, feet=places)
@@ -226,9 +227,9 @@ def _move_to(ground: ElevationMap, stance: Stance, place: Foot) -> LegMove:
 
 
 def _known_place(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
-    """The place at its height in the map, or one beside it whose height is known.
+    """Return the place with its height in the map, or a place beside it with a known height.
 
-    If there is none, the place gets the mean height of the feet.
+    If no height is known, the place gets the mean height of the feet.
     """
     for ahead, left in BESIDE:
         x, y = place.x + ahead, place.y + left
@@ -238,7 +239,9 @@ def _known_place(ground: ElevationMap, stance: Stance, place: Foot) -> Foot:
 
 
 def _plan_way(ground: ElevationMap, stance: Stance, foothold: Foot, sense: int) -> LegMove:
-    """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if none is."""
+    """Plan a move to a foothold at the first free one of RADII. Raises PathBlocked if no radius is
+    free.
+    """
     for radius in RADII:
         with contextlib.suppress(PathBlocked):
             return plan_swing(ground, stance, foothold, sense, radius)

@@ -39,8 +39,8 @@ RECOVERIES = {
     "lost module": (),
     "lost central": (),
 }
-"""The tasks that show that a fault was noticed and recovered from. The loss of a program is
-recovered from at the next footstep.
+"""For each kind of fault, the tasks that show a recovery. The loss of a program counts as recovered
+at the next footstep.
 """
 
 ROUND = 8
@@ -235,7 +235,7 @@ def _footsteps(written: bytes) -> list[Footstep]:
 def _faults(history: History) -> dict[str, FaultFigures]:
     """For each kind of fault, how many began and how many were recovered from.
 
-    A lost program is recovered from at the robot's next footstep or arrival.
+    The loss of a program counts as recovered at the robot's next footstep or arrival.
     """
     began, repair_starts = defaultdict[str, list[float]](list), defaultdict[str, list[float]](list)
     step_ends = []

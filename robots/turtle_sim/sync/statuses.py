@@ -3,7 +3,7 @@ no socket, no clock.
 
 Each robot sets its own status, with a version that only grows. A datagram holds all statuses that
 its sender knows. The receiver stores those with a newer version. A datagram may therefore be lost,
-doubled or late: the next one makes up for it.
+doubled or late: the next datagram makes up for it.
 
 Two things follow. First, a partner's datagram acknowledges the statuses in it. A robot repeats its
 datagram only to partners that have not acknowledged all that it knows. Second, a status never
@@ -34,7 +34,9 @@ class VersionedStatus(
 
 
 class Datagram(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """All statuses that a robot knows, and whether it wants those of the receiver in an answer."""
+    """All statuses that a robot knows, and whether the receiver must answer with its own
+    datagram.
+    """
 
     sender: str
     known: dict[str, VersionedStatus]

@@ -78,8 +78,8 @@ class _Path:
         return ldexp(self.mantissa, self.exponent)
 
     def __lt__(self, other: "_Path") -> bool:
-        """Return whether this path comes first. The more probable path does; then the shorter path;
-        then the path whose arrows are written first.
+        """Return whether this path comes first. The more probable path does, or else the shorter
+        one, or else the one whose arrows are written first.
         """
         if self.exponent != other.exponent:
             return self.exponent > other.exponent

@@ -95,7 +95,7 @@ class MachineRun:
 
     def _on_enter(self, state: MachineState) -> None:
         if state.kind is StateKind.TASK:
-            # The tasks of the states left before must first leave the robot safe.
+            # First let the tasks of earlier states leave the robot safe.
             self._wait_for_stopping()
             self._running[state] = self._mission.start(state.task, **state.parameters)
 
