@@ -93,8 +93,8 @@ def _check_watches(central: State) -> None:
 def _check_state(task: Task) -> None:
     """Check the state of a living task.
 
-    The state is in the life cycle and not final. It is the initial one until a handler gets the
-    task or the task is killed.
+    The state is in the life cycle and not final. The state is the initial state until a handler
+    gets the task, or the task is killed.
     """
     cycle = task.message.life_cycle
     clients = task.clients
@@ -358,8 +358,8 @@ def _check_prefetched(resource: ModuleResource, name: str) -> None:
 
 
 def _check_claims(central: State, resource: ModuleResource, name: str) -> None:
-    """Check that a locked resource admits only the holder, a reserved one only its owner's
-    messages.
+    """Check that a locked resource admits only the holder, and that a reserved resource admits only
+    its owner's messages.
     """
     assert resource.is_locked or not resource.locked_out_queries, (
         f"{name}: is not locked, but slots of it wait for themselves"

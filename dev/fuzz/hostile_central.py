@@ -66,7 +66,7 @@ _NAMES = tuple(one.name for one in _DECLARED)
 _RESOURCES = ("legs", "planner", "user", "eyes")
 _KEYS = ("", "arm", "uid:1001", "*", "owner")
 _FAILURES = ("", "slipped", "timeout", "module lost", "handler error")
-# The connections: a module's own, and with a number those that handle its messages.
+# The connections: a module's own, such as "legs", and those of its slots, such as "legs/1".
 LINES = (b"user", b"legs", b"legs/1", b"legs/2", b"planner", b"planner/1", b"new", b"newer")
 
 _SILENT = logging.getLogger("fuzz")

@@ -177,8 +177,8 @@ class Rock:
 class TerrainSpec:
     """The data that define a ground.
 
-    They are its kind (one of TERRAINS), its steepest gradient (rise per run), its rocks, and the
-    places (x, y) where it gave way.
+    They are the kind of ground (one of TERRAINS), the steepest gradient (rise per run), the rocks,
+    and the places (x, y) where ground gave way.
     """
 
     seed: int = 1
@@ -210,8 +210,7 @@ class Readings:
     """The present values of the robot's own sensors.
 
     They are two inclinometers, six foot force sensors (NaN: broken) and each leg's amplifier (on or
-    off). *encoder_offsets* (m) compare each leg's relative encoder of the reach with its absolute
-    one.
+    off). *encoder_offsets* (m) compare the relative and the absolute encoder of each leg's reach.
     """
 
     time: float

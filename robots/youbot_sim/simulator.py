@@ -11,7 +11,7 @@ from robots.youbot_sim.vocabulary import Group
 from tca_module import Callback, Module, Task
 
 STEP = 1 / 30
-"""Seconds between two steps of a simulator that needs them."""
+"""Seconds between two steps of a simulator that needs steps between requests."""
 
 
 @dataclass(frozen=True, slots=True)

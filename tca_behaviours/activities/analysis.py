@@ -4,9 +4,9 @@ Pure: the results depend only on names, periods and execution times.
 
 A processor is schedulable if each tick, from the time when it was due, ends within one period of
 the processor. The processor's period is the least period of its activities. In the worst case all
-activities are due at once. Then the processor must do its own activities. It must also wait for all
-activities of a higher priority that become due before it is done. The bound is the least solution
-R, up to the processor's period, of
+activities are due at once. Then the processor must do its own activities. The processor must also
+wait for all activities of a higher priority that become due in the meantime. The bound is the least
+solution R, up to the processor's period, of
 
     R = B + sum of its own execution times
           + sum over activities of higher priority: ceil(R / period) * execution time.

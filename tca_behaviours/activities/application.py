@@ -221,7 +221,9 @@ class Application:
             )
 
     def remove(self, activity: str) -> None:
-        """Remove an activity from its processor. It is not ticked until it is moved to another."""
+        """Remove an activity from its processor. The activity is not ticked until ``move`` puts it
+        on a processor.
+        """
         with self._changing_by_hand() as schedule:
             schedule.unassign(schedule.activity(activity))
 
@@ -256,8 +258,8 @@ class Application:
         self._change_observers.append(function)
 
     def on_add(self, function: Callable[[Component[Any]], object]) -> None:
-        """Call a function with each present component now, and with each new one before it is
-        ticked.
+        """Call a function with each present component now, and with each later component before its
+        first tick.
         """
         self._add_observers.append(function)
         for component in self.components.values():

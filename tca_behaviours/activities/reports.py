@@ -77,7 +77,7 @@ class ProcessorFigures(msgspec.Struct, frozen=True):
     response: float
     jitter: float
     overruns: int
-    """Ticks that ended later than one period of the processor after they were due."""
+    """The number of ticks that took more than one period of the processor, from due to done."""
     bound: float | None
     """The bound of the response time. Also None if the bound exceeds the period."""
     margin: float | None

@@ -75,8 +75,8 @@ class LibraryInterpreter(LibraryChart[S], Generic[S, A]):
     """Runs a machine of events. A leaf becomes an atomic state of the library, a compound becomes a
     compound state.
 
-    An event is processed to completion. For example, it may end a compound, and so the compound
-    around that one, too.
+    An event is processed to completion. For example, the event may end a compound, and so also the
+    compound around it.
     """
 
     def __init__(self, states: Sequence[S]) -> None:

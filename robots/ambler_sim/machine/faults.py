@@ -107,7 +107,7 @@ class FaultyPlant:
         return tuple(not self.has("amplifier trip", leg) for leg in LEGS)
 
     def encoder_offsets(self) -> tuple[float, ...]:
-        """By how much (m) each leg's relative encoder is off its absolute one."""
+        """The error (m) of each leg's relative encoder, compared with the absolute encoder."""
         drifts = {
             fault.leg: fault.size or DRIFT
             for fault in reversed(self.faults)

@@ -43,8 +43,8 @@ class Plant(Protocol):
         """The distance to the ground along each unit direction; NaN beyond *limit* metres."""
 
     def add_rock(self, rock: Rock) -> None:
-        """Put a rock onto the ground. The scanner does not see it, but the robot collides with
-        it.
+        """Put a rock onto the ground. The scanner does not see the rock, but the robot collides
+        with it.
         """
         self._terrain.add(rock)
 

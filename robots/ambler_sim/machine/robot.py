@@ -172,7 +172,9 @@ class Robot:
             raise NEEDS_OPERATOR(leg, f"a joint of leg {leg} stays stuck: an operator must free it")
 
     def calibrate(self, leg: int) -> None:
-        """Set the relative encoder of a leg from the absolute one, and its force sensor to zero."""
+        """Set a leg's relative encoder from the absolute encoder, and the leg's force sensor to
+        zero.
+        """
         self._machine.clear(leg, "encoder drift", "force sensor")
         self._rebase()
 
@@ -219,7 +221,7 @@ class Robot:
         Raises:
             AMPLIFIER_TRIPPED: before anything moved.
             OutOfReach: a leg could not follow; nothing moved.
-            TERRAIN_COLLISION: the body met something; it is back where it was.
+            TERRAIN_COLLISION: the body met something; the body is back where it was.
             TIP_OVER_RISK: the body tilted.
             JOINT_FAULT: a joint of a standing leg does not follow.
         """
@@ -339,8 +341,8 @@ class Robot:
     def _swing(
         self, leg: int, segment: motion.Segment, watch: MoveWatch, *, stops_at_contact: bool = False
     ) -> float:
-        """Move a leg along a segment. Returns the share done before *watch* stopped it or, with
-        *stops_at_contact*, before it met something.
+        """Move a leg along a segment. Returns the share done before *watch* stopped the leg or,
+        with *stops_at_contact*, before the leg met something.
 
         The other legs hold still. Levelling on five feet would tip the robot over in the physics
         backend.

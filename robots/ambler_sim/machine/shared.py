@@ -45,7 +45,7 @@ class Machine:
             self._requests.get()()
 
     def scan(self) -> Scan:
-        """Take one sweep of the range scanner. Returns it with its stance."""
+        """Take one sweep of the range scanner. Returns the points with the stance of the robot."""
         taken: queue.SimpleQueue[Scan] = queue.SimpleQueue()
         self._requests.put(
             lambda: taken.put(pack_scan(self._stance_on_the_ground(), self.robot.scan()))

@@ -195,7 +195,7 @@ def attachment(trouble: Trouble) -> TaskRef:
 
 
 def _leg_of(failing: TaskRef) -> int:
-    """The leg that could not move; the first one, if it was the body."""
+    """The leg that could not move; leg 0 if the body could not move."""
     moves = [task for task in (failing, *failing.ancestors()) if task.message == MOVE_LEG.name]
     return moves[0].data(MOVE_LEG).leg if moves else LEGS[0]
 

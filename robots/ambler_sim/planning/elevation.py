@@ -43,7 +43,7 @@ def heights_of(ground: ElevationMap) -> Array:
 
 
 def known_cells(ground: ElevationMap) -> Mask:
-    """Which cells were measured; the others are filled in from their neighbours or NaN."""
+    """Which cells were measured. All other cells are filled in from their neighbours, or NaN."""
     return np.frombuffer(ground.known, dtype="u1").reshape(ground.rows, ground.columns).astype(bool)
 
 

@@ -1,7 +1,8 @@
 """The choice of a foothold: the best cell near the ideal one.
 
-The cost of a cell is the sum of several costs. They are slope, roughness and curvature of a patch
-around it, its distance from the ideal, and a penalty for a cell that was not measured.
+The cost of a cell is the sum of several costs. They are the slope, roughness and curvature of the
+patch around the cell, and the distance from the ideal foothold. A cell that was not measured also
+costs a penalty.
 """
 
 from dataclasses import dataclass

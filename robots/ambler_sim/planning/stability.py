@@ -98,7 +98,9 @@ def _inward(edges: Array, arms: Array) -> Array:
 
 
 def _half_hull(points: list[Corner]) -> list[Corner]:
-    """One side of the convex hull of sorted points, without its last (Andrew's monotone chain)."""
+    """One side of the convex hull of sorted points, without the last point (Andrew's monotone
+    chain).
+    """
     hull: list[Corner] = []
     for point in points:
         while len(hull) >= 2 and not _turns_left(hull[-2], hull[-1], point):

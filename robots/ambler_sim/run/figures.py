@@ -59,8 +59,8 @@ metres later is compared with the first.
 class MemoryUse:
     """The memory use of programs at the end, in MB: of central, and of all.
 
-    *fastest* is the program that grew fastest, and *growth* its growth (MB in 100 m), None after
-    too short a walk.
+    *fastest* is the program that grew fastest. *growth* (MB in 100 m) is the growth of that
+    program; None after too short a walk.
     """
 
     central: float = 0.0

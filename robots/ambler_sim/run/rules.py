@@ -1,7 +1,7 @@
 """Rules that every walk must keep: ``tca check walk/journal robots/ambler_sim/run/rules.py``.
 
-A walk checks itself against them when it ends. This file imports nothing of the robot, so a journal
-can be checked without it.
+At its end, a walk checks itself against these rules. This file imports nothing of the robot, so
+that a journal can be checked without the robot.
 """
 
 from bisect import bisect_left

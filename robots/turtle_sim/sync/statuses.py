@@ -6,9 +6,9 @@ its sender knows. The receiver stores those with a newer version. A datagram may
 doubled or late: the next datagram makes up for it.
 
 Two things follow. First, a partner's datagram acknowledges the statuses in it. A robot repeats its
-datagram only to partners that have not acknowledged all that it knows. Second, a status never
+datagram only to partners that have not acknowledged all statuses in it. Second, a status never
 overtakes its cause. If turtle 2 sets its status because of the status of turtle 1, then every robot
-that knows the new status of turtle 2 also knows that of turtle 1.
+that knows the new status of turtle 2 also knows the status of turtle 1.
 """
 
 from collections.abc import Iterable

@@ -71,7 +71,7 @@ class ComponentActivity:
 
 
 class Component(Generic[D]):
-    """A part of an application, which others reach only through its ports.
+    """A part of an application. Other parts reach it only through its ports.
 
     A subclass declares its ports and regions in ``__init__``.
 
@@ -123,7 +123,8 @@ class Component(Generic[D]):
         Args:
             name: The port's name.
             type_: The class of its values.
-            take: The port handler calls it with each value that has arrived, the oldest first.
+            take: A function that the port handler calls with each value that has arrived, the
+                oldest first.
             keep: How many of the newest values the port holds between two calls of the port
                 handler; default 1.
 

@@ -1,7 +1,7 @@
 """A model as a picture, in the language of Graphviz.
 
-It shows the instances with their connections, then each component with its ports and, side by side,
-its regions. A dot leads to the state that is entered first.
+The picture shows the instances with their connections. Then it shows each component: its ports, and
+its regions side by side. A dot leads to the state that is entered first.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,6 @@
-"""An application as central knows it, kept up to date, and the way to send it commands."""
+"""The newest values of an application's variables, and the way to send commands to the
+application.
+"""
 
 import contextlib
 import threading

@@ -36,7 +36,9 @@ class StateActivity(Protocol):
 
 
 class ScheduledActivity:
-    """An activity with its due times. They stay the same when it moves to another processor."""
+    """An activity with its due times. The due times stay the same when the activity moves to
+    another processor.
+    """
 
     def __init__(self, activity: StateActivity) -> None:
         self.activity = activity
@@ -211,8 +213,8 @@ class Schedule:
         now: float,
         position: int | None = None,
     ) -> None:
-        """Put an activity on a processor: at the end, or at a position. It may be on that processor
-        already.
+        """Put an activity on a processor: at the end, or at a position. The activity may be on that
+        processor already.
 
         An activity that was on no processor is due at once. Any other activity keeps its due times.
         """

@@ -32,7 +32,7 @@ class Agent:
     Args:
         name: Its name.
         tasks: How many tasks it takes at the same time; default 1. More than one makes sense only
-            if the module that handles them weighs them by rank.
+            if the agent's module weighs its tasks by their rank.
     """
 
     name: str

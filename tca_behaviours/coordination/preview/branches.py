@@ -22,7 +22,7 @@ class BareArrow(NamedTuple):
 
 
 def needed_later(machine: Coordination) -> dict[int, dict[str, int]]:
-    """For each leaf, the facts that a branch after it may need unchanged.
+    """For each leaf, return the facts that a branch after the leaf may need unchanged.
 
     The value for each fact is the leaf where that branch starts. An arrow whose likelihood is the
     constant 0 starts no branch.
@@ -46,9 +46,9 @@ def live_facts(
 ) -> dict[int, dict[str, int]]:
     """For each state, return the facts that some path after the state needs unchanged.
 
-    A path needs a fact unchanged if it needs the fact before it changes the fact. The value for
-    each fact is the first state of that path. A state without arrows is an end. It needs all facts
-    that any activity changes, because the next run builds on their values.
+    That is, an activity on the path needs the fact before any activity on the path changes it. The
+    value for each fact is the first state of that path. A state without arrows is an end. It needs
+    all facts that any activity changes, because the next run builds on their values.
     """
     changed = set().union(*(activity.makes for activity in activities.values()))
     needed_at: dict[int, set[str]] = {

@@ -23,14 +23,14 @@ class Candidate:
     progress_before: float
     """The progress of the activity before this one, in [0, 1].
 
-    It is 0 until the activity before begins, and 0 if that state only waits for an event. It is 1
-    as soon as an activity runs that can't report progress.
+    It is 0 until the activity before begins, and 0 if that state only waits for an event. If the
+    activity before can't report progress, it is 1 as soon as that activity runs.
     """
     cost: float
     """The cost of this activity if it runs in vain."""
     undo_cost: float = 0.0
-    """The cost of undoing this activity. Equal to ``cost`` if it changes a fact that a branch may
-    need; otherwise 0.
+    """The cost of undoing this activity. Equal to ``cost`` if the activity changes a fact that a
+    branch may need; otherwise 0.
     """
     progress: float = 0.0
     """The progress of this activity, in [0, 1]."""

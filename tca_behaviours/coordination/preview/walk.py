@@ -2,7 +2,7 @@
 
 The search extends the most probable path first (Dijkstra), so the first path that reaches a steady
 state is the most probable of all. If each state has one likely arrow, the search visits hardly any
-state beside that path.
+state beside the path.
 """
 
 from collections.abc import Iterator

@@ -23,7 +23,7 @@ _LOG = log_of("coordination")
 
 
 class ActivitiesAtWork:
-    """The activities that a run has started and that still run, or still must be undone."""
+    """The activities of a run that are running, or that must still be undone."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class ActivitiesAtWork:
         self.current: StartedActivity | None = None
         """The activity of the current state, if it has started."""
         self.kept = self.wasted = 0
-        """The numbers of early tasks that were kept and that were wasted."""
+        """The number of early tasks that were kept, and the number of wasted early tasks."""
         self._plain = KnownFacts(facts)
         self._actual = KnownFacts(facts)
         self._task = task
@@ -115,8 +115,8 @@ class ActivitiesAtWork:
         """Start the activity of the current state, unless it must wait.
 
         The activity waits until conflicting work has ended and spoilt facts are restored. Returns
-        "" if the activity has started or waits. Otherwise it can never start, and its unmet needs
-        are returned.
+        "" if the activity has started or waits. Returns the unmet needs if the activity can never
+        start.
         """
         if unmet := self._plain.unmet(activity):
             return unmet

@@ -34,8 +34,8 @@ _LIMITS_OR_NONE = instance_of("PreviewLimits(...)", PreviewLimits).or_none()
 class Coordinator:
     """Runs a coordination machine, as a task of a module.
 
-    It sends the tasks of the current activity, and those of likely later states early. All these
-    tasks hang below the coordinator's own task.
+    It sends the tasks of the current activity. It also sends the tasks of likely later states,
+    early. All these tasks hang below the coordinator's own task.
 
     Example::
 

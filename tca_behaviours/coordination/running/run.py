@@ -40,7 +40,7 @@ class CoordinationRun:
         failures: RecordedFailures,
         patience: float,
     ) -> None:
-        """*interpreter* is that of the machine, in its first state."""
+        """*interpreter* is the machine's interpreter, in the first state of the machine."""
         self._machine = machine
         self._look_ahead = look_ahead
         self._task = task
@@ -57,8 +57,8 @@ class CoordinationRun:
         self._failed_since_event = set[int]()
         """The states whose activity could not start since the last event arrived.
 
-        If the machine enters one of them again without a new event, the run fails. Otherwise it
-        might never stop.
+        If the machine enters such a state again without a new event, the run fails. Otherwise the
+        machine might never stop.
         """
         self._was_begun = False
         """Whether the run has tried to start the activity of the current state, if any. The

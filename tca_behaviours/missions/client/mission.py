@@ -66,8 +66,8 @@ class BaseMission:
             name: The mission's name in the tree; by default the name of the program.
             central: Where central listens; by default ``$TCA_CENTRAL``, else the default socket.
             patience: How many seconds to wait for the server; default 10.
-            under: A task, in its handler. The mission's tasks belong to it, not to a goal of their
-                own.
+            under: A task, in its handler. The mission's tasks belong to this task, not to a goal of
+                the mission.
             leave_running: Whether the tasks outlive the mission, also after a crash; default False.
             checkpoint: The file in which ``step`` records completed steps; None: there are no
                 steps.
@@ -149,7 +149,7 @@ class BaseMission:
 
     @property
     def name(self) -> str:
-        """The mission's name in central. It ends with a number if another mission had that name
+        """The mission's name in central. The name ends with a number if another mission had it
         already.
         """
         self._check_open()
@@ -381,7 +381,9 @@ class BaseMission:
         return bool(ended or self._interruption)
 
     def _newly_lost(self, tasks: Iterable[TaskHandle]) -> list[TaskHandle]:
-        """The tasks whose message has lost its last handler, and that were not checked since."""
+        """Return the tasks whose message has lost its last handler, unless they were checked since
+        then.
+        """
         return [
             task
             for task in tasks
@@ -551,9 +553,9 @@ class BaseMission:
 class Mission(BaseMission):
     """A mission: the tasks of a server as functions, for use in one thread.
 
-    A call of a task runs it to its end and returns its TaskEnd, or raises MissionTaskFailed. With
-    ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the block,
-    or of the process, stops all tasks that still run.
+    A call of a task runs the task to its end and returns its TaskEnd, or raises MissionTaskFailed.
+    With ``foreground=False`` it starts the task and returns a TaskHandle at once. The end of the
+    block, or of the process, stops all tasks that still run.
 
     The arguments are those of ``BaseMission``.
 

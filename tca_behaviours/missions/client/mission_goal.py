@@ -61,7 +61,7 @@ def _wait_for_begin(goal: TaskRef, begun: list[_Begun]) -> LaterReply[None]:
     if wait_for_any([goal], until=lambda: bool(begun)) or not begun:
         raise _NameTakenError  # the other mission has refused this goal
     task, reply = begun[0]
-    if task != goal.id:  # this mission has got the goal of the other one
+    if task != goal.id:  # this mission has got the other mission's goal
         reply.fail(MISSION_FAILED(text=_SAME_TIME))
         raise _NameTakenError
     return reply
@@ -145,7 +145,7 @@ class MissionGoal:
                 self._top = self._under.ref
                 stack.callback(self._top.on_failure(None, failure_handler).remove)
             elif self._leave_running:
-                stack.enter_context(module.parallel())  # no task waits for the one sent before it
+                stack.enter_context(module.parallel())  # no task waits for the task sent before
             else:
                 info = MissionInfo(self._server)
                 self._top = top = module.goal(

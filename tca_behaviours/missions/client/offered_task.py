@@ -1,7 +1,7 @@
 """The tasks that servers offer.
 
-Central knows them as messages. A mark in the format of their data distinguishes them from other
-commands.
+For central, each task is a command. A mark in the format of the data distinguishes these commands
+from others.
 """
 
 import inspect

@@ -77,7 +77,7 @@ class StepFile:
             raise
 
     def add(self, line: StepLine) -> None:
-        """Append a line. It is on the disk when this returns."""
+        """Append a line. The line is on the disk when this call returns."""
         self._write(line)
         self.lines.append(line)
 

@@ -19,12 +19,12 @@ class Foreground:
     ) -> None:
         """*on_empty* is called, in any thread, when no task has or wants the foreground any more.
 
-        It gets the task that left last, and that task's error or None.
+        Its arguments are the task that left last, and that task's error or None.
         """
         self._on_empty = on_empty
         self._log = log
         self._lock = threading.Lock()
-        self._holder: Task | None = None  #: the task that has it, until it has terminated
+        self._holder: Task | None = None  #: the task in the foreground, until it has terminated
         self._newest: Task | None = None  #: the newest task that wants the foreground
         #: For each older task whose thread has yet to arrive, by number: the name of a newer task.
         self._overtaken: dict[int, str] = {}

@@ -52,7 +52,8 @@ class TaskRun:
         self._next_status_at = 0.0  #: the earliest time of the next status
 
     def carry_out(self) -> TaskEnd:
-        """Run the task to its end. If it was initialised, terminate it whatever happens.
+        """Run the task to its end. After ``initialise`` has succeeded, ``terminate`` is called,
+        whatever happens.
 
         Raises the failure of the run, or the exception that ended a wait of the run, such as
         TaskKilled.
@@ -131,7 +132,7 @@ class TaskRun:
 
     @contextlib.contextmanager
     def _warned_if_late(self) -> Iterator[None]:
-        """A block that logs a warning if it has not ended soon after ``task_timeout``.
+        """A block. If the block has not ended soon after ``task_timeout``, log a warning.
 
         Nothing can end an iterate() that hangs; the warning at least names it.
         """

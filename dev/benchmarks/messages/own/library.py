@@ -206,7 +206,8 @@ class Straight(Library):
     def _check_in_order(self) -> None:
         """Check that informs are direct, too.
 
-        The first inform goes through central, and the direct query after it may overtake it.
+        The first inform goes through central. A direct query that is sent later may overtake the
+        inform.
         """
         try:
             self.oneway(1)
